@@ -1,0 +1,1 @@
+"""Combined adjustment of terrestrial and photogrammetric observations in one factor graph."""

@@ -1,0 +1,69 @@
+"""Exceptions: what is wrong, where, why, and what would be valid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+class AdjustmentError(Exception):
+    """Base of every error that this library raises on purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong with an input."""
+
+    what: str
+    """What is wrong, why, and what would be valid."""
+    where: str = ""
+    """File and line, or the observation, point or photo concerned."""
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what}" if self.where else self.what
+
+
+class InputError(AdjustmentError):
+    """Everything that is wrong with an input, all problems at once."""
+
+    def __init__(self, problems: str | Problem | Iterable[Problem]) -> None:
+        if isinstance(problems, str):
+            problems = [Problem(problems)]
+        elif isinstance(problems, Problem):
+            problems = [problems]
+        self.problems: tuple[Problem, ...] = tuple(problems)
+        super().__init__("\n".join(str(p) for p in self.problems))
+
+
+class DatumError(AdjustmentError):
+    """The observations and priors do not determine every unknown.
+
+    ``defect`` is the number of missing conditions, ``names`` the unknowns concerned.
+    """
+
+    def __init__(self, message: str, *, defect: int, names: Sequence[str] = ()) -> None:
+        self.defect = defect
+        self.names = tuple(names)
+        super().__init__(message)
+
+
+class ApproximationError(AdjustmentError):
+    """Approximate values could not be found; ``problems`` says for what and why."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems: tuple[Problem, ...] = tuple(problems)
+        super().__init__("\n".join(str(p) for p in self.problems))
+
+
+def known(names: Iterable[str], *, most: int = 12) -> str:
+    """List valid names for an error message, cut to ``most``.
+
+    >>> known(["a", "b", "c"], most=2)
+    'a, b, … (3 in all)'
+    """
+    listed = [str(n) for n in names]
+    if not listed:
+        return "none"
+    if len(listed) <= most:
+        return ", ".join(listed)
+    return ", ".join(listed[:most]) + f", … ({len(listed)} in all)"

@@ -1,0 +1,235 @@
+"""Frames of the object: where east, north and up point at a station.
+
+Every station has an astronomic frame (e, n, u), the rows of a rotation that depends on
+the position X of the station and on its deflections (ξ, η) from the normal of the frame:
+
+    Φ = Φ₀(X) + ξ        Λ = Λ₀(X) + η / cos Φ₀(X)
+    e = (−sinΛ, cosΛ, 0)
+    n = (−sinΦ cosΛ, −sinΦ sinΛ, cosΦ)
+    u = ( cosΦ cosΛ,  cosΦ sinΛ, sinΦ)
+
+Geocentric and topocentric: Φ₀, Λ₀ are geodetic latitude and longitude. Local: the frame is laid where
+Φ₀ = Λ₀ = 0, so that e, n, u are its axes, tilted by 1/R per metre where the curvature of the
+Earth is switched on; there is then no singularity and no convergence of meridians.
+A rotation of (e, n, u) with the station is part of the model, so that results do not
+depend on approximate coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from .ellipsoid import Ellipsoid, ellipsoid
+from .errors import InputError
+from .types import Array
+
+MEAN_EARTH_RADIUS = 6_371_000.0
+"""Mean radius of the Earth, metres (MODEL.md §2)."""
+
+AXES: dict[str, Array] = {
+    "e": np.array([1.0, 0.0]),
+    "w": np.array([-1.0, 0.0]),
+    "n": np.array([0.0, 1.0]),
+    "s": np.array([0.0, -1.0]),
+}
+Axes: TypeAlias = Literal["en", "nw", "ws", "se", "ne", "wn", "sw", "es"]
+LEFT_HANDED_AXES = ("ne", "wn", "sw", "es")
+
+
+@dataclass(frozen=True, slots=True)
+class Basis:
+    """Astronomic frames of n stations and how they turn."""
+
+    enu: Array
+    """Rows e, n, u of each station, (n, 3, 3)."""
+    sin_latitude: Array
+    """sin Φ, (n,)."""
+    cos_latitude: Array
+    """cos Φ, (n,)."""
+    angles_by_position: Array
+    """∂(Φ, Λ)/∂X, radians per metre, (n, 2, 3)."""
+    angles_by_vertical: Array
+    """∂(Φ, Λ)/∂(ξ, η), (n, 2, 2)."""
+    angles: Array
+    """Φ, Λ, radians, (n, 2)."""
+
+
+def _enu(latitude: Array, longitude: Array) -> Array:
+    """Return rows e, n, u (n, 3, 3) of astronomic latitude and longitude (n,)."""
+    sp, cp, sl, cl = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
+    zero = np.zeros_like(sp)
+    return np.stack(
+        [
+            np.stack([-sl, cl, zero], -1),
+            np.stack([-sp * cl, -sp * sl, cp], -1),
+            np.stack([cp * cl, cp * sl, sp], -1),
+        ],
+        -2,
+    )
+
+
+@dataclass(frozen=True)
+class LocalFrame:
+    """A local frame with Z up: flat, or with the curvature of the Earth."""
+
+    curvature: bool = False
+    """Let the vertical tilt by 1/R per metre of distance from ``origin``."""
+    radius: float = MEAN_EARTH_RADIUS
+    """R in curvature and refraction, metres."""
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where the vertical is exactly Z, metres."""
+    axes: Axes = "en"
+    """Where X and Y point: letters of e, n, w, s. Left-handed ones (``ne`` …) take no photos."""
+
+    def __post_init__(self) -> None:
+        """Check the options."""
+        if self.axes not in ("en", "nw", "ws", "se", *LEFT_HANDED_AXES):
+            raise InputError(
+                f"unknown axes {self.axes!r}; valid: en, nw, ws, se and, left-handed, "
+                + ", ".join(LEFT_HANDED_AXES)
+            )
+        if not self.radius > 0:
+            raise InputError(f"the radius of the Earth must be positive, not {self.radius}")
+
+    @property
+    def left_handed(self) -> bool:
+        """Whether X, Y, Z form a left-handed system (for example X north, Y east)."""
+        return self.axes in LEFT_HANDED_AXES
+
+    @property
+    def east_north(self) -> Array:
+        """Unit vectors east and north in frame coordinates, (2, 3)."""
+        a, b = AXES[self.axes[0]], AXES[self.axes[1]]
+        return np.array([[a[0], b[0], 0.0], [a[1], b[1], 0.0]])
+
+    def basis(self, position: Array, vertical: Array) -> Basis:
+        """Return the astronomic frames at ``position`` (n, 3), deflections ``vertical`` (n, 2)."""
+        n = len(position)
+        east, north = self.east_north
+        angles = vertical.copy()
+        by_position = np.zeros((n, 2, 3))
+        if self.curvature:
+            offset = position - np.asarray(self.origin)
+            angles[:, 0] += offset @ north / self.radius
+            angles[:, 1] += offset @ east / self.radius
+            by_position[:, 0] = north / self.radius
+            by_position[:, 1] = east / self.radius
+        enu = _enu(angles[:, 0], angles[:, 1])
+        # Axes of the auxiliary globe: x up, y east, z north of the local frame.
+        to_frame = np.stack([np.array([0.0, 0.0, 1.0]), east, north])
+        return Basis(
+            enu @ to_frame,
+            np.sin(angles[:, 0]),
+            np.cos(angles[:, 0]),
+            by_position,
+            np.broadcast_to(np.eye(2), (n, 2, 2)),
+            angles,
+        )
+
+
+@dataclass(frozen=True)
+class GeocentricFrame:
+    """Geocentric X, Y, Z, with a named ellipsoid for the normals."""
+
+    ellipsoid_name: str = "GRS80"
+    """Name of the ellipsoid, see `factorgraph_adj.ellipsoid.ELLIPSOIDS`."""
+    radius: float = MEAN_EARTH_RADIUS
+    """R in refraction, metres."""
+    ellipsoid: Ellipsoid = field(init=False, repr=False, compare=False)
+    """The ellipsoid."""
+
+    def __post_init__(self) -> None:
+        """Look the ellipsoid up."""
+        object.__setattr__(self, "ellipsoid", ellipsoid(self.ellipsoid_name))
+
+    @property
+    def left_handed(self) -> bool:
+        """Geocentric axes are right-handed."""
+        return False
+
+    def basis(self, position: Array, vertical: Array) -> Basis:
+        """Return the astronomic frames at ``position`` (n, 3), deflections ``vertical`` (n, 2)."""
+        latitude, longitude, height = self.ellipsoid.to_geodetic(position)
+        m, n = self.ellipsoid.radii(latitude)
+        cos0, sin0 = np.cos(latitude), np.sin(latitude)
+        normal = _enu(latitude, longitude)
+        eta = vertical[:, 1]
+        latitude_by_x = normal[:, 1] / (m + height)[:, None]
+        longitude_by_x = normal[:, 0] / ((n + height) * cos0)[:, None]
+        by_position = np.stack(
+            [latitude_by_x, longitude_by_x + (eta * sin0 / cos0**2)[:, None] * latitude_by_x], 1
+        )
+        by_vertical = np.zeros((len(position), 2, 2))
+        by_vertical[:, 0, 0] = 1.0
+        by_vertical[:, 1, 1] = 1.0 / cos0
+        angles = np.stack([latitude + vertical[:, 0], longitude + eta / cos0], 1)
+        return Basis(
+            _enu(angles[:, 0], angles[:, 1]),
+            np.sin(angles[:, 0]),
+            np.cos(angles[:, 0]),
+            by_position,
+            by_vertical,
+            angles,
+        )
+
+
+@dataclass(frozen=True)
+class TopocentricFrame:
+    """East, north, up at an origin on an ellipsoid; verticals as rigorous as geocentric ones.
+
+    The same model as `GeocentricFrame` in turned and shifted coordinates:
+    X_geocentric = X_origin + [e₀ n₀ u₀] (E, N, U)ᵀ.
+    """
+
+    latitude: float
+    """Geodetic latitude of the origin, radians."""
+    longitude: float
+    """Geodetic longitude of the origin, radians."""
+    height: float = 0.0
+    """Ellipsoidal height of the origin, metres."""
+    ellipsoid_name: str = "GRS80"
+    """Name of the ellipsoid."""
+    radius: float = MEAN_EARTH_RADIUS
+    """R in refraction, metres."""
+
+    @property
+    def left_handed(self) -> bool:
+        """East, north, up are right-handed."""
+        return False
+
+    @property
+    def geocentric(self) -> GeocentricFrame:
+        """The geocentric frame behind this one."""
+        return GeocentricFrame(self.ellipsoid_name, self.radius)
+
+    def _origin(self) -> tuple[Array, Array]:
+        """Return X_origin (3,) and the rows e₀, n₀, u₀ (3, 3)."""
+        at = np.array([self.latitude]), np.array([self.longitude]), np.array([self.height])
+        return self.geocentric.ellipsoid.to_cartesian(*at)[0], _enu(at[0], at[1])[0]
+
+    def to_geocentric(self, enu: Array) -> Array:
+        """Return geocentric coordinates (n, 3) of topocentric ones (n, 3), metres."""
+        origin, rows = self._origin()
+        return origin + enu @ rows
+
+    def from_geocentric(self, xyz: Array) -> Array:
+        """Return topocentric coordinates (n, 3) of geocentric ones (n, 3), metres."""
+        origin, rows = self._origin()
+        return (xyz - origin) @ rows.T
+
+    def basis(self, position: Array, vertical: Array) -> Basis:
+        """Return the astronomic frames at ``position`` (n, 3), deflections ``vertical`` (n, 2)."""
+        _, rows = self._origin()
+        there = self.geocentric.basis(self.to_geocentric(position), vertical)
+        return replace(
+            there,
+            enu=there.enu @ rows.T,
+            angles_by_position=there.angles_by_position @ rows.T,
+        )
+
+
+Frame: TypeAlias = LocalFrame | GeocentricFrame | TopocentricFrame
+"""Any frame."""

@@ -1,0 +1,110 @@
+"""Observations of one kind as arrays: values, weights and the variables that they touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..frames import Frame
+from ..models.base import DegenerateError, Linearised
+from ..models.image import image
+from ..models.lens import Lens
+from ..models.registry import Unit, VariableKind
+from ..types import Array, Index
+from .variables import State
+
+
+@dataclass(frozen=True)
+class Block:
+    """n observations of one kind with d components each."""
+
+    kind: str
+    """Kind, as in reports."""
+    unit: Unit
+    """Unit of the values."""
+    variables: tuple[tuple[VariableKind, Index], ...]
+    """Kind and numbers (n,) of each variable that the model takes."""
+    observed: Array
+    """Observed values (n, d)."""
+    sigma: Array
+    """Standard deviations (n, d)."""
+    ids: Sequence[str]
+    """Ids of the observations."""
+    components: tuple[str, ...]
+    """Names of the d components."""
+    labels: Callable[[int], str]
+    """Readable name of row i, for messages."""
+    whitener: Array | None = None
+    """W (n, d, d) with W Σ Wᵀ = I where components are correlated, else none."""
+    model: Callable[..., Linearised] | None = None
+    """The model; none for image coordinates."""
+    lens: Lens | None = None
+    """The lens model of image coordinates."""
+    constants: dict[str, Array] = field(default_factory=dict)
+    """Further arguments of the model, arrays over the rows."""
+    first_row: int = 0
+    """Number of the first scalar row among all rows of the network."""
+
+    @property
+    def n(self) -> int:
+        """Number of observations."""
+        return len(self.observed)
+
+    @property
+    def dimension(self) -> int:
+        """Number of components d."""
+        return int(self.observed.shape[1])
+
+    @property
+    def rows(self) -> slice:
+        """The scalar rows of this block among all rows."""
+        return slice(self.first_row, self.first_row + self.observed.size)
+
+    def select(self, rows: Index) -> Block:
+        """Return a block of some of the observations."""
+        labels, chosen = self.labels, np.asarray(rows)
+        return replace(
+            self,
+            variables=tuple((k, index[chosen]) for k, index in self.variables),
+            observed=self.observed[chosen],
+            sigma=self.sigma[chosen],
+            ids=[self.ids[i] for i in chosen],
+            labels=lambda i: labels(int(chosen[i])),
+            whitener=None if self.whitener is None else self.whitener[chosen],
+            constants={k: v[chosen] for k, v in self.constants.items()},
+        )
+
+    def evaluate(self, frame: Frame, state: State, *, jacobians: bool = True) -> Linearised:
+        """Return raw residuals (n, d) and partials.
+
+        Raises:
+            InputError: names every observation whose geometry has no answer.
+        """
+        values = [state[kind][index] for kind, index in self.variables]
+        try:
+            if self.lens is not None:
+                k = len(self.lens.names)
+                if len(state["calibration"]) == 1:  # one camera: no copy for each row
+                    values[1] = state["calibration"]
+                values[1] = values[1][:, :k]
+                return image(
+                    frame, *values, observed=self.observed, lens=self.lens, jacobians=jacobians
+                )
+            assert self.model is not None
+            return self.model(frame, *values, observed=self.observed, **self.constants)
+        except DegenerateError as error:
+            raise InputError(
+                [Problem(error.why, self.labels(int(i))) for i in error.rows]
+            ) from None
+
+    def whiten(self, a: Array) -> Array:
+        """Divide residuals (n, d) or partials (n, d, k) by the standard deviations."""
+        if self.whitener is not None:
+            if a.ndim == 2:
+                return np.asarray(np.einsum("nij,nj->ni", self.whitener, a))
+            return self.whitener @ a
+        scale = 1.0 / self.sigma
+        return a * (scale if a.ndim == 2 else scale[:, :, None])

@@ -1,0 +1,271 @@
+"""The unknowns of a network as arrays, and their places in the vector of unknowns.
+
+Every variable that has a free component owns consecutive columns; held components keep
+their column, which is then masked: its partials are zero and its step is zero. Variables
+that are held altogether own no columns and are constants of the observations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from ..models.registry import VariableKind
+from ..network import REFRACTION_OF_THE_NETWORK, Network, Parameter
+from ..rotation import retract_poses
+from ..types import Array, Index, Mask
+
+State: TypeAlias = dict[VariableKind, Array]
+"""Values of all variables: (n, width) for each kind; poses are 9 of rotation and 3 of centre."""
+
+ORDER: tuple[VariableKind, ...] = (
+    "point",
+    "orientation",
+    "refraction",
+    "vertical",
+    "edm",
+    "pose",
+    "calibration",
+)
+COMPONENTS: dict[VariableKind, tuple[str, ...]] = {
+    "point": ("x", "y", "z"),
+    "pose": ("rx", "ry", "rz", "x", "y", "z"),
+    "orientation": ("orientation",),
+    "refraction": ("kappa",),
+    "vertical": ("xi", "eta"),
+    "edm": ("scale", "zero"),
+}
+"""Names of the components of a variable; those of a calibration are its lens model's."""
+
+
+@dataclass(frozen=True)
+class Variables:
+    """All variables of one kind."""
+
+    kind: VariableKind
+    """Kind."""
+    names: tuple[str, ...]
+    """Names; an orientation is named station/set."""
+    number: dict[str, int]
+    """Number by name."""
+    values: Array
+    """Start values (n, width); NaN where unknown."""
+    size: Index
+    """Number of components of the tangent, (n,)."""
+    free: Mask
+    """Free components (n, most components)."""
+    sigma: Array
+    """Standard deviations of weighted components, infinite elsewhere, like ``free``."""
+    offset: Index
+    """First column of each variable, −1 where it has none."""
+
+
+class Unknowns:
+    """All variables of a network and their columns."""
+
+    def __init__(self, network: Network) -> None:
+        """Lay the variables of ``network`` out."""
+        self.network = network
+        tables: dict[VariableKind, Variables] = {}
+        first = 0
+        for kind in ORDER:
+            names, values, sizes, free, sigma = _RAW[kind](network)
+            active = free.any(axis=1)
+            columns = np.where(active, sizes, 0)
+            offset = first + np.concatenate([[0], np.cumsum(columns)[:-1]]) if len(names) else []
+            tables[kind] = Variables(
+                kind,
+                tuple(names),
+                {n: i for i, n in enumerate(names)},
+                values,
+                sizes,
+                free,
+                sigma,
+                np.where(active, offset, -1).astype(np.intp),
+            )
+            first += int(columns.sum())
+        self.tables = tables
+        self.n_columns = first
+        self.free = np.zeros(first, dtype=bool)
+        for table in tables.values():
+            for column in range(table.free.shape[1]):
+                rows = (table.offset >= 0) & (column < table.size)
+                self.free[table.offset[rows] + column] = table.free[rows, column]
+        self.n_unknowns = int(self.free.sum())
+
+    def __getitem__(self, kind: VariableKind) -> Variables:
+        """Return the variables of one kind."""
+        return self.tables[kind]
+
+    def start(self) -> State:
+        """Return the start values, NaN where unknown."""
+        return {kind: table.values.copy() for kind, table in self.tables.items()}
+
+    def retract(self, state: State, step: Array) -> State:
+        """Move a state by a step (n_columns,)."""
+        moved = dict(state)
+        for kind, table in self.tables.items():
+            rows = np.flatnonzero(table.offset >= 0)
+            if not len(rows):
+                continue
+            width = table.free.shape[1]
+            delta = np.zeros((len(rows), width))
+            for column in range(width):
+                has = column < table.size[rows]
+                delta[has, column] = step[table.offset[rows[has]] + column]
+            values = state[kind].copy()
+            if kind == "pose":
+                rotation, centre = retract_poses(
+                    values[rows, :9].reshape(-1, 3, 3), values[rows, 9:], delta
+                )
+                values[rows, :9] = rotation.reshape(-1, 9)
+                values[rows, 9:] = centre
+            else:
+                values[rows] += delta
+            moved[kind] = values
+        return moved
+
+    def columns(self, kind: VariableKind, number: int) -> Index:
+        """Return the columns of one variable; empty if it is held altogether."""
+        table = self.tables[kind]
+        if table.offset[number] < 0:
+            return np.zeros(0, dtype=np.intp)
+        return table.offset[number] + np.arange(table.size[number])
+
+    def component_names(self, kind: VariableKind, number: int) -> tuple[str, ...]:
+        """Return the names of the components of one variable."""
+        if kind == "calibration":
+            name = self.tables[kind].names[number].split("@")[0]
+            return self.network.cameras[name].lens.names
+        return COMPONENTS[kind]
+
+    def describe(self, column: int) -> tuple[VariableKind, str, str]:
+        """Return kind, name and component of a column."""
+        for kind, table in self.tables.items():
+            inside = (
+                (table.offset >= 0)
+                & (table.offset <= column)
+                & (column < table.offset + table.size)
+            )
+            if inside.any():
+                number = int(np.flatnonzero(inside)[0])
+                component = self.component_names(kind, number)[column - table.offset[number]]
+                return kind, table.names[number], component
+        raise IndexError(f"column {column} belongs to no variable")
+
+    def active(self) -> Iterator[tuple[VariableKind, int]]:
+        """Iterate over kind and number of the variables that own columns, in column order."""
+        for kind in ORDER:
+            for number in np.flatnonzero(self.tables[kind].offset >= 0):
+                yield kind, int(number)
+
+
+_Raw: TypeAlias = tuple[list[str], Array, Index, Mask, Array]
+
+
+def calibration_name(network: Network, photo: str) -> str:
+    """Return the name of the calibration that a photo uses."""
+    camera = network.cameras[network.photos[photo].camera]
+    return f"{camera.name}@{photo}" if camera.per_photo else camera.name
+
+
+def _points(network: Network) -> _Raw:
+    points = list(network.points.values())
+    n = len(points)
+    values = np.array([p.coordinates for p in points], dtype=float).reshape(n, 3)
+    fixed = np.array([p.fixed for p in points], dtype=bool).reshape(n, 3)
+    sigma = np.full((n, 3), np.inf)
+    for i, p in enumerate(points):
+        if p.sigma is not None:
+            sigma[i] = p.sigma
+    return list(network.points), values, np.full(n, 3, dtype=np.intp), ~fixed, sigma
+
+
+def _poses(network: Network) -> _Raw:
+    n = len(network.photos)
+    values = np.full((n, 12), np.nan)
+    free = np.ones((n, 6), dtype=bool)
+    sigma = np.full((n, 6), np.inf)
+    for i, photo in enumerate(network.photos.values()):
+        if photo.rotation is not None:
+            values[i, :9] = photo.rotation.ravel()
+        if photo.position is not None:
+            values[i, 9:] = photo.position
+        free[i] = ~np.array(photo.fixed)
+        if photo.sigma_attitude is not None:
+            sigma[i, :3] = photo.sigma_attitude
+        if photo.sigma_position is not None:
+            sigma[i, 3:] = photo.sigma_position
+    return list(network.photos), values, np.full(n, 6, dtype=np.intp), free, sigma
+
+
+def _calibrations(network: Network) -> _Raw:
+    names: list[str] = []
+    cameras = []
+    for camera in network.cameras.values():
+        own = [f.name for f in network.photos.values() if f.camera == camera.name]
+        for name in [f"{camera.name}@{f}" for f in own] if camera.per_photo else [camera.name]:
+            names.append(name)
+            cameras.append(camera)
+    n = len(names)
+    width = max((len(c.values) for c in cameras), default=0)
+    values = np.zeros((n, width))
+    free = np.zeros((n, width), dtype=bool)
+    sigma = np.full((n, width), np.inf)
+    for i, camera in enumerate(cameras):
+        k = len(camera.values)
+        values[i, :k] = camera.values
+        free[i, :k] = ~np.array(camera.fixed)
+        sigma[i, :k] = camera.sigma
+    return names, values, np.array([len(c.values) for c in cameras], dtype=np.intp), free, sigma
+
+
+def _small(entries: dict[str, Parameter], size: int) -> _Raw:
+    n = len(entries)
+    parameters = list(entries.values())
+    return (
+        list(entries),
+        np.array([p.values for p in parameters], dtype=float).reshape(n, size),
+        np.full(n, size, dtype=np.intp),
+        ~np.array([p.fixed for p in parameters], dtype=bool).reshape(n, size),
+        np.array([p.sigma for p in parameters], dtype=float).reshape(n, size),
+    )
+
+
+def _orientations(network: Network) -> _Raw:
+    return _small({f"{s}/{r}": p for (s, r), p in network.orientations.items()}, 1)
+
+
+def _refractions(network: Network) -> _Raw:
+    held = {REFRACTION_OF_THE_NETWORK: Parameter((0.0,), (True,), (np.inf,))}
+    return _small(held | network.refractions, 1)
+
+
+NO_DEFLECTION = ""
+"""Name of the vertical of stations without one of their own: ξ = η = 0, held."""
+NO_METER = ""
+"""Name of the distance meter of distances that name none: scale 1, zero 0, held."""
+
+
+def _verticals(network: Network) -> _Raw:
+    held = {NO_DEFLECTION: Parameter((0.0, 0.0), (True, True), (np.inf, np.inf))}
+    return _small(held | network.verticals, 2)
+
+
+def _meters(network: Network) -> _Raw:
+    held = {NO_METER: Parameter((0.0, 0.0), (True, True), (np.inf, np.inf))}
+    return _small(held | network.distance_meters, 2)
+
+
+_RAW = {
+    "point": _points,
+    "pose": _poses,
+    "calibration": _calibrations,
+    "orientation": _orientations,
+    "refraction": _refractions,
+    "vertical": _verticals,
+    "edm": _meters,
+}

@@ -1,0 +1,1 @@
+"""Observation models: the only place where each formula stands; numpy only."""

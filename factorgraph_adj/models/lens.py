@@ -1,0 +1,381 @@
+"""Lens models: how a camera turns rays into image coordinates, and its parameters.
+
+A ray has tangents (t_x, t_y) = (−q1/q3, −q2/q3) in photogrammetric camera axes (eq. 1).
+Every model gives the residual v = computed − observed of image coordinates (x, y), x right,
+y up, in image units, with c the principal distance and (x0, y0) the principal point.
+
+Two directions exist:
+
+- measured → ideal: corrections are functions of the measured coordinates,
+  v = c t − corrected(x − x0, y − y0). Unlike eq. 18 of El-Hakim & Faig, the weight stays that
+  of the measured coordinates (B = I), as in all programs with this model.
+- ideal → measured: v = x0 + distorted(c t) − x.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal, TypeAlias
+
+import numpy as np
+
+from ..errors import InputError
+from ..types import Array
+
+LensResult: TypeAlias = tuple[Array, Array | None, Array | None]
+"""v (n, 2); ∂v/∂t (n, 2, 2) and ∂v/∂K (n, 2, k), or None where not asked for."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Base of the lens models; itself the pinhole with c, x0, y0."""
+
+    kind: ClassVar[str] = "none"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the calibration parameters, in order."""
+        return ("c", "x0", "y0")
+
+    def residual(
+        self, tx: Array, ty: Array, xy: Array, k: Array, *, jacobians: bool = True
+    ) -> LensResult:
+        """Return v and its partials.
+
+        Args:
+            tx: tangents of the rays, (n,).
+            ty: the same across, (n,).
+            xy: measured coordinates, (n, 2).
+            k: calibration parameters, (n, number of names) or (1, ...).
+            jacobians: whether to compute them.
+        """
+        c = k[:, 0]
+        ax, ay = xy[:, 0] - k[:, 1], xy[:, 1] - k[:, 2]
+        dx, dy, partials, columns = self._correction(ax, ay, k, jacobians)
+        v = np.stack([c * tx - ax - dx, c * ty - ay - dy], 1)
+        if not jacobians:
+            return v, None, None
+        n = len(v)
+        by_t = np.zeros((n, 2, 2))
+        by_t[:, 0, 0] = c
+        by_t[:, 1, 1] = c
+        by_k = np.zeros((n, 2, k.shape[1]))
+        by_k[:, 0, 0], by_k[:, 1, 0] = tx, ty
+        dxx, dxy, dyx, dyy = partials
+        by_k[:, 0, 1], by_k[:, 0, 2] = 1.0 + dxx, dxy
+        by_k[:, 1, 1], by_k[:, 1, 2] = dyx, 1.0 + dyy
+        for j, (px, py) in enumerate(columns, start=3):
+            by_k[:, 0, j], by_k[:, 1, j] = -px, -py
+        return v, by_t, by_k
+
+    def _correction(
+        self, x: Array, y: Array, k: Array, partials: bool
+    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+        """Return dV_x, dV_y, their partials by x̄, ȳ, and those by the additional parameters."""
+        zero = np.zeros_like(x)
+        return zero, zero, (zero, zero, zero, zero), []
+
+
+NoDistortion = Lens
+"""Pinhole: c, x0, y0."""
+
+
+def _brown(
+    x: Array, y: Array, k: tuple[Array, ...], radius: float, partials: bool
+) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+    """Radial and decentring terms, k = (k1, k2, k3, p1, p2).
+
+    dx = x Σ k_i (r^2i − R^2i) + p1 (r² + 2x²) + 2 p2 x y
+    dy = y Σ k_i (r^2i − R^2i) + p2 (r² + 2y²) + 2 p1 x y
+    """
+    k1, k2, k3, p1, p2 = k
+    xx, yy, xy2 = x * x, y * y, 2.0 * x * y
+    r2 = xx + yy
+    r4 = r2 * r2
+    r6 = r4 * r2
+    s2, s4, s6 = r2 - radius**2, r4 - radius**4, r6 - radius**6
+    radial = k1 * s2 + k2 * s4 + k3 * s6
+    tx, ty = r2 + 2.0 * xx, r2 + 2.0 * yy
+    dx = x * radial + p1 * tx + p2 * xy2
+    dy = y * radial + p2 * ty + p1 * xy2
+    if not partials:
+        return dx, dy, (), []
+    slope = 2.0 * (k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4)
+    cross = 0.5 * xy2 * slope + 2.0 * (p1 * y + p2 * x)
+    dxx = radial + xx * slope + 6.0 * p1 * x + 2.0 * p2 * y
+    dyy = radial + yy * slope + 6.0 * p2 * y + 2.0 * p1 * x
+    columns = [(x * s2, y * s2), (x * s4, y * s4), (x * s6, y * s6), (tx, xy2), (xy2, ty)]
+    return dx, dy, (dxx, cross, cross, dyy), columns
+
+
+@dataclass(frozen=True)
+class BrownLens(Lens):
+    """Brown, measured → ideal: radial k1..k3, decentring p1, p2, affinity b1, shear b2.
+
+    With a = (x̄, ȳ): corrected = a + brown(a), and the affinity (x, y) → (x(1 + b1) + b2 y, y)
+    before or after it. Units: k_i in 1/unit^2i, p in 1/unit.
+    """
+
+    kind: ClassVar[str] = "brown"
+    affine: Literal["before", "after"] = "before"
+    """Whether the affinity acts before or after radial and decentring terms."""
+
+    def __post_init__(self) -> None:
+        """Check the option."""
+        if self.affine not in ("before", "after"):
+            raise InputError(f"affine must be before or after, not {self.affine!r}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the calibration parameters."""
+        return ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2", "b1", "b2")
+
+    def _correction(
+        self, x: Array, y: Array, k: Array, partials: bool
+    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+        k1, k2, k3, p1, p2, b1, b2 = (k[:, j] for j in range(3, 10))
+        brown = (k1, k2, k3, p1, p2)
+        zero = np.zeros_like(x)
+        if self.affine == "before":
+            ax = x * (1.0 + b1) + b2 * y
+            dx, dy, d, columns = _brown(ax, y, brown, 0.0, partials)
+            fx, fy = ax - x + dx, dy
+            if not partials:
+                return fx, fy, (), []
+            dxx, dxy, dyx, dyy = d
+            by = (
+                (1.0 + dxx) * (1.0 + b1) - 1.0,
+                (1.0 + dxx) * b2 + dxy,
+                dyx * (1.0 + b1),
+                dyx * b2 + dyy,
+            )
+            columns += [((1.0 + dxx) * x, dyx * x), ((1.0 + dxx) * y, dyx * y)]
+            return fx, fy, by, columns
+        dx, dy, d, columns = _brown(x, y, brown, 0.0, partials)
+        cx, cy = x + dx, y + dy
+        fx, fy = cx * (1.0 + b1) + b2 * cy - x, dy
+        if not partials:
+            return fx, fy, (), []
+        dxx, dxy, dyx, dyy = d
+        by = (
+            (1.0 + dxx) * (1.0 + b1) + b2 * dyx - 1.0,
+            dxy * (1.0 + b1) + b2 * (1.0 + dyy),
+            dyx,
+            dyy,
+        )
+        columns = [(px * (1.0 + b1) + b2 * py, py) for px, py in columns]
+        columns += [(cx, zero), (cy, zero)]
+        return fx, fy, by, columns
+
+
+@dataclass(frozen=True)
+class ForwardLens(Lens):
+    """Base of ideal → measured models: v = (x0, y0) + a + s·F(a) − (x, y), a = c t."""
+
+    radius: ClassVar[float] = 0.0
+
+    def residual(
+        self, tx: Array, ty: Array, xy: Array, k: Array, *, jacobians: bool = True
+    ) -> LensResult:
+        """Return v and its partials, see `Lens.residual`."""
+        c = k[:, 0]
+        unit = self._unit(c)
+        ax, ay = c * tx, c * ty
+        dx, dy, d, columns = self._correction(ax / unit, ay / unit, k, jacobians)
+        v = np.stack([k[:, 1] + ax + unit * dx - xy[:, 0], k[:, 2] + ay + unit * dy - xy[:, 1]], 1)
+        if not jacobians:
+            return v, None, None
+        n = len(v)
+        dxx, dxy, dyx, dyy = d
+        by_a = np.stack([1.0 + dxx, dxy, dyx, 1.0 + dyy], 1).reshape(n, 2, 2)
+        by_k = np.zeros((n, 2, k.shape[1]))
+        # c moves a, and the unit of the correction where that is c itself.
+        moves = self._by_c(tx, ty, by_a, dx, dy)
+        by_k[:, 0, 0], by_k[:, 1, 0] = moves
+        by_k[:, 0, 1] = 1.0
+        by_k[:, 1, 2] = 1.0
+        for j, (px, py) in enumerate(columns, start=3):
+            by_k[:, 0, j], by_k[:, 1, j] = unit * px, unit * py
+        return v, by_a * c[:, None, None], by_k
+
+    def _unit(self, c: Array) -> Array:
+        """Return the unit in which F takes coordinates."""
+        return np.ones_like(c)
+
+    def _by_c(self, tx: Array, ty: Array, by_a: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
+        return (
+            by_a[:, 0, 0] * tx + by_a[:, 0, 1] * ty,
+            by_a[:, 1, 0] * tx + by_a[:, 1, 1] * ty,
+        )
+
+
+@dataclass(frozen=True)
+class BrownForwardLens(ForwardLens):
+    """Brown, ideal → measured: the corrections are subtracted from the ideal coordinates.
+
+    F = −brown(a), a = c t in image units; k_i in 1/unit^2i. Same signs of the parameters
+    as `BrownLens`.
+    """
+
+    kind: ClassVar[str] = "brown_forward"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the calibration parameters."""
+        return ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
+
+    def _correction(
+        self, x: Array, y: Array, k: Array, partials: bool
+    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+        brown = tuple(-k[:, j] for j in range(3, 8))
+        dx, dy, d, columns = _brown(x, y, brown, 0.0, partials)
+        return dx, dy, d, [(-px, -py) for px, py in columns]
+
+
+@dataclass(frozen=True)
+class NormalisedLens(ForwardLens):
+    """Radial-tangential in normalised coordinates, as in OpenCV and Bundle Adjustment in the Large.
+
+    v = (x0, y0) + c (t + brown(t)) − (x, y), dimensionless k1..k3, p1, p2; y points up, so that
+    p1, p2 stand as in `BrownLens` (OpenCV's p1 is −p2 here, its p2 is p1).
+    """
+
+    kind: ClassVar[str] = "normalised"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the calibration parameters."""
+        return ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
+
+    def _correction(
+        self, x: Array, y: Array, k: Array, partials: bool
+    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+        return _brown(x, y, tuple(k[:, j] for j in range(3, 8)), 0.0, partials)
+
+    def _unit(self, c: Array) -> Array:
+        return c
+
+    def _by_c(self, tx: Array, ty: Array, by_a: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
+        return tx + dx, ty + dy
+
+
+@dataclass(frozen=True)
+class BalancedLens(ForwardLens):
+    """Balanced radial form of close-range systems, ideal → measured.
+
+    F = a·[A1 (r² − R²) + A2 (r⁴ − R⁴) + A3 (r⁶ − R⁶)] + decentring B1, B2 + affinity
+    (C1 x + C2 y in x), with the radius R of zero distortion.
+    """
+
+    kind: ClassVar[str] = "balanced"
+    zero_radius: float = 0.0
+    """R: radius at which the radial distortion vanishes, image units."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the calibration parameters."""
+        return ("c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
+
+    def _correction(
+        self, x: Array, y: Array, k: Array, partials: bool
+    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+        c1, c2 = k[:, 8], k[:, 9]
+        dx, dy, d, columns = _brown(
+            x, y, tuple(k[:, j] for j in range(3, 8)), self.zero_radius, partials
+        )
+        dx = dx + c1 * x + c2 * y
+        if not partials:
+            return dx, dy, (), []
+        zero = np.zeros_like(x)
+        return dx, dy, (d[0] + c1, d[1] + c2, d[2], d[3]), [*columns, (x, zero), (y, zero)]
+
+
+@dataclass(frozen=True)
+class AffineLens(Lens):
+    """Affine deformation of film or sensor, measured → ideal: dV = (b1 x̄ + b2 ȳ, 0)."""
+
+    kind: ClassVar[str] = "affine"
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the calibration parameters."""
+        return ("c", "x0", "y0", "b1", "b2")
+
+    def _correction(
+        self, x: Array, y: Array, k: Array, partials: bool
+    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+        b1, b2 = np.broadcast_to(k[:, 3], x.shape), np.broadcast_to(k[:, 4], x.shape)
+        zero = np.zeros_like(x)
+        return b1 * x + b2 * y, zero, (b1, b2, zero, zero), [(x, zero), (y, zero)]
+
+
+@dataclass(frozen=True)
+class HarmonicLens(Lens):
+    """El-Hakim & Faig's harmonic function, measured → ideal: dV = (x̄, ȳ)·T. Eqs. 2 and 3.
+
+    T = a00 + a11 cosλ + b11 sinλ + a20 ρ + a22 ρ cos2λ + b22 ρ sin2λ + a31 ρ² cosλ
+        + b31 ρ² sinλ + a33 ρ² cos3λ + b33 ρ² sin3λ,  ρ = r/reference_radius, λ = atan2(ȳ, x̄).
+
+    All coefficients are dimensionless and of one order. At r = 0, where λ is undefined, the
+    correction is zero and so are its partials by a11 and b11.
+    """
+
+    kind: ClassVar[str] = "harmonic"
+    reference_radius: float = 1.0
+    """Radius that r is divided by, image units."""
+
+    def __post_init__(self) -> None:
+        """Check the option."""
+        if not self.reference_radius > 0:
+            raise InputError(f"reference_radius must be positive, not {self.reference_radius}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the calibration parameters."""
+        terms = ("a00", "a11", "b11", "a20", "a22", "b22", "a31", "b31", "a33", "b33")
+        return ("c", "x0", "y0", *terms)
+
+    def _correction(
+        self, x: Array, y: Array, k: Array, partials: bool
+    ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
+        r = np.hypot(x, y)
+        angle = np.arctan2(y, x)
+        rho = r / self.reference_radius
+        c1, s1 = np.cos(angle), np.sin(angle)
+        c2, s2 = np.cos(2 * angle), np.sin(2 * angle)
+        c3, s3 = np.cos(3 * angle), np.sin(3 * angle)
+        rho2 = rho * rho
+        one = np.ones_like(r)
+        terms = [one, c1, s1, rho, rho * c2, rho * s2, rho2 * c1, rho2 * s1, rho2 * c3, rho2 * s3]
+        a = [k[:, j] for j in range(3, 13)]
+        t = sum(ai * term for ai, term in zip(a, terms, strict=True))
+        if not partials:
+            return x * t, y * t, (), []
+        # x̄ ∂T/∂x̄ and so on, written with r ∂T/∂r and ∂T/∂λ so that r = 0 needs no division.
+        by_r = rho * (a[3] + a[4] * c2 + a[5] * s2) + 2 * rho2 * (
+            a[6] * c1 + a[7] * s1 + a[8] * c3 + a[9] * s3
+        )
+        by_angle = (
+            -a[1] * s1
+            + a[2] * c1
+            + rho * (-2 * a[4] * s2 + 2 * a[5] * c2)
+            + rho2 * (-a[6] * s1 + a[7] * c1 - 3 * a[8] * s3 + 3 * a[9] * c3)
+        )
+        rtx, rty = c1 * by_r - s1 * by_angle, s1 * by_r + c1 * by_angle
+        d = (t + c1 * rtx, c1 * rty, s1 * rtx, t + s1 * rty)
+        return x * t, y * t, d, [(x * term, y * term) for term in terms]
+
+
+LENSES: dict[str, type[Lens]] = {
+    cls.kind: cls
+    for cls in (
+        Lens,
+        HarmonicLens,
+        BrownLens,
+        BrownForwardLens,
+        NormalisedLens,
+        BalancedLens,
+        AffineLens,
+    )
+}
+"""Lens models by name."""

@@ -1,0 +1,97 @@
+"""GNSS vectors, positions of points and photos, and weighted variables."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..frames import Frame
+from ..rotation import TURN_ABOUT_X, log_rotation, right_jacobian_inverse, skew
+from ..types import Array
+from .base import Linearised
+from .sight import up_by_angles
+
+
+def _raised(
+    frame: Frame, position: Array, vertical: Array, height: Array
+) -> tuple[Array, Array, Array]:
+    """Return X + h u (n, 3) and its partials by X (n, 3, 3) and V (n, 3, 2)."""
+    basis = frame.basis(position, vertical)
+    h = height[:, None]
+    turn = h[:, :, None] * up_by_angles(basis)
+    return (
+        position + h * basis.enu[:, 2],
+        np.eye(3) + turn @ basis.angles_by_position,
+        turn @ basis.angles_by_vertical,
+    )
+
+
+def gnss_vector(
+    frame: Frame,
+    station: Array,
+    station_vertical: Array,
+    target: Array,
+    target_vertical: Array,
+    *,
+    observed: Array,
+    instrument_height: Array,
+    target_height: Array,
+) -> Linearised:
+    """Compute (X_j + h_t u_j) − (X_i + h_i u_i) − observed, metres, (n, 3)."""
+    a, a_x, a_v = _raised(frame, station, station_vertical, instrument_height)
+    b, b_x, b_v = _raised(frame, target, target_vertical, target_height)
+    return Linearised(b - a - observed, (-a_x, -a_v, b_x, b_v))
+
+
+def coordinate(
+    frame: Frame, point: Array, *, observed: Array, reference: Array, axis: Array
+) -> Linearised:
+    """Compute axis · (X − reference) − observed, metres: one known coordinate a row.
+
+    Args:
+        frame: not used; every model has it.
+        point: X, (n, 3).
+        observed: (n, 1).
+        reference: (n, 3).
+        axis: unit vectors of the known coordinate, (n, 3).
+    """
+    v = np.sum(axis * (point - reference), axis=1, keepdims=True) - observed
+    return Linearised(v, (axis[:, None, :],))
+
+
+def split_pose(pose: Array) -> tuple[Array, Array]:
+    """Return world_R_camera (n, 3, 3) and projection centres (n, 3) of stored poses (n, 12)."""
+    return pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]
+
+
+def photo_position(frame: Frame, pose: Array, *, observed: Array, lever_arm: Array) -> Linearised:
+    """Compute X₀ + R a − observed, metres, (n, 3); a in photogrammetric axes (n, 3)."""
+    rotation, centre = split_pose(pose)
+    arm = lever_arm @ TURN_ABOUT_X
+    v = centre + np.einsum("nij,nj->ni", rotation, arm) - observed
+    moves = np.broadcast_to(np.eye(3), rotation.shape)
+    return Linearised(v, (np.concatenate([-rotation @ skew(arm), moves], axis=2),))
+
+
+def photo_attitude(frame: Frame, pose: Array, *, observed: Array, reference: Array) -> Linearised:
+    """Compute Log(R_refᵀ R) − observed, radians about the axes of the camera, (n, 3).
+
+    Args:
+        frame: not used.
+        pose: stored poses, (n, 12).
+        observed: (n, 3), zero for an attitude that is known as R_ref.
+        reference: R_ref, world_R_camera, (n, 3, 3).
+    """
+    rotation, _ = split_pose(pose)
+    w = log_rotation(np.swapaxes(reference, 1, 2) @ rotation)
+    jacobian = np.zeros((len(w), 3, 6))
+    jacobian[:, :, :3] = right_jacobian_inverse(w)
+    return Linearised(w - observed, (jacobian,))
+
+
+def component(frame: Frame, value: Array, *, observed: Array, which: Array) -> Linearised:
+    """Compute value[which] − observed: a weighted component of a vector variable, (n, 1)."""
+    one = np.zeros((len(value), 1, value.shape[1]))
+    rows = np.arange(len(value))
+    index = which.astype(int)
+    one[rows, 0, index] = 1.0
+    return Linearised(value[rows, index][:, None] - observed, (one,))

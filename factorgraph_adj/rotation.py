@@ -1,0 +1,116 @@
+"""Rotations of photos: ω, φ, κ and the two conventions of camera axes.
+
+A pose in the graph is ``gtsam.Pose3`` = world_T_camera in the axes of GTSAM and OpenCV
+(x right, y down, z forward), so that GTSAM's own factors and other programs' poses fit in.
+Photogrammetric camera axes (x right, y up, z backwards) are the same turned by π about x;
+this module is the one place where the two meet.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .types import Array
+
+TURN_ABOUT_X: Array = np.diag([1.0, -1.0, -1.0])
+"""camera_R_photogrammetric = photogrammetric_R_camera: the turn by π about x."""
+
+
+def world_R_photogrammetric(omega: float, phi: float, kappa: float) -> Array:
+    """Return R = R1(ω) R2(φ) R3(κ), camera (x right, y up, z backwards) → object; angles in rad.
+
+    Its transpose is M of the collinearity equations.
+    """
+    so, co = np.sin(omega), np.cos(omega)
+    sp, cp = np.sin(phi), np.cos(phi)
+    sk, ck = np.sin(kappa), np.cos(kappa)
+    return np.array(
+        [
+            [cp * ck, -cp * sk, sp],
+            [co * sk + so * sp * ck, co * ck - so * sp * sk, -so * cp],
+            [so * sk - co * sp * ck, so * ck + co * sp * sk, co * cp],
+        ]
+    )
+
+
+def world_R_camera(omega: float, phi: float, kappa: float) -> Array:
+    """Return the rotation of the graph's Pose3 from ω, φ, κ (rad)."""
+    return world_R_photogrammetric(omega, phi, kappa) @ TURN_ABOUT_X
+
+
+def omega_phi_kappa(rotation: Array) -> tuple[float, float, float]:
+    """Return ω, φ, κ (rad) of a graph rotation world_R_camera (3, 3).
+
+    At φ = ±π/2 only ω ± κ is determined; ω is then set to zero.
+    """
+    r = rotation @ TURN_ABOUT_X
+    phi = float(np.arctan2(r[0, 2], np.hypot(r[0, 0], r[0, 1])))
+    if np.hypot(r[0, 0], r[0, 1]) < 1e-12:
+        return 0.0, phi, float(np.arctan2(r[1, 0], r[1, 1]))
+    return (
+        float(np.arctan2(-r[1, 2], r[2, 2])),
+        phi,
+        float(np.arctan2(-r[0, 1], r[0, 0])),
+    )
+
+
+def skew(w: Array) -> Array:
+    """Return [w]× (..., 3, 3) with [w]× a = w × a, for w (..., 3)."""
+    out = np.zeros((*w.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2] = -w[..., 2], w[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = w[..., 2], -w[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -w[..., 1], w[..., 0]
+    return out
+
+
+def _series(angle2: Array) -> tuple[Array, Array]:
+    """Return sin θ/θ and (1 − cos θ)/θ² from θ², stable at 0."""
+    small = angle2 < 1e-8
+    safe = np.where(small, 1.0, angle2)
+    angle = np.sqrt(safe)
+    a = np.where(small, 1.0 - angle2 / 6.0, np.sin(angle) / angle)
+    b = np.where(small, 0.5 - angle2 / 24.0, (1.0 - np.cos(angle)) / safe)
+    return a, b
+
+
+def exp_rotation(w: Array) -> Array:
+    """Return the rotation matrices (..., 3, 3) of the rotation vectors w (..., 3)."""
+    a, b = _series(np.sum(w * w, axis=-1))
+    k = skew(w)
+    return np.eye(3) + a[..., None, None] * k + b[..., None, None] * (k @ k)
+
+
+def log_rotation(r: Array) -> Array:
+    """Return the rotation vector (n, 3) of rotation matrices (n, 3, 3); |result| ≤ π."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(r).as_rotvec(), dtype=float)
+
+
+def right_jacobian_inverse(w: Array) -> Array:
+    """Return J_r⁻¹(w) (n, 3, 3): Log(Exp(w) Exp(δ)) = w + J_r⁻¹(w) δ + …"""
+    angle2 = np.sum(w * w, axis=-1)
+    small = angle2 < 1e-8
+    safe = np.where(small, 1.0, angle2)
+    half = np.sqrt(safe) / 2
+    d = np.where(small, 1.0 / 12.0, (1.0 - half * np.cos(half) / np.sin(half)) / safe)
+    k = skew(w)
+    return np.eye(3) + 0.5 * k + d[..., None, None] * (k @ k)
+
+
+def retract_poses(rotation: Array, position: Array, delta: Array) -> tuple[Array, Array]:
+    """Move poses by tangents [ω, δ]: R ← R Exp(ω), X₀ ← X₀ + δ.
+
+    The tangent of this library has the shift in object axes, so that single coordinates of a
+    projection centre can be held and its covariance needs no turning. GTSAM's Pose3 tangent
+    [ω, v] has v = Rᵀ δ; `factorgraph_adj.graph.factors` is where they meet.
+
+    Args:
+        rotation: world_R_camera (n, 3, 3).
+        position: projection centres (n, 3), metres.
+        delta: tangents [ω about the axes of the camera (rad), δ (m)], (n, 6).
+
+    Returns:
+        The moved rotations and positions.
+    """
+    return rotation @ exp_rotation(delta[:, :3]), position + delta[:, 3:]

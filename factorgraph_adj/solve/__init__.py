@@ -1,0 +1,1 @@
+"""Linear systems of whole networks and their solution."""

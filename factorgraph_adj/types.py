@@ -1,0 +1,15 @@
+"""Names for array types; shapes stand in the docstrings."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Array: TypeAlias = npt.NDArray[np.float64]
+"""Floating point array."""
+Index: TypeAlias = npt.NDArray[np.intp]
+"""Integer array that indexes another."""
+Mask: TypeAlias = npt.NDArray[np.bool_]
+"""Boolean array."""

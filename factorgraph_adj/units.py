@@ -1,0 +1,71 @@
+"""Units at the boundary: everything inside is metres, radians and image units."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from .errors import InputError
+
+ANGLE: dict[str, float] = {
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "gon": math.pi / 200,
+    "mgon": math.pi / 200_000,
+    "cc": math.pi / 2_000_000,
+    "deg": math.pi / 180,
+    "arcmin": math.pi / 10_800,
+    "arcsec": math.pi / 648_000,
+}
+"""Radians in one unit of angle; ``dms`` (degrees-minutes-seconds) is read by `parse_angle`."""
+
+LENGTH: dict[str, float] = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "km": 1e3}
+"""Metres in one unit of length."""
+
+ARCSEC = ANGLE["arcsec"]
+GON = ANGLE["gon"]
+CC = ANGLE["cc"]
+
+_DMS = re.compile(r"^\s*([+-])?\s*(\d+)[\s:°d-]+(\d+)[\s:'′m-]+(\d+(?:\.\d*)?)\s*[\"″s]?\s*$")
+
+
+def angle_unit(unit: str) -> float:
+    """Return the radians in one ``unit`` of angle; InputError lists the valid ones."""
+    if unit not in ANGLE:
+        raise InputError(f"unknown unit of angle {unit!r}; valid: {', '.join(ANGLE)}, dms")
+    return ANGLE[unit]
+
+
+def length_unit(unit: str) -> float:
+    """Return the metres in one ``unit`` of length; InputError lists the valid ones."""
+    if unit not in LENGTH:
+        raise InputError(f"unknown unit of length {unit!r}; valid: {', '.join(LENGTH)}")
+    return LENGTH[unit]
+
+
+def parse_angle(text: str, unit: str) -> float:
+    """Read an angle in ``unit`` (or ``dms``: ``41 28 15.8``, ``41-28-15.8``) as radians."""
+    if unit != "dms":
+        return float(text) * angle_unit(unit)
+    match = _DMS.match(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not degrees-minutes-seconds such as 41-28-15.8")
+    sign, degrees, minutes, seconds = match.groups()
+    if float(minutes) >= 60 or float(seconds) >= 60:
+        raise ValueError(f"{text!r} has 60 or more minutes or seconds")
+    value = math.radians(float(degrees) + float(minutes) / 60 + float(seconds) / 3600)
+    return -value if sign == "-" else value
+
+
+def format_angle(radians: float, unit: str, digits: int) -> str:
+    """Write an angle in ``unit`` or ``dms`` with ``digits`` decimals."""
+    if unit != "dms":
+        return f"{radians / angle_unit(unit):.{digits}f}"
+    sign = "-" if radians < 0 else ""
+    ticks = round(abs(radians) / ARCSEC * 10**digits)
+    seconds, minutes, degrees = (
+        ticks % (60 * 10**digits),
+        ticks // (60 * 10**digits) % 60,
+        ticks // (3600 * 10**digits),
+    )
+    return f"{sign}{degrees}-{minutes:02d}-{seconds / 10**digits:0{3 + digits}.{digits}f}"
