@@ -367,8 +367,10 @@ class Network:
                 or np.linalg.det(rotation) < 0
             ):
                 raise InputError(Problem("rotation must be a 3 × 3 rotation matrix", where))
-            u, _, vt = np.linalg.svd(rotation)
-            rotation = u @ vt
+            if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-14:
+                # Given with few digits: the nearest rotation. Others stay as they are, to the bit.
+                u, _, vt = np.linalg.svd(rotation)
+                rotation = u @ vt
         held = (bool(fixed),) * 6 if isinstance(fixed, bool) else tuple(map(bool, fixed))
         if len(held) != 6:
             raise InputError(Problem("fixed must be true, false or six flags", where))

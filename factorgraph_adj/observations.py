@@ -261,8 +261,7 @@ class GnssVector(Observation):
         if len(self.value) != 3:
             self._fail(f"value must have 3 components, not {len(self.value)}")
         _covariance(self, 3)
-        if self.sigma is not None:
-            self._check()
+        self._check()
 
 
 @dataclass(frozen=True)
@@ -304,7 +303,7 @@ class ControlPoint(Observation):
         if self.sigma is not None:
             if len(self.sigma) != len(self.axes):
                 self._fail(f"sigma has {len(self.sigma)} components, axes {self.axes!r}")
-            self._check()
+        self._check()
 
 
 @dataclass(frozen=True)
@@ -345,8 +344,7 @@ class PhotoPosition(Observation):
         if len(self.value) != 3:
             self._fail(f"value must have 3 components, not {len(self.value)}")
         _covariance(self, 3)
-        if self.sigma is not None:
-            self._check()
+        self._check()
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,21 @@ def omega_phi_kappa(rotation: Array) -> tuple[float, float, float]:
     )
 
 
+def angles_by_rotation(rotation: Array) -> Array:
+    """Return ∂(ω, φ, κ)/∂θ (3, 3) of world_R_camera, for R ← R Exp(θ), θ about the camera's axes.
+
+    In photogrammetric axes θ = R3ᵀR2ᵀe₁ dω + R3ᵀe₂ dφ + e₃ dκ. At φ = ±π/2 the angles are not
+    unique and their partials not finite: NaN.
+    """
+    _, phi, kappa = omega_phi_kappa(rotation)
+    sp, cp = np.sin(phi), np.cos(phi)
+    sk, ck = np.sin(kappa), np.cos(kappa)
+    if abs(cp) < 1e-12:
+        return np.full((3, 3), np.nan)
+    by_angles = np.array([[cp * ck, sk, 0.0], [-cp * sk, ck, 0.0], [sp, 0.0, 1.0]])
+    return np.asarray(np.linalg.inv(by_angles) @ TURN_ABOUT_X)
+
+
 def skew(w: Array) -> Array:
     """Return [w]× (..., 3, 3) with [w]× a = w × a, for w (..., 3)."""
     out = np.zeros((*w.shape[:-1], 3, 3))

@@ -51,8 +51,8 @@ def parse_angle(text: str, unit: str) -> float:
     if match is None:
         raise ValueError(f"{text!r} is not degrees-minutes-seconds such as 41-28-15.8")
     sign, degrees, minutes, seconds = match.groups()
-    if float(minutes) >= 60 or float(seconds) >= 60:
-        raise ValueError(f"{text!r} has 60 or more minutes or seconds")
+    if float(minutes) >= 60 or float(seconds) > 60:  # 59.996″ is often printed as 60.00
+        raise ValueError(f"{text!r} has 60 or more minutes or more than 60 seconds")
     value = math.radians(float(degrees) + float(minutes) / 60 + float(seconds) / 3600)
     return -value if sign == "-" else value
 

@@ -1,1 +1,5 @@
 """Approximate values where none are given."""
+
+from .rounds import approximate
+
+__all__ = ["approximate"]

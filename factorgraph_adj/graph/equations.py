@@ -21,7 +21,7 @@ from ..observations import (
     PhotoPosition,
 )
 from ..stochastic import StandardDeviation, whitening
-from ..types import Array, Index
+from ..types import Array, Index, Mask
 from .blocks import Block
 from .variables import NO_DEFLECTION, NO_METER, State, Unknowns, calibration_name
 
@@ -289,31 +289,40 @@ def _weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
         )
 
 
-def _weighted_poses(unknowns: Unknowns, weighted: Array) -> Iterable[Block]:
+def _weighted_poses(unknowns: Unknowns, weighted: Mask) -> Iterable[Block]:
+    """Attitudes as a whole, projection centres by coordinate: each may be weighted or not."""
     table = unknowns["pose"]
-    for first, kind, unit, parts in (
-        (0, "weighted_attitude", "rad", ("rx", "ry", "rz")),
-        (3, "weighted_position", "m", ("x", "y", "z")),
-    ):
-        rows = np.flatnonzero(weighted[:, first : first + 3].any(axis=1))
-        if not len(rows):
-            continue
-        names = [f"photo {table.names[i]} {kind.removeprefix('weighted_')}" for i in rows]
-        values = table.values[rows]
-        attitude = first == 0
+    rows = np.flatnonzero(weighted[:, :3].any(axis=1))
+    if len(rows):
+        names = [f"photo {table.names[i]} attitude" for i in rows]
         yield Block(
-            kind,
-            unit,  # type: ignore[arg-type]
+            "weighted_attitude",
+            "rad",
             (("pose", rows.astype(np.intp)),),
-            np.zeros((len(rows), 3)) if attitude else values[:, 9:],
-            table.sigma[rows, first : first + 3],
+            np.zeros((len(rows), 3)),
+            table.sigma[rows, :3],
             names,
-            parts,
+            ("rx", "ry", "rz"),
             [f"weighted {n}" for n in names].__getitem__,
-            model=position.photo_attitude if attitude else position.photo_position,
-            constants={"reference": values[:, :9].reshape(-1, 3, 3)}
-            if attitude
-            else {"lever_arm": np.zeros((len(rows), 3))},
+            model=position.photo_attitude,
+            constants={"reference": table.values[rows, :9].reshape(-1, 3, 3)},
+        )
+    rows, axes = np.nonzero(weighted[:, 3:])
+    if len(rows):
+        names = [
+            f"photo {table.names[i]} position {'xyz'[c]}" for i, c in zip(rows, axes, strict=True)
+        ]
+        yield Block(
+            "weighted_position",
+            "m",
+            (("pose", rows.astype(np.intp)),),
+            table.values[rows, 9 + axes][:, None],
+            table.sigma[rows, 3 + axes][:, None],
+            names,
+            ("",),
+            [f"weighted {n}" for n in names].__getitem__,
+            model=position.photo_coordinate,
+            constants={"axis": np.eye(3)[axes]},
         )
 
 
@@ -498,7 +507,7 @@ def _clusters(
         for ident in ids:
             for number, i in place[ident]:
                 members.setdefault(number, []).append(i)
-    for number, inside in members.items():
+    for number in members:
         # A clustered observation is weighted by its cluster; σ for reports is the diagonal's.
         block = blocks[number]
         sigma = block.sigma.copy()

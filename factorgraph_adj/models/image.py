@@ -19,9 +19,9 @@ IN_FOCAL_PLANE = "the point lies in the focal plane of the photo: it has no imag
 
 
 def depth(pose: Array, point: Array) -> Array:
-    """Return the depth p_z of points (n, 3) in front of the cameras (n, 12), metres."""
-    rotation, centre = split_pose(pose)
-    return np.asarray(np.einsum("nj,nj->n", rotation[:, :, 2], point - centre))
+    """Return the depth p_z of points (n, 3) in front of cameras (n, 12), metres, (n,)."""
+    d = point - pose[:, 9:]
+    return np.asarray(pose[:, 2] * d[:, 0] + pose[:, 5] * d[:, 1] + pose[:, 8] * d[:, 2])
 
 
 def image(

@@ -72,6 +72,19 @@ def photo_position(frame: Frame, pose: Array, *, observed: Array, lever_arm: Arr
     return Linearised(v, (np.concatenate([-rotation @ skew(arm), moves], axis=2),))
 
 
+def photo_coordinate(frame: Frame, pose: Array, *, observed: Array, axis: Array) -> Linearised:
+    """Compute axis · X₀ − observed, metres, (n, 1): one known coordinate of a photo a row.
+
+    Args:
+        frame: not used.
+        pose: stored poses, (n, 12).
+        observed: (n, 1).
+        axis: unit vectors of the known coordinate, (n, 3).
+    """
+    v = np.sum(axis * split_pose(pose)[1], axis=1, keepdims=True) - observed
+    return Linearised(v, (np.concatenate([np.zeros_like(axis), axis], axis=1)[:, None, :],))
+
+
 def photo_attitude(frame: Frame, pose: Array, *, observed: Array, reference: Array) -> Linearised:
     """Compute Log(R_refᵀ R) − observed, radians about the axes of the camera, (n, 3).
 

@@ -1,0 +1,163 @@
+"""What could not be reached, and why: in words, points with the same reason together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import Problem, known
+from ..graph.equations import Equations
+from ..types import Array, Index, Mask
+from .intersection import doubtful
+from .progress import Progress
+from .rays import ImageRays, posed
+from .spheres import positions_in_space
+from .survey import Sighted
+
+NOTHING_KNOWN = (
+    "nothing to start from: no point has coordinates and no photo a pose; give coordinates of "
+    "some points, or ask for a free network"
+)
+ONLY_IMAGES = (
+    "nothing to start from: image measurements alone do not start a free network; give the "
+    "orientation of two photos or the coordinates of four points, in any frame"
+)
+
+
+def not_reached(
+    equations: Equations, progress: Progress, rays: ImageRays, *, free: bool
+) -> list[Problem]:
+    """Return what is wrong for every point, photo and set without approximate values."""
+    missing = np.flatnonzero(~progress.complete)
+    photos = np.flatnonzero(~posed(progress))
+    if not len(missing) and not len(photos):
+        return []
+    if not np.isfinite(progress.plan).any() and len(photos) == len(progress.pose):
+        return [Problem(ONLY_IMAGES if free else NOTHING_KNOWN, "network")]
+    names = equations.unknowns["point"].names
+    joined = _Joined(progress, rays, names)
+    reasons: dict[tuple[str, str], list[str]] = {}
+    for p in missing.tolist():
+        reasons.setdefault(("point", joined.why(p)), []).append(names[p])
+    for f in photos.tolist():
+        why = _why_no_pose(progress, rays, f)
+        reasons.setdefault(("photo", why), []).append(equations.unknowns["pose"].names[f])
+    for s in _unoriented(progress).tolist():
+        why = "neither its station with a target, nor its orientation could be reached"
+        reasons.setdefault(("set", why), []).append(equations.unknowns["orientation"].names[s])
+    return [
+        Problem(why, f"{what}{'s' if len(who) > 1 else ''} {known(who)}")
+        for (what, why), who in reasons.items()
+    ]
+
+
+def _unoriented(progress: Progress) -> Index:
+    """Return the sets that have directions and no orientation."""
+    used = np.zeros(len(progress.orientation), dtype=bool)
+    used[progress.survey.directions.third] = True
+    return np.flatnonzero(used & np.isnan(progress.orientation))
+
+
+def _why_no_pose(progress: Progress, rays: ImageRays, photo: int) -> str:
+    seen = rays.point[rays.photo == photo]
+    n = int(np.count_nonzero(progress.complete[seen]))
+    if n >= 4:
+        return (
+            f"{n} of its {len(seen)} image points belong to known points, but no pose in front of "
+            "them fits: check names, coordinates and calibration, or give its orientation"
+        )
+    return (
+        f"only {n} of its {len(seen)} image points belong to points that are known or could be "
+        "reached; a resection needs 4, or 2 with a given projection centre or attitude"
+    )
+
+
+class _Joined:
+    """What every point is joined by."""
+
+    def __init__(self, progress: Progress, rays: ImageRays, names: tuple[str, ...]) -> None:
+        self._progress = progress
+        self._names = names
+        self._known = progress.complete
+        s = progress.survey
+        self._kinds: list[tuple[str, Sighted]] = [
+            ("direction", s.directions),
+            ("azimuth", s.azimuths),
+            ("angle", s.angles),
+            ("slope distance", s.slopes),
+            ("horizontal distance", s.levels),
+            ("zenith angle", s.zeniths),
+            ("height difference", s.steps),
+            ("GNSS vector", s.vectors),
+        ]
+        n = s.n_points
+        has_pose = posed(progress)
+        self._rays = np.bincount(rays.point[has_pose[rays.photo]], minlength=n)
+        self._blind = np.bincount(rays.point[~has_pose[rays.photo]], minlength=n)
+        self._doubt: dict[int, list[Array]] = dict(doubtful(progress))
+        self._in_space = {p for p, found in positions_in_space(progress) if len(found) > 1}
+
+    def why(self, p: int) -> str:
+        """Return why point ``p`` could not be reached."""
+        if self._progress.placed[p]:
+            return self._why_no_height(p)
+        if p in self._doubt:
+            # Positions differ from point to point: such points are listed one by one.
+            a, b = (self._position(at) for at in self._doubt[p])
+            return f"two positions fit equally well, near {a} and {b}; give approximate coordinates"
+        if p in self._in_space:
+            return (
+                "two positions fit its slope distances equally well, on either side of the points "
+                "it was measured from; give approximate coordinates"
+            )
+        parts = []
+        others: dict[int, None] = {}
+        for kind, sighted in self._kinds:
+            ends: tuple[Index, ...] = (sighted.station, sighted.target)
+            if kind == "angle":
+                ends = (*ends, sighted.third)
+            mine = np.any([e == p for e in ends], axis=0)
+            if mine.any():
+                parts.append(_count(int(mine.sum()), kind))
+                for e in ends:
+                    others.update(dict.fromkeys(e[mine & (e != p)].tolist()))
+        if self._rays[p]:
+            parts.append(_count(int(self._rays[p]), "image ray"))
+        if self._blind[p]:
+            parts.append(_count(int(self._blind[p]), "image ray") + " from photos without pose")
+        if not parts:
+            return "no observation joins it to anything"
+        found = ", ".join(parts)
+        away = [self._names[q] for q in others if not self._known[q]]
+        if others and len(away) == len(others) and not self._rays[p]:
+            return f"{found}, joined only to points that are not reached themselves: {known(away)}"
+        if set(parts) <= {"1 image ray"}:
+            return "1 image ray, no distance"
+        if self._rays[p] >= 2 and not others:
+            return f"{found} that do not meet in front of the photos"
+        return f"{found}: not enough to find its position" + (
+            f"; not reached either: {known(away)}" if away else ""
+        )
+
+    def _position(self, plan: Array) -> str:
+        """Return coordinates of the frame of a position in plan (2,)."""
+        horizon = self._progress.horizon
+        xyz = horizon.from_plan(np.array([[*plan, 0.0]]))[0]
+        shown = xyz[:2] if horizon.by_component else xyz
+        return f"({', '.join(f'{v:.3f}' for v in shown)})"
+
+    def _why_no_height(self, p: int) -> str:
+        s = self._progress.survey
+        known_height: Mask = np.isfinite(self._progress.plan[:, 2])
+        joined = False
+        for sighted in (s.steps, s.zeniths, s.slopes, s.vectors):
+            joined |= bool(np.any((sighted.station == p) | (sighted.target == p)))
+        if not joined:
+            return "its height is not observed; hold z in a plane network"
+        if not known_height.any():
+            return "no height is known in the network; give one, or ask for a free network"
+        return "its height is not joined to a known height"
+
+
+def _count(n: int, what: str) -> str:
+    """Return ``1 image ray`` or ``2 image rays``."""
+    return f"{n} {what}" + ("s" if n != 1 else "")

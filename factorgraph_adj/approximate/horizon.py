@@ -1,0 +1,124 @@
+"""Plan and height: the one place where horizontal work meets the frame.
+
+Approximate values are found in plan (east, north) and height apart, because many
+observations know one and not the other. In a local frame they are X, Y, Z in another order;
+in geocentric and topocentric frames they are east and north in the horizon of one place, and
+the ellipsoidal height. Over distances d from that place the plan is wrong by parts of about
+(d/R)², which an adjustment takes out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..frames import AXES, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
+from ..types import Array
+
+
+class Horizon:
+    """Turns coordinates of the frame into east, north, height, and back; NaN by component."""
+
+    def __init__(self, frame: Frame, place: Array) -> None:
+        """Lay the horizon.
+
+        Args:
+            frame: the frame of the network.
+            place: a place in the middle of the network, (3,), metres; not used in a local frame.
+        """
+        self.frame = frame
+        self.curvature = 1.0 / frame.radius
+        """1/R where heights follow the Earth, else 0."""
+        self._local: TopocentricFrame | None = None
+        if isinstance(frame, LocalFrame):
+            first, second = AXES[frame.axes[0]], AXES[frame.axes[1]]
+            # Which of X, Y shows east and north, and its sign.
+            self._east = (0, first[0]) if first[0] else (1, second[0])
+            self._north = (0, first[1]) if first[1] else (1, second[1])
+            if not frame.curvature:
+                self.curvature = 0.0
+        elif isinstance(frame, TopocentricFrame):
+            self._local = frame
+        else:
+            at = frame.ellipsoid.to_geodetic(place[None])
+            self._local = TopocentricFrame(
+                float(at[0][0]), float(at[1][0]), 0.0, frame.ellipsoid_name, frame.radius
+            )
+
+    @property
+    def by_component(self) -> bool:
+        """Whether a coordinate of the frame is a coordinate of the plan or the height."""
+        return not isinstance(self.frame, GeocentricFrame)
+
+    def to_plan(self, xyz: Array) -> Array:
+        """Return east, north, height (n, 3), metres, of frame coordinates (n, 3)."""
+        if self._local is None:
+            assert isinstance(self.frame, LocalFrame)
+            (i, si), (j, sj) = self._east, self._north
+            plan = np.stack([si * xyz[:, i], sj * xyz[:, j], xyz[:, 2]], 1)
+            plan[:, 2] += self._drop(plan)
+            return plan
+        geocentric = self._geocentric(xyz)
+        if isinstance(self.frame, TopocentricFrame):
+            plan = xyz.copy()
+        else:
+            plan = self._local.from_geocentric(geocentric)
+        plan[:, 2] = self._local.geocentric.ellipsoid.to_geodetic(geocentric)[2]
+        return plan
+
+    def from_plan(self, plan: Array) -> Array:
+        """Return frame coordinates (n, 3), metres, of east, north, height (n, 3)."""
+        if self._local is None:
+            xyz = plan.copy()
+            (i, si), (j, sj) = self._east, self._north
+            xyz[:, i], xyz[:, j] = si * plan[:, 0], sj * plan[:, 1]
+            xyz[:, 2] -= self._drop(plan)
+            return xyz
+        enu = plan.copy()
+        enu[:, 2] -= (plan[:, 0] ** 2 + plan[:, 1] ** 2) * self.curvature / 2
+        for _ in range(4):
+            geocentric = self._local.to_geocentric(enu)
+            height = self._local.geocentric.ellipsoid.to_geodetic(geocentric)[2]
+            enu[:, 2] += plan[:, 2] - height
+        geocentric = self._local.to_geocentric(enu)
+        return enu if isinstance(self.frame, TopocentricFrame) else geocentric
+
+    def _geocentric(self, xyz: Array) -> Array:
+        if isinstance(self.frame, TopocentricFrame):
+            return self.frame.to_geocentric(xyz)
+        return xyz
+
+    def _drop(self, plan: Array) -> Array:
+        """Return how far the level surface lies below the plane, d²/2R; 0 where plan is unknown."""
+        if self.curvature == 0.0:
+            return np.zeros(len(plan))
+        assert isinstance(self.frame, LocalFrame)
+        (i, si), (j, sj) = self._east, self._north
+        origin = self.frame.origin
+        e, n = plan[:, 0] - si * origin[i], plan[:, 1] - sj * origin[j]
+        return np.asarray(np.nan_to_num((e * e + n * n) * self.curvature / 2))
+
+    def convergence(self, plan: Array) -> Array:
+        """Return γ (n,), radians: bearing in plan = azimuth at the station + γ."""
+        if self._local is None and self.curvature == 0.0:
+            return np.zeros(len(plan))
+        xyz = self.from_plan(np.nan_to_num(plan))
+        north = self.frame.basis(xyz, np.zeros((len(plan), 2))).enu[:, 1]
+        if self._local is None:
+            (i, si), (j, sj) = self._east, self._north
+            return np.asarray(np.arctan2(si * north[:, i], sj * north[:, j]))
+        if not isinstance(self.frame, TopocentricFrame):
+            north = self._local.from_geocentric(
+                self._local.to_geocentric(np.zeros_like(north)) + north
+            )
+        return np.asarray(np.arctan2(north[:, 0], north[:, 1]))
+
+
+def place_of(frame: Frame, xyz: Array, latitude: float, longitude: float) -> Array:
+    """Return a place (3,) for the horizon: the median of known points, else by Φ, Λ (rad)."""
+    known = xyz[np.isfinite(xyz).all(axis=1)]
+    if len(known) or isinstance(frame, LocalFrame):
+        return np.asarray(np.median(known, axis=0)) if len(known) else np.zeros(3)
+    if isinstance(frame, TopocentricFrame):
+        return np.zeros(3)
+    at = np.array([latitude]), np.array([longitude]), np.zeros(1)
+    return np.asarray(frame.ellipsoid.to_cartesian(*at)[0])

@@ -1,0 +1,72 @@
+"""What has been reached so far in the search for approximate values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..types import Array, Index, Mask
+from .horizon import Horizon
+from .survey import Survey
+
+
+@dataclass
+class Progress:
+    """Coordinates and orientations, NaN where not reached; the steps of the search fill them."""
+
+    survey: Survey
+    """Terrestrial observations."""
+    horizon: Horizon
+    """Between the frame and plan and height."""
+    plan: Array
+    """East, north, height, metres, (n, 3)."""
+    orientation: Array
+    """Orientation unknowns, radians, (m,)."""
+    pose: Array
+    """Poses of photos, (f, 12)."""
+
+    def copy(self) -> Progress:
+        """Return an independent copy, for a trial."""
+        return replace(
+            self,
+            plan=self.plan.copy(),
+            orientation=self.orientation.copy(),
+            pose=self.pose.copy(),
+        )
+
+    @property
+    def placed(self) -> Mask:
+        """Points known in plan, (n,)."""
+        return np.asarray(np.isfinite(self.plan[:, 0]) & np.isfinite(self.plan[:, 1]))
+
+    @property
+    def complete(self) -> Mask:
+        """Points known in plan and height, (n,)."""
+        return np.asarray(np.isfinite(self.plan).all(axis=1))
+
+    def set_plan(self, point: Index, plan: Array) -> bool:
+        """Fill east and north (n, 2) of points where they are not known; return whether any was."""
+        new = np.isnan(self.plan[point, :2]) & np.isfinite(plan)
+        values = self.plan[point, :2]
+        values[new] = plan[new]
+        self.plan[point, :2] = values
+        return bool(new.any())
+
+    def set_height(self, point: Index, height: Array) -> bool:
+        """Fill heights (n,) of points where they are not known; return whether any was."""
+        new = np.isnan(self.plan[point, 2]) & np.isfinite(height)
+        self.plan[point[new], 2] = height[new]
+        return bool(new.any())
+
+    def lengths(self) -> Array:
+        """Return the horizontal length of every edge as far as it is known now, NaN elsewhere.
+
+        A slope distance without zenith angle is reduced by the height difference, levelled
+        or of known heights.
+        """
+        e = self.survey.edges
+        rise = self.plan[e.b, 2] - self.plan[e.a, 2]
+        rise = np.where(np.isfinite(rise), rise, e.rise) + e.slope_rise
+        reduced = np.sqrt(np.maximum(e.slope**2 - rise**2, 0.0))
+        return np.where(np.isfinite(e.level), e.level, reduced)

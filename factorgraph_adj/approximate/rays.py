@@ -1,0 +1,203 @@
+"""Image rays: ideal tangents of measured points, and points where rays meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..graph.equations import Equations
+from ..models.lens import Lens
+from ..types import Array, Index, Mask
+from .progress import Progress
+
+LENS_ITERATIONS = 50
+"""Most fixed-point steps for lens models that distort ideal coordinates."""
+TANGENT_TOLERANCE = 1e-8
+"""Change of a tangent at which the fixed-point iteration ends."""
+GOOD_PARALLAX = 0.1
+"""Angle between rays, radians, from which an intersection is taken at once."""
+LEAST_PARALLAX = 1e-3
+"""Angle between rays, radians, below which they do not fix a point."""
+REWEIGHTINGS = 5
+"""Steps towards the least sum of misses where a ray misses by much."""
+
+
+def tangents(lens: Lens, xy: Array, calibration: Array) -> Array:
+    """Return the tangents (n, 2) of the rays of measured coordinates (n, 2).
+
+    Solves v(t) = 0 by t ← t − v/c, which is exact after one step for lens models that correct
+    measured coordinates, and contracts for those that distort ideal ones (distortion ≪ 1).
+
+    Args:
+        lens: the lens model.
+        xy: measured coordinates, (n, 2), image units.
+        calibration: its parameters, (n, k) or (1, k).
+    """
+    c = calibration[:, :1]
+    t = (xy - calibration[:, 1:3]) / c
+    for _ in range(LENS_ITERATIONS):
+        v, _, _ = lens.residual(t[:, 0], t[:, 1], xy, calibration, jacobians=False)
+        step = v / c
+        t = t - step
+        if np.abs(step).max(initial=0.0) < TANGENT_TOLERANCE:
+            break
+    return np.asarray(t)
+
+
+@dataclass(frozen=True)
+class ImageRays:
+    """Rays of all image points in the axes of their cameras."""
+
+    photo: Index
+    """Number of the photo, (n,)."""
+    point: Index
+    """Number of the point, (n,)."""
+    tangent: Array
+    """t_x, t_y, (n, 2)."""
+
+    @property
+    def direction(self) -> Array:
+        """Unit vectors in camera axes (x right, y down, z forward), (n, 3)."""
+        t = self.tangent
+        d = np.stack([t[:, 0], -t[:, 1], np.ones(len(t))], 1)
+        return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
+
+
+def read_rays(equations: Equations) -> ImageRays:
+    """Turn the image coordinates of a network into rays."""
+    photos, points, found = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)], [np.zeros((0, 2))]
+    values = equations.unknowns["calibration"].values
+    for block in equations.blocks:
+        if block.lens is None:
+            continue
+        k = len(block.lens.names)
+        number = block.variables[1][1]
+        calibration = values[:, :k] if len(values) == 1 else values[number, :k]
+        photos.append(block.variables[0][1])
+        points.append(block.variables[2][1])
+        found.append(tangents(block.lens, block.observed, calibration))
+    return ImageRays(np.concatenate(photos), np.concatenate(points), np.concatenate(found))
+
+
+def posed(progress: Progress) -> Mask:
+    """Return the photos whose pose is known, (f,)."""
+    return np.asarray(np.isfinite(progress.pose).all(axis=1))
+
+
+def world_rays(progress: Progress, rays: ImageRays, rows: Index) -> tuple[Array, Array]:
+    """Return projection centres and unit vectors in the frame, (n, 3) each, of some rays."""
+    pose = progress.pose[rays.photo[rows]]
+    t = rays.tangent[rows]
+    r = pose[:, :9]
+    d = r[:, 0::3] * t[:, :1] - r[:, 1::3] * t[:, 1:] + r[:, 2::3]
+    return pose[:, 9:], d / np.sqrt(np.einsum("ni,ni->n", d, d))[:, None]
+
+
+def nearest_to_rays(
+    centre: Array, direction: Array, group: Index, n: int, weight: Array | None = None
+) -> tuple[Array, Array]:
+    """Return the point nearest to the rays of each group, and the strength of each.
+
+    Minimises Σ w |(I − d dᵀ)(X − X₀)|².
+
+    Args:
+        centre: X₀, (m, 3), metres.
+        direction: unit vectors d, (m, 3).
+        group: number of the group of each ray, (m,).
+        n: number of groups.
+        weight: w, (m,); none: 1.
+
+    Returns:
+        X (n, 3), metres, NaN where the rays are parallel, and the smaller angle between rays that
+        would be as strong, radians: √(2 λ/m) of the smallest eigenvalue λ of the normal matrix.
+    """
+    w = np.ones(len(group)) if weight is None else weight
+    shift = centre.mean(axis=0) if len(centre) else np.zeros(3)
+    x0 = centre - shift
+    along = np.einsum("ni,ni->n", direction, x0)
+    normal = np.empty((n, 3, 3))
+    right = np.empty((n, 3))
+    for i in range(3):
+        wd = w * direction[:, i]
+        right[:, i] = np.bincount(group, w * x0[:, i] - wd * along, n)
+        for j in range(i, 3):
+            off = np.bincount(group, -wd * direction[:, j] + (w if i == j else 0.0), n)
+            normal[:, i, j] = normal[:, j, i] = off
+    count = np.bincount(group, w, n)
+    # Eigenvalues lie in [0, m]; with two near m their product leaves the smallest one.
+    a, b, c = normal[:, 0], normal[:, 1], normal[:, 2]
+    ab, bc, ca = np.cross(a, b), np.cross(b, c), np.cross(c, a)
+    det = np.einsum("ni,ni->n", a, bc)
+    largest = ab[:, 2] + bc[:, 0] + ca[:, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        x = (bc * right[:, :1] + ca * right[:, 1:2] + ab * right[:, 2:]) / det[:, None]
+        strength = np.sqrt(np.maximum(2.0 * det / (largest * count), 0.0))
+    strength = np.nan_to_num(strength)
+    x[strength <= 1e-7] = np.nan
+    return x + shift, strength
+
+
+def _misses(x: Array, centre: Array, direction: Array) -> tuple[Array, Array]:
+    """Return depths along the rays (n,) and distances from them, relative to the depth, (n,)."""
+    d = x - centre
+    depth = np.einsum("ni,ni->n", d, direction)
+    off = np.sqrt(np.maximum(np.einsum("ni,ni->n", d, d) - depth**2, 0.0))
+    return depth, np.asarray(off / np.maximum(np.abs(depth), 1e-12))
+
+
+def intersect_rays(
+    progress: Progress, rays: ImageRays, *, parallax: float = GOOD_PARALLAX, wanted: Mask
+) -> bool:
+    """Fill unknown points that two or more photos of known pose see.
+
+    Where a ray misses by much, the point with the least sum of misses is taken. A point must
+    come to lie in front of the photos.
+
+    Args:
+        progress: is filled.
+        rays: the image rays.
+        parallax: least strength of an intersection, radians, see `nearest_to_rays`.
+        wanted: points to intersect, (n,).
+
+    Returns:
+        Whether any point was found.
+    """
+    rows = np.flatnonzero(wanted[rays.point] & posed(progress)[rays.photo])
+    if not len(rows):
+        return False
+    count = np.bincount(rays.point[rows], minlength=len(wanted))
+    rows = rows[count[rays.point[rows]] >= 2]
+    if not len(rows):
+        return False
+    points = np.flatnonzero(count >= 2)
+    number = np.zeros(len(wanted), dtype=np.intp)
+    number[points] = np.arange(len(points))
+    group = number[rays.point[rows]]
+    centre, direction = world_rays(progress, rays, rows)
+    x, strength = nearest_to_rays(centre, direction, group, len(points))
+
+    depth, miss = _misses(x[group], centre, direction)
+    typical = float(np.nanmedian(miss)) if np.isfinite(miss).any() else 0.0
+    bad = (miss > 10.0 * typical + 1e-9) & (count[rays.point[rows]] >= 3)
+    if bad.any():
+        again = np.unique(group[bad])
+        position = np.full(len(points), -1, dtype=np.intp)
+        position[again] = np.arange(len(again))
+        part = np.flatnonzero(position[group] >= 0)
+        own = position[group[part]]
+        for _ in range(REWEIGHTINGS):
+            weight = 1.0 / np.maximum(miss[part], typical + 1e-12)
+            weight /= np.bincount(own, weight)[own]
+            x[again], _ = nearest_to_rays(centre[part], direction[part], own, len(again), weight)
+            _, miss[part] = _misses(x[group[part]], centre[part], direction[part])
+        depth, _ = _misses(x[group], centre, direction)
+    in_front = np.bincount(group, depth > 0, len(points)) > 0.5 * np.bincount(
+        group, minlength=len(points)
+    )
+    good = in_front & (strength >= parallax) & np.isfinite(x).all(axis=1)
+    if not good.any():
+        return False
+    plan = progress.horizon.to_plan(x[good])
+    placed = progress.set_plan(points[good], plan[:, :2])
+    return progress.set_height(points[good], plan[:, 2]) or placed

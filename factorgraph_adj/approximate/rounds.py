@@ -1,0 +1,158 @@
+"""The search for approximate values: step after step until nothing more can be reached."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..errors import ApproximationError
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..network import DatumChoice
+from ..observations import AstronomicLatitude, AstronomicLongitude
+from .diagnosis import not_reached
+from .free_start import join_blocks, observed_misfits, resolve_doubt, start_heights
+from .horizon import Horizon, place_of
+from .intersection import GOOD_CROSSING, LEAST_CROSSING, intersect
+from .levelling import height_differences, heights
+from .orientation import orient, orient_by_model
+from .polar import polar
+from .progress import Progress
+from .rays import GOOD_PARALLAX, LEAST_PARALLAX, ImageRays, intersect_rays, read_rays
+from .resection import resections
+from .single_ray import far_points, ray_and_more
+from .spheres import spheres, start_in_space
+from .survey import read_survey
+from .vectors import given_positions, known_coordinates, vectors
+
+ROUGH = 0.05
+"""Misfit of a length (relative) or an angle (radians) that only a rough coordinate explains."""
+
+
+def approximate(equations: Equations, *, datum: DatumChoice | None = None) -> State:
+    """Return start values of all unknowns; those that are given stay as they are.
+
+    Orientation unknowns, points and photos without values are found in rounds from what is
+    known, see the modules of this package.
+
+    Args:
+        equations: the equations of a network.
+        datum: overrides the network's; ``free`` allows an arbitrary start where nothing is known.
+
+    Raises:
+        ApproximationError: lists every point, photo and set that could not be reached, and why.
+    """
+    state = equations.unknowns.start()
+    if not any(np.isnan(values).any() for values in state.values()):
+        return state
+    state["vertical"] = np.nan_to_num(state["vertical"])
+    if np.isnan(state["point"]).any() or np.isnan(state["pose"]).any():
+        progress, rays = _begin(equations, state)
+        free = (datum or equations.network.datum) == "free"
+        forgetful = progress.copy()
+        _search(progress, rays, free=free)
+        progress = _without_contradiction(equations, progress, forgetful, rays, free=free)
+        _take_over(progress, state)
+        problems = not_reached(equations, progress, rays, free=free)
+        if problems:
+            raise ApproximationError(problems)
+    orient_by_model(equations, state)
+    return state
+
+
+def _begin(equations: Equations, state: State) -> tuple[Progress, ImageRays]:
+    frame = equations.network.frame
+    latitude, longitude = (
+        float(
+            np.median(
+                [o.value for o in equations.network.observations.values() if type(o) is kind]
+                or [0.0]
+            )
+        )
+        for kind in (AstronomicLatitude, AstronomicLongitude)
+    )
+    given = np.concatenate([state["point"], given_positions(equations.network)])
+    horizon = Horizon(frame, place_of(frame, given, latitude, longitude))
+    progress = Progress(
+        read_survey(equations, horizon.curvature),
+        horizon,
+        horizon.to_plan(state["point"]),
+        state["orientation"][:, 0].copy(),
+        state["pose"].copy(),
+    )
+    known_coordinates(equations, progress)
+    return progress, read_rays(equations)
+
+
+def _search(progress: Progress, rays: ImageRays, *, free: bool) -> None:
+    """Take the surest step that leads on, again and again."""
+    steps: tuple[Callable[[], bool], ...] = (
+        lambda: _sure_steps(progress),
+        lambda: intersect_rays(progress, rays, parallax=GOOD_PARALLAX, wanted=~progress.complete),
+        lambda: resections(progress, rays, least=6),
+        lambda: intersect(progress, crossing=GOOD_CROSSING),
+        lambda: resections(progress, rays, least=4),
+        lambda: intersect(progress, crossing=LEAST_CROSSING),
+        lambda: spheres(progress),
+        lambda: intersect_rays(progress, rays, parallax=LEAST_PARALLAX, wanted=~progress.complete),
+        lambda: ray_and_more(progress, rays),
+        lambda: far_points(progress, rays),
+        lambda: resolve_doubt(progress, mirror=False),
+        lambda: join_blocks(progress, free=free),
+        lambda: free and resolve_doubt(progress, mirror=True),
+        lambda: free and start_in_space(progress),
+        lambda: free and start_heights(progress, height_differences(progress)[0]),
+    )
+    while any(step() for step in steps):
+        pass
+
+
+def _without_contradiction(
+    equations: Equations, first: Progress, second: Progress, rays: ImageRays, *, free: bool
+) -> Progress:
+    """Search again without the approximate coordinates of free points if they contradict.
+
+    One rough coordinate may turn a whole set of directions. What is held, weighted or control
+    then leads the search, and approximate coordinates only go on where that ends; the better
+    of the two results counts.
+
+    Args:
+        equations: the equations.
+        first: what was found with all that is given.
+        second: what was given, is filled.
+        rays: the image rays.
+        free: whether the datum is free.
+    """
+    misfit = observed_misfits(first)
+    table = equations.unknowns["point"]
+    rough = table.free & ~np.isfinite(table.sigma)
+    if not (misfit > ROUGH).any() or not np.isfinite(table.values[rough]).any():
+        return first
+    given = second.plan.copy()
+    second.plan = second.horizon.to_plan(np.where(rough, np.nan, table.values))
+    known_coordinates(equations, second)
+    _search(second, rays, free=False)
+    every = np.arange(len(given))
+    second.set_plan(every, given[:, :2])
+    second.set_height(every, given[:, 2])
+    _search(second, rays, free=free)
+    better = np.nansum(observed_misfits(second)) < np.nansum(misfit)
+    return second if better and second.complete.sum() >= first.complete.sum() else first
+
+
+def _sure_steps(progress: Progress) -> bool:
+    """Orientations, polar points, heights and vectors."""
+    led_on = False
+    while orient(progress) | polar(progress) | heights(progress) | vectors(progress):
+        led_on = True
+    return led_on
+
+
+def _take_over(progress: Progress, state: State) -> None:
+    """Fill what is missing in the state; what is given stays."""
+    missing = np.isnan(state["point"])
+    rows = np.flatnonzero(missing.any(axis=1))
+    found = progress.horizon.from_plan(progress.plan[rows])
+    state["point"][rows] = np.where(missing[rows], found, state["point"][rows])
+    state["pose"] = np.where(np.isnan(state["pose"]), progress.pose, state["pose"])

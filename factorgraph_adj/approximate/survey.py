@@ -1,0 +1,229 @@
+"""Terrestrial observations in columns, as the search for approximate values reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..graph.blocks import Block
+from ..graph.equations import Equations
+from ..models.base import wrap
+from ..types import Array, Index
+
+
+def group_median(group: Index, value: Array, size: int) -> Array:
+    """Return the median of ``value`` (n,) in each of ``size`` groups; NaN where there is none."""
+    out = np.full(size, np.nan)
+    if not len(group):
+        return out
+    order = np.lexsort((value, group))
+    g, v = group[order], value[order]
+    first = np.flatnonzero(np.concatenate([[True], g[1:] != g[:-1]]))
+    count = np.diff(np.append(first, len(g)))
+    out[g[first]] = 0.5 * (v[first + (count - 1) // 2] + v[first + count // 2])
+    return out
+
+
+def group_angle(group: Index, angle: Array, size: int) -> Array:
+    """Return the median of angles in each group, about their circular mean: ±π is no edge."""
+    s = np.bincount(group, np.sin(angle), size)
+    c = np.bincount(group, np.cos(angle), size)
+    mean = np.arctan2(s, c)
+    return mean + group_median(group, wrap(angle - mean[group]), size)
+
+
+@dataclass(frozen=True)
+class Sighted:
+    """Observations of one kind from stations to targets."""
+
+    station: Index
+    """Numbers of the stations, (n,)."""
+    target: Index
+    """Numbers of the targets, (n,)."""
+    value: Array
+    """Values, metres or radians, (n,); GNSS vectors (n, 3)."""
+    rise: Array
+    """Height of the target's signal over its point minus that of the instrument, metres, (n,)."""
+    third: Index
+    """Number of the orientation (directions) or of the second target (angles), (n,)."""
+
+    @property
+    def n(self) -> int:
+        """Number of observations."""
+        return len(self.station)
+
+
+def _join(blocks: Iterable[Block], third: int | None = None, width: int = 1) -> Sighted:
+    """Put blocks together; ``third`` is the place of a further variable."""
+    found = list(blocks)
+    if not found:
+        none = np.zeros(0, dtype=np.intp)
+        value = np.zeros(0) if width == 1 else np.zeros((0, width))
+        return Sighted(none, none, value, np.zeros(0), none)
+
+    def column(place: int) -> Index:
+        return np.concatenate([b.variables[place][1] for b in found])
+
+    station = column(0)
+    return Sighted(
+        station,
+        column(2),
+        np.concatenate([b.observed[:, 0] if width == 1 else b.observed for b in found]),
+        np.concatenate(
+            [b.constants["target_height"] - b.constants["instrument_height"] for b in found]
+        ),
+        np.zeros_like(station) if third is None else column(third),
+    )
+
+
+def _length(block: Block, values: Array) -> Array:
+    """Return lengths freed of scale and zero constant of their distance meter."""
+    edm = values[block.variables[4][1]]
+    return np.asarray((block.observed[:, 0] - edm[:, 1]) / (1.0 + edm[:, 0]))
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Pairs of points with a length or a height difference between them, each pair once."""
+
+    a: Index
+    """Number of the first point, a < b, (n,)."""
+    b: Index
+    """Number of the second point, (n,)."""
+    key: Index
+    """a·(number of points) + b, ascending, (n,)."""
+    slope: Array
+    """Slope distance, metres; NaN: none, (n,)."""
+    slope_rise: Array
+    """Height of the signal minus height of the instrument, from a to b, metres, (n,)."""
+    level: Array
+    """Horizontal distance by itself, metres; NaN: none, (n,)."""
+    rise: Array
+    """H_b − H_a by levelling, or by slope distance and zenith angle, metres; NaN: none, (n,)."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """All terrestrial observations of a network."""
+
+    n_points: int
+    """Number of points."""
+    directions: Sighted
+    """Horizontal directions; third: the orientation."""
+    azimuths: Sighted
+    """Azimuths."""
+    angles: Sighted
+    """Horizontal angles; third: the second target."""
+    zeniths: Sighted
+    """Zenith angles."""
+    slopes: Sighted
+    """Slope distances."""
+    levels: Sighted
+    """Horizontal distances."""
+    steps: Sighted
+    """Levelled height differences."""
+    vectors: Sighted
+    """GNSS vectors."""
+    edges: Edges
+    """Lengths and height differences by pairs of points."""
+
+    def edge(self, i: Index, j: Index) -> tuple[Index, Index]:
+        """Return for pairs (n,) the rows that have an edge, and the edges' numbers."""
+        key = np.minimum(i, j) * self.n_points + np.maximum(i, j)
+        if not len(self.edges.key):
+            none = np.zeros(0, dtype=np.intp)
+            return none, none
+        place = np.minimum(np.searchsorted(self.edges.key, key), len(self.edges.key) - 1)
+        rows = np.flatnonzero(self.edges.key[place] == key)
+        return rows, place[rows]
+
+
+def read_survey(equations: Equations, curvature: float) -> Survey:
+    """Put the terrestrial observations into columns; ``curvature`` is 1/R or 0."""
+    by_kind: dict[str, list[Block]] = {}
+    for block in equations.blocks:
+        by_kind.setdefault(block.kind, []).append(block)
+    edm = equations.unknowns["edm"].values
+    n = len(equations.network.points)
+
+    def lengths(kind: str) -> Sighted:
+        found = by_kind.get(kind, [])
+        joined = _join(found)
+        if not found:
+            return joined
+        return Sighted(
+            joined.station,
+            joined.target,
+            np.concatenate([_length(b, edm) for b in found]),
+            joined.rise,
+            joined.third,
+        )
+
+    up = _join(by_kind.get("vertical_angle", []))
+    zenith = _join(by_kind.get("zenith_angle", []))
+    zeniths = Sighted(
+        np.concatenate([zenith.station, up.station]),
+        np.concatenate([zenith.target, up.target]),
+        np.concatenate([zenith.value, np.pi / 2 - up.value]),
+        np.concatenate([zenith.rise, up.rise]),
+        np.concatenate([zenith.third, up.third]),
+    )
+    slopes, levels = lengths("slope_distance"), lengths("horizontal_distance")
+    steps = _join(by_kind.get("height_difference", []))
+    return Survey(
+        n,
+        _join(by_kind.get("direction", []), 4),
+        _join(by_kind.get("azimuth", [])),
+        _join(by_kind.get("horizontal_angle", []), 4),
+        zeniths,
+        slopes,
+        levels,
+        steps,
+        _join(by_kind.get("gnss_vector", []), width=3),
+        _edges(n, slopes, levels, zeniths, steps, curvature),
+    )
+
+
+def _edges(
+    n: int, slopes: Sighted, levels: Sighted, zeniths: Sighted, steps: Sighted, curvature: float
+) -> Edges:
+    groups = (slopes, levels, steps)
+    i = np.concatenate([g.station for g in groups])
+    j = np.concatenate([g.target for g in groups])
+    key = np.unique(np.minimum(i, j) * n + np.maximum(i, j))
+    m = len(key)
+
+    def place(g: Sighted) -> tuple[Index, Array]:
+        """Return the edge of each observation and +1 where it points from a to b, else −1."""
+        at = np.searchsorted(
+            key, np.minimum(g.station, g.target) * n + np.maximum(g.station, g.target)
+        )
+        return at, np.where(g.station < g.target, 1.0, -1.0)
+
+    at, sign = place(slopes)
+    slope = group_median(at, slopes.value, m)
+    slope_rise = group_median(at, sign * slopes.rise, m)
+    at, _ = place(levels)
+    level = group_median(at, levels.value, m)
+    rise = np.full(m, np.nan)
+    if zeniths.n and m:
+        at, sign = place(zeniths)
+        at = np.minimum(at, m - 1)
+        pair = np.minimum(zeniths.station, zeniths.target) * n + np.maximum(
+            zeniths.station, zeniths.target
+        )
+        rows = np.flatnonzero((key[at] == pair) & (np.isfinite(slope[at]) | np.isfinite(level[at])))
+        at, sign, z = at[rows], sign[rows], zeniths.value[rows]
+        s = np.where(np.isfinite(slope[at]), slope[at], level[at] / np.maximum(np.sin(z), 1e-3))
+        along = s * np.sin(z)
+        height = s * np.cos(z) + along * along * curvature / 2 - zeniths.rise[rows]
+        by_slope = np.isfinite(slope[at])
+        trig = group_median(at[by_slope], along[by_slope], m)
+        level = np.where(np.isnan(level), trig, level)
+        rise = group_median(at, sign * height, m)
+    at, sign = place(steps)
+    levelled = group_median(at, sign * (steps.value - steps.rise), m)
+    rise = np.where(np.isnan(levelled), rise, levelled)
+    return Edges(key // max(n, 1), key % max(n, 1), key, slope, slope_rise, level, rise)

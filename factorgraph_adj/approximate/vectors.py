@@ -1,0 +1,73 @@
+"""Points from known coordinates and GNSS vectors; photos from known positions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..graph.equations import Equations
+from ..network import Network
+from ..observations import ControlPoint, PhotoPosition
+from ..types import Array
+from .progress import Progress
+from .survey import group_median
+
+
+def known_coordinates(equations: Equations, progress: Progress) -> None:
+    """Fill what control points, GNSS positions and photo positions say."""
+    network, unknowns = equations.network, equations.unknowns
+    horizon = progress.horizon
+    for o in network.observations.values():
+        if isinstance(o, PhotoPosition):
+            at = progress.pose[unknowns["pose"].number[o.photo], 9:]
+            missing = np.isnan(at)
+            # The lever arm is short beside the distance to the object.
+            at[missing] = np.asarray(o.value, dtype=float)[missing]
+        if not isinstance(o, ControlPoint):
+            continue
+        row = np.array([unknowns["point"].number[o.point]])
+        xyz = np.full((1, 3), np.nan)
+        if set(o.axes) <= set("enu"):
+            known = horizon.to_plan(np.asarray(o.value, dtype=float)[None])
+            for i, axis in enumerate("enu"):
+                if axis not in o.axes:
+                    known[0, i] = np.nan
+        else:
+            for axis, value in zip(o.axes, o.value, strict=True):
+                xyz[0, "xyz".index(axis)] = value
+            known = horizon.to_plan(xyz)
+        progress.set_plan(row, known[:, :2])
+        progress.set_height(row, known[:, 2])
+
+
+def given_positions(network: Network) -> Array:
+    """Return the positions (n, 3) that observations of points and photos give altogether."""
+    found = [
+        o.value
+        for o in network.observations.values()
+        if isinstance(o, PhotoPosition)
+        or (isinstance(o, ControlPoint) and (o.axes == "xyz" or set(o.axes) <= set("enu")))
+    ]
+    found += [f.position for f in network.photos.values() if f.position is not None]
+    return np.array(found, dtype=float).reshape(-1, 3)
+
+
+def vectors(progress: Progress) -> bool:
+    """Fill points at the end of a GNSS vector from a known point; median of several."""
+    v = progress.survey.vectors
+    complete = progress.complete
+    if not v.n or (complete[v.station].all() and complete[v.target].all()):
+        return False
+    forth = complete[v.station] & ~complete[v.target]
+    back = complete[v.target] & ~complete[v.station]
+    if not (forth.any() or back.any()):
+        return False
+    near = np.concatenate([v.station[forth], v.target[back]])
+    far = np.concatenate([v.target[forth], v.station[back]])
+    step = np.concatenate([v.value[forth], -v.value[back]])
+    at = progress.horizon.to_plan(progress.horizon.from_plan(progress.plan[near]) + step)
+    at[:, 2] -= np.concatenate([v.rise[forth], -v.rise[back]])
+    new = np.unique(far)
+    place = np.searchsorted(new, far)
+    found = np.stack([group_median(place, at[:, c], len(new)) for c in range(3)], 1)
+    placed = progress.set_plan(new, found[:, :2])
+    return progress.set_height(new, found[:, 2]) or placed

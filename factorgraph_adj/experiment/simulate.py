@@ -1,0 +1,278 @@
+"""Measurements of a plan: true values plus errors drawn from the stochastic model.
+
+A plan is a `Network` whose given values are the true ones and whose observed values do not
+matter. What is computed from it comes from the same models that an adjustment uses, so a
+simulation tests geometry, weights, solver and covariances; that the models themselves are
+right is shown on real measurements.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..graph.blocks import Block
+from ..graph.equations import Equations, compile_network
+from ..graph.variables import State
+from ..models.registry import VariableKind
+from ..network import Camera, ImageTable, Network, Parameter, Photo
+from ..observations import (
+    OBSERVATIONS,
+    Azimuth,
+    ControlPoint,
+    Direction,
+    HorizontalAngle,
+    Observation,
+)
+from ..rotation import exp_rotation
+from ..types import Array
+
+Seed = int
+"""Seed of a simulation: the same seed gives the same errors on every machine."""
+
+NEGLIGIBLE = 1e-13
+"""Measured → ideal lens models are inverted to this part of the principal distance."""
+MOST_ROUNDS = 50
+
+
+@dataclass(frozen=True)
+class Truth:
+    """True values of a simulated network."""
+
+    points: Mapping[str, Array]
+    """Coordinates (3,), metres, by point."""
+    photos: Mapping[str, Photo]
+    """Exterior orientation by photo."""
+    cameras: Mapping[str, Camera]
+    """Calibration by camera."""
+    refractions: Mapping[str, Parameter]
+    """Coefficients of refraction by group."""
+    verticals: Mapping[str, Parameter]
+    """Deflections ξ, η, radians, by station."""
+    distance_meters: Mapping[str, Parameter]
+    """Scale and zero constant, metres, by distance meter."""
+
+    @classmethod
+    def of(cls, plan: Network) -> Truth:
+        """Return the given values of a plan."""
+        return cls(
+            {name: np.array(p.coordinates) for name, p in plan.points.items()},
+            dict(plan.photos),
+            dict(plan.cameras),
+            dict(plan.refractions),
+            dict(plan.verticals),
+            dict(plan.distance_meters),
+        )
+
+    def calibration(self, camera: str, parameter: str) -> float:
+        """Return the true value of a calibration parameter, image units."""
+        found = self.cameras[camera]
+        return found.values[found.lens.names.index(parameter)]
+
+
+@dataclass(frozen=True)
+class SimulatedNetwork:
+    """A network with simulated measurements, and what they were made from."""
+
+    network: Network
+    """Measurements and approximate values: what an adjustment gets."""
+    truth: Truth
+    """What it should find."""
+
+
+def measure(plan: Network, *, seed: Seed) -> Network:
+    """Return ``plan`` with every observation measured: its true value plus a drawn error.
+
+    Errors are normal with the standard deviations and covariances of the observations; those
+    of image coordinates are added to what is measured. (Lens models from measured to ideal
+    coordinates adjust the corrected ones with the same weights: where distortion changes
+    distances by some per cent, so does σ̂0.) Every
+    kind of observation draws from a stream of its own, in the order of the plan: two plans
+    that begin with the same observations of a kind measure them with the same errors. Weighted
+    unknowns are observations too: their given values are drawn, but for cameras with a
+    calibration for each photo.
+
+    Args:
+        plan: a network with true values everywhere, the orientation unknowns among them.
+        seed: seed of the errors.
+
+    Returns:
+        A network of its own; its image points have no ids.
+    """
+    equations = compile_network(plan)
+    state = equations.unknowns.start()
+    true = [_observed_truly(equations, block, state) for block in equations.blocks]
+    # Standard deviations may depend on the length that was measured, hence after that.
+    equations = replace(equations, blocks=tuple(true)).weighted_at(state)
+    errors = _errors(equations, seed)
+    measured = _weighted_drawn(equations, plan, seed)
+    measured.images = ImageTable()
+    values: dict[str, list[float]] = {}
+    for block in equations.blocks:
+        value = block.observed + errors[block.rows].reshape(block.observed.shape)
+        if block.kind == "image":
+            (_, photo), _, (_, point) = block.variables
+            measured.images.append(photo, point, value, block.sigma)
+            continue
+        for ident, row in zip(block.ids, value.tolist(), strict=True):
+            values.setdefault(ident, []).extend(row)
+    measured.observations = {
+        ident: _with_value(plan, o, values[ident]) for ident, o in plan.observations.items()
+    }
+    return measured
+
+
+def disturb(
+    network: Network,
+    *,
+    seed: Seed,
+    points: float = 0.0,
+    centres: float = 0.0,
+    attitudes: float = 0.0,
+) -> Network:
+    """Return ``network`` with approximate values: free unknowns moved by drawn errors.
+
+    Held and weighted values stay; orientation unknowns are forgotten, an adjustment finds them.
+
+    Args:
+        network: a network with values.
+        seed: seed of the errors.
+        points: standard deviation of free coordinates, metres.
+        centres: the same of free projection centres, metres.
+        attitudes: the same of free attitudes about each axis, radians.
+    """
+    rng = np.random.default_rng([seed, len(OBSERVATIONS)])
+    moved = copy(network)
+    tables = compile_network(network).unknowns.tables
+    loose = {k: table.free & np.isinf(table.sigma) for k, table in tables.items()}
+    by = points * rng.standard_normal((len(network.points), 3)) * loose["point"]
+    moved.points = {
+        name: replace(p, coordinates=_sum(p.coordinates, by[i]))
+        for i, (name, p) in enumerate(network.points.items())
+    }
+    scale = np.repeat([attitudes, centres], 3)
+    by = scale * rng.standard_normal((len(network.photos), 6)) * loose["pose"]
+    moved.photos = {
+        name: _moved_photo(f, by[i]) for i, (name, f) in enumerate(network.photos.items())
+    }
+    moved.orientations = {
+        key: replace(p, values=(np.nan,)) if loose["orientation"][i] else p
+        for i, (key, p) in enumerate(network.orientations.items())
+    }
+    return moved
+
+
+def look_at(position: Array, target: Array) -> Array:
+    """Return world_R_camera (3, 3) of a camera that looks from ``position`` at ``target``.
+
+    The x axis of the image is level; metres in an up-Z frame; not for sights straight down.
+    """
+    z = (target - position) / np.linalg.norm(target - position)
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _moved_photo(photo: Photo, shift: Array) -> Photo:
+    """Return a photo moved by [turn about the camera's axes (rad), shift (m)], (6,)."""
+    if photo.position is None or photo.rotation is None:
+        return photo
+    return replace(
+        photo,
+        position=_sum(photo.position, shift[3:]),
+        rotation=photo.rotation @ exp_rotation(shift[:3]),
+    )
+
+
+def _weighted_drawn(equations: Equations, plan: Network, seed: Seed) -> Network:
+    """Return a copy of the plan with the given values of weighted unknowns drawn."""
+    drawn = copy(plan)
+    errors: dict[VariableKind, Array] = {}
+    for place, (kind, table) in enumerate(equations.unknowns.tables.items(), len(OBSERVATIONS) + 1):
+        weighted = np.isfinite(table.sigma) & table.free
+        z = np.random.default_rng([seed, place]).standard_normal(weighted.shape)
+        errors[kind] = np.where(weighted, table.sigma, 0.0) * np.where(weighted, z, 0.0)
+    number = {kind: table.number for kind, table in equations.unknowns.tables.items()}
+
+    def error(kind: VariableKind, name: str) -> Array:
+        return np.asarray(errors[kind][number[kind][name]])
+
+    def parameter(kind: VariableKind, name: str, given: Parameter) -> Parameter:
+        return replace(given, values=_sum(given.values, error(kind, name)))
+
+    drawn.points = {
+        n: replace(p, coordinates=_sum(p.coordinates, error("point", n)))
+        for n, p in plan.points.items()
+    }
+    drawn.photos = {n: _moved_photo(f, error("pose", n)) for n, f in plan.photos.items()}
+    drawn.cameras = {
+        n: c if c.per_photo else replace(c, values=_sum(c.values, error("calibration", n)))
+        for n, c in plan.cameras.items()
+    }
+    drawn.orientations = {
+        (s, r): parameter("orientation", f"{s}/{r}", p) for (s, r), p in plan.orientations.items()
+    }
+    drawn.refractions = {n: parameter("refraction", n, p) for n, p in plan.refractions.items()}
+    drawn.verticals = {n: parameter("vertical", n, p) for n, p in plan.verticals.items()}
+    drawn.distance_meters = {n: parameter("edm", n, p) for n, p in plan.distance_meters.items()}
+    return drawn
+
+
+def _sum(values: tuple[float, ...], error: Array) -> tuple[Any, ...]:
+    return tuple((np.array(values) + error[: len(values)]).tolist())
+
+
+def _errors(equations: Equations, seed: Seed) -> Array:
+    """Draw the error of every scalar row (n_rows,), units of the observations."""
+    kinds = list(OBSERVATIONS)
+    out = np.zeros(equations.n_rows)
+    normal = np.zeros(equations.n_rows)
+    streams: dict[str, np.random.Generator] = {}
+    for block in equations.blocks:
+        if block.kind not in OBSERVATIONS:
+            continue
+        if block.kind not in streams:
+            streams[block.kind] = np.random.default_rng([seed, kinds.index(block.kind)])
+        z = streams[block.kind].standard_normal(block.observed.shape)
+        normal[block.rows] = z.ravel()
+        if block.whitener is None:
+            out[block.rows] = (z * block.sigma).ravel()
+        else:
+            out[block.rows] = np.linalg.solve(block.whitener, z[:, :, None]).ravel()
+    for cluster in equations.clusters:
+        out[cluster.rows] = np.linalg.solve(cluster.whitener, normal[cluster.rows])
+    return out
+
+
+def _observed_truly(equations: Equations, block: Block, state: State) -> Block:
+    """Return a block that observed what is true: v = computed − observed is added to it.
+
+    Once is enough but for lens models from measured to ideal coordinates, where v comes back
+    by the small slope of the distortion.
+    """
+    frame = equations.network.frame
+    c = float(state["calibration"][:, 0].max()) if block.kind == "image" else 1.0
+    for _ in range(MOST_ROUNDS if block.kind == "image" else 1):
+        v = block.evaluate(frame, state, jacobians=False).residual
+        block = replace(block, observed=block.observed + v)
+        if np.abs(v).max() < NEGLIGIBLE * c:
+            break
+    return block
+
+
+def _with_value(plan: Network, o: Observation, value: list[float]) -> Observation:
+    """Return an observation with another value."""
+    if isinstance(o, ControlPoint) and set(o.axes) <= set("enu"):
+        at = np.array(o.value, dtype=float)
+        enu = plan.frame.basis(at[None], np.zeros((1, 2))).enu[0]
+        at = at + np.array(value) @ enu[["enu".index(a) for a in o.axes]]
+        return replace(o, value=tuple(at.tolist()))
+    if isinstance(o, Direction | Azimuth | HorizontalAngle):
+        return replace(o, value=value[0] % (2 * np.pi))
+    if len(o.components) > 1 or isinstance(o, ControlPoint):
+        return replace(o, value=tuple(value))  # type: ignore[call-arg]
+    return replace(o, value=value[0])  # type: ignore[call-arg]

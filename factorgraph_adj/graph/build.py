@@ -1,0 +1,134 @@
+"""A network as a GTSAM factor graph, to look at and to mix with factors of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from ..network import Network
+from ..types import Array
+from .blocks import Block
+from .equations import Cluster, Equations, compile_network
+from .factors import Part, held_factor, observation_factor
+from .keys import KeyMap, values_of
+from .variables import State
+
+
+@dataclass(frozen=True)
+class Graph:
+    """The factor graph of a network at its start values."""
+
+    graph: gtsam.NonlinearFactorGraph
+    """One factor for each observation and weighted unknown, in the order of the equations; one
+    for each correlated group; one hard constraint for each partly held variable."""
+    values: gtsam.Values
+    """Start values of the variables."""
+    keys: KeyMap
+    """Names ↔ keys."""
+    equations: Equations
+    """The same observation equations in arrays, with the weights of the start values."""
+
+    @property
+    def error(self) -> float:
+        """Half of vᵀPv at the start values."""
+        return float(self.graph.error(self.values))
+
+
+def build_graph(network: Network | Equations, *, state: State | None = None) -> Graph:
+    """Return the factor graph of a network.
+
+    Its error is ½ vᵀPv. The factors are Python callbacks of the models, so drive an iteration
+    from Python with ``graph.linearize(values)``: GTSAM's own optimisers copy all values for
+    every callback. `adjust` does not use this graph but the same models on whole arrays.
+
+    Args:
+        network: the network, or its observation equations.
+        state: start values; by default those of the network, completed by
+            `factorgraph_adj.approximate.approximate`.
+
+    Raises:
+        InputError: the network has nothing to adjust or an observation has no answer.
+        ApproximationError: start values are missing and cannot be found.
+    """
+    equations = network if isinstance(network, Equations) else compile_network(network)
+    if state is None:
+        state = equations.unknowns.start()
+        if any(np.isnan(values).any() for values in state.values()):
+            from ..approximate import approximate  # which itself needs the equations
+
+            state = approximate(equations)
+    state = {kind: values.copy() for kind, values in state.items()}  # the factors keep it
+    equations = equations.weighted_at(state)
+    graph = gtsam.NonlinearFactorGraph()
+    for part, noise in (*_single(equations), *_clustered(equations)):
+        graph.push_back(
+            observation_factor(equations.network.frame, equations.unknowns, state, part, noise)
+        )
+    unknowns = equations.unknowns
+    for kind, number in unknowns.active():
+        table = unknowns[kind]
+        if not table.free[number, : table.size[number]].all():
+            graph.push_back(held_factor(unknowns, state, kind, number))
+    return Graph(graph, values_of(equations, state), KeyMap(unknowns), equations)
+
+
+def _single(equations: Equations) -> Iterator[tuple[list[Part], gtsam.noiseModel.Base]]:
+    """Observations that are correlated with no other."""
+    for place, block in enumerate(equations.blocks):
+        alone = np.ones(block.n, dtype=bool)
+        alone[equations.in_cluster.get(place, slice(0))] = False
+        rows = np.arange(block.dimension)[None]
+        noise = _noise_models(block)
+        for i in np.flatnonzero(alone).tolist():
+            yield [Part(block, np.array([i]), rows)], noise(i)
+
+
+def _clustered(equations: Equations) -> Iterator[tuple[list[Part], gtsam.noiseModel.Base]]:
+    """Observations with a joint covariance: one factor each."""
+    for cluster in equations.clusters:
+        yield _parts(equations.blocks, cluster), _gaussian(cluster.whitener)
+
+
+def _parts(blocks: tuple[Block, ...], cluster: Cluster) -> list[Part]:
+    """Return the observations of a cluster, block by block."""
+    parts = []
+    for block in blocks:
+        inside = np.flatnonzero(
+            (cluster.rows >= block.rows.start) & (cluster.rows < block.rows.stop)
+        )
+        if not len(inside):
+            continue
+        number, component = np.divmod(cluster.rows[inside] - block.first_row, block.dimension)
+        chosen, where = np.unique(number, return_inverse=True)
+        rows = np.empty((len(chosen), block.dimension), dtype=np.intp)
+        rows[where, component] = inside
+        parts.append(Part(block, chosen, rows))
+    return parts
+
+
+def _noise_models(block: Block) -> Callable[[int], gtsam.noiseModel.Base]:
+    """Return a function that gives the noise model of an observation; equal ones are shared."""
+    whitener = block.whitener
+    if whitener is not None:
+        return lambda i: _gaussian(whitener[i])
+    models: dict[bytes, gtsam.noiseModel.Base] = {}
+
+    def diagonal(i: int) -> gtsam.noiseModel.Base:
+        key = block.sigma[i].tobytes()
+        if key not in models:
+            models[key] = gtsam.noiseModel.Diagonal.Sigmas(block.sigma[i])
+        return models[key]
+
+    return diagonal
+
+
+def _gaussian(whitener: Array) -> gtsam.noiseModel.Base:
+    """Return the noise model of covariance (WᵀW)⁻¹.
+
+    GTSAM reads only the upper triangle of a square root without a word; W is a lower one. Its
+    QR factor is the upper triangle with the same WᵀW.
+    """
+    return gtsam.noiseModel.Gaussian.SqrtInformation(np.linalg.qr(whitener, mode="r"))

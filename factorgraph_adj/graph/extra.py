@@ -1,0 +1,159 @@
+"""Factors of a user's own over the keys of a network, in the columns of its unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import gtsam
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..models.registry import VariableKind
+from ..types import Array, Index
+from .equations import Equations
+from .keys import KeyMap, insert, pose_from_gtsam
+from .variables import State
+
+_NOISE = 1e-12
+"""Eigenvalues of a scaled information matrix below this part of the largest are rounding."""
+
+
+def linearise_extra(
+    factors: Iterable[gtsam.NonlinearFactor], equations: Equations, state: State
+) -> list[tuple[Index, Array, Array]]:
+    """Linearise factors at ``state``.
+
+    The factors take the values that `factorgraph_adj.graph.keys.values_of` gives: poses as
+    Pose3, everything else as vectors. A robust noise model enters with the weights that its
+    residuals have at ``state``. A factor without a Jacobian (HessianFactor: smart factors,
+    marginalised priors) enters by a square root of its information, whose rows are then its
+    residuals.
+
+    Returns:
+        For each factor the columns (k,) of its variables among the unknowns, its whitened
+        partials A (m, k), zero for held components, and its whitened residuals r (m,):
+        r + A dx is linear, |r|² its part of vᵀPv = twice its error. No entry for a
+        factor that is not active.
+
+    Raises:
+        InputError: a key is not of the network, or its variable is held or of another type;
+            a factor is a hard constraint, not finite, or has no square root.
+    """
+    keys = KeyMap(equations.unknowns)
+    out = []
+    for number, factor in enumerate(factors, start=1):
+        where = f"factor {number} ({type(factor).__name__})"
+        variables = _variables(factor, keys, where)
+        values = gtsam.Values()
+        insert(values, equations.unknowns, state, variables)
+        try:
+            linear = factor.linearize(values)
+        except RuntimeError as error:
+            if "Attempting to" not in str(error):  # not GTSAM's word for a wrong type
+                raise
+            raise InputError(Problem(f"cannot be linearised: {error}", where)) from error
+        if linear is None:
+            continue
+        a, r = _square_root(linear, where)
+        # A linear factor may keep its keys in another order than the factor itself.
+        variables = [keys.variable(k) for k in list(linear.keys())]
+        out.append((*_columns(equations, state, variables, a, where), r))
+    return out
+
+
+def _variables(
+    factor: gtsam.NonlinearFactor, keys: KeyMap, where: str
+) -> list[tuple[VariableKind, int]]:
+    """Return kind and number of the variables of a factor, each once."""
+    problems, found = [], []
+    for key in dict.fromkeys(factor.keys()):
+        try:
+            found.append(keys.variable(key))
+        except InputError as error:
+            problems += [Problem(p.what, where) for p in error.problems]
+    if problems:
+        raise InputError(problems)
+    return found
+
+
+def _square_root(linear: gtsam.GaussianFactor, where: str) -> tuple[Array, Array]:
+    """Return A (m, k) and r (m,) with twice the error of the linear factor = |r + A dx|²."""
+    if isinstance(linear, gtsam.HessianFactor):
+        return _root_of_hessian(np.array(linear.augmentedInformation()), where)
+    try:
+        linear = gtsam.JacobianFactor(linear)  # expression factors come as their base class
+    except (RuntimeError, ValueError):  # neither Jacobian nor Hessian: implicit Schur factors
+        return _root_of_hessian(np.array(linear.augmentedInformation()), where)
+    if linear.isConstrained():
+        raise InputError(
+            Problem(
+                "is a hard constraint: hold the component in the network, or give it a small "
+                "standard deviation",
+                where,
+            )
+        )
+    # The arrays are views of memory that the factor owns.
+    a, b = (np.array(x, dtype=float) for x in linear.jacobian())
+    if not (np.all(np.isfinite(a)) and np.all(np.isfinite(b))):
+        raise InputError(Problem("its residuals or partials are not finite", where))
+    return a.reshape(len(b), -1), -b
+
+
+def _root_of_hessian(augmented: Array, where: str) -> tuple[Array, Array]:
+    """Return A, r of xᵀG x − 2 xᵀg + f, given [[G, g], [gᵀ, f]]: G = AᵀA, g = −Aᵀr, f = |r|².
+
+    The rows of A are the eigenvectors of G, scaled to unit diagonal, whose eigenvalues are not
+    zero. A last row without partials carries what is left of f, if there is any.
+    """
+    if not np.all(np.isfinite(augmented)):
+        raise InputError(Problem("its information is not finite", where))
+    information, g, f = augmented[:-1, :-1], augmented[:-1, -1], float(augmented[-1, -1])
+    diagonal = np.diag(information)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    largest = max(float(values[-1]), 0.0)
+    keep = values > _NOISE * largest
+    roots, basis = np.sqrt(values[keep]), vectors[:, keep]
+    a = (basis * roots).T * scale
+    r = -(basis.T @ (g / scale)) / roots
+    rest = g / scale + (basis * roots) @ r
+    if values[0] < -1e-9 * largest or np.linalg.norm(rest) > 1e-6 * np.linalg.norm(g / scale):
+        raise InputError(
+            Problem(
+                "its information is not positive semi-definite: its error has no minimum", where
+            )
+        )
+    left = f - float(r @ r)
+    if left > _NOISE * abs(f):
+        a, r = np.vstack([a, np.zeros(a.shape[1])]), np.append(r, np.sqrt(left))
+    return a, r
+
+
+def _columns(
+    equations: Equations,
+    state: State,
+    variables: Sequence[tuple[VariableKind, int]],
+    a: Array,
+    where: str,
+) -> tuple[Index, Array]:
+    """Return the columns of the variables, and the partials by our tangents."""
+    unknowns = equations.unknowns
+    sizes = [int(unknowns[kind].size[number]) for kind, number in variables]
+    if a.shape[1] != sum(sizes):
+        raise InputError(
+            Problem(f"has {a.shape[1]} columns, its variables have {sum(sizes)} components", where)
+        )
+    columns = [np.zeros(0, dtype=np.intp)]
+    parts = [a[:, :0]]
+    first = 0
+    for (kind, number), size in zip(variables, sizes, strict=True):
+        part = a[:, first : first + size]
+        if kind == "pose":
+            part = pose_from_gtsam(part, state["pose"][number, :9].reshape(3, 3))
+        parts.append(part)
+        columns.append(unknowns.columns(kind, number))
+        first += size
+    index = np.concatenate(columns)
+    partials = np.hstack(parts)
+    partials[:, ~unknowns.free[index]] = 0.0
+    return index, partials

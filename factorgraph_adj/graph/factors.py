@@ -1,0 +1,230 @@
+"""The only module that makes CustomFactors: observations as factors of GTSAM.
+
+GTSAM trusts what a callback writes: a Jacobian that is unset, not two-dimensional or of wrong
+rows ends the process, a NaN stops an optimiser without a word. So shapes and finiteness are
+checked here before anything is handed over. A callback knows its observations and keys but
+neither its factor nor its graph: such a reference would never be freed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple, TypeAlias
+
+import gtsam
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..frames import Frame
+from ..models.registry import VariableKind
+from ..rotation import log_rotation, right_jacobian_inverse
+from ..types import Array, Index
+from .blocks import Block
+from .keys import KeyMap, pose_rows, pose_to_gtsam
+from .variables import State, Unknowns
+
+Evaluation: TypeAlias = tuple[Array, list[Array]]
+"""Residual (m,) and its partials (m, k) by each variable, GTSAM's tangent."""
+
+
+def guarded(
+    noise: gtsam.noiseModel.Base,
+    keys: Sequence[int],
+    sizes: Sequence[int],
+    evaluate: Callable[[gtsam.Values, bool], Evaluation],
+    label: Callable[[], str],
+) -> gtsam.CustomFactor:
+    """Return a CustomFactor that hands nothing to GTSAM before it has been checked.
+
+    Args:
+        noise: noise model; its dimension is the number of residuals.
+        keys: keys of the variables.
+        sizes: size of the tangent of each.
+        evaluate: (values, whether partials are wanted) → residuals and partials.
+        label: what to call the factor in an error.
+    """
+    rows = noise.dim()
+
+    def callback(
+        this: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None
+    ) -> Array:
+        residual, partials = evaluate(values, jacobians is not None)
+        if residual.shape != (rows,) or not np.isfinite(residual).all():
+            raise AdjustmentError(f"{label()}: residual {residual} must be {rows} finite numbers")
+        if jacobians is None:
+            return residual
+        for slot, size in enumerate(sizes):
+            block = partials[slot]
+            if block.shape != (rows, size) or not np.isfinite(block).all():
+                raise AdjustmentError(
+                    f"{label()}: partials by {gtsam.DefaultKeyFormatter(keys[slot])} must be "
+                    f"{rows} × {size} finite numbers: {block}"
+                )
+        for slot, block in enumerate(partials):
+            jacobians[slot] = np.ascontiguousarray(block, dtype=float)
+        return residual
+
+    return gtsam.CustomFactor(noise, list(keys), callback)
+
+
+class Part(NamedTuple):
+    """Observations of one block that are, or share, a factor."""
+
+    block: Block
+    """The block, with all its observations."""
+    chosen: Index
+    """Which of them, (n,)."""
+    rows: Index
+    """Which rows of the factor their components are, (n, d)."""
+
+
+def observation_factor(
+    frame: Frame,
+    unknowns: Unknowns,
+    state: State,
+    parts: Sequence[Part],
+    noise: gtsam.noiseModel.Base,
+) -> gtsam.CustomFactor:
+    """Return the factor of one observation, or of observations with a joint covariance.
+
+    The residuals are those of the models, the same that every other caller uses.
+
+    Args:
+        frame: frame of the network.
+        unknowns: the variables; those without columns are constants.
+        state: values of the constants.
+        parts: the observations.
+        noise: noise model of all rows.
+    """
+    evaluate = _Observations(frame, unknowns, state, parts)
+    return guarded(noise, evaluate.keys, evaluate.sizes, evaluate, evaluate.label)
+
+
+class _Observations:
+    """Residuals and partials of a few observations, from arrays of just their variables.
+
+    The arrays are made when they are first needed, so that a large graph is built quickly.
+    """
+
+    __slots__ = ("_frame", "_given", "_local", "_parts", "_variables", "keys", "sizes")
+
+    def __init__(
+        self, frame: Frame, unknowns: Unknowns, state: State, parts: Sequence[Part]
+    ) -> None:
+        self._frame = frame
+        self._given = state
+        self._parts = parts
+        self._local: _Local | None = None
+        self._variables: list[tuple[VariableKind, int]] = []
+        self.keys: list[int] = []
+        self.sizes: list[int] = []
+        for part in parts:
+            for kind, index in part.block.variables:
+                table = unknowns[kind]
+                for number in index[part.chosen].tolist():
+                    key = KeyMap.of(kind, number)
+                    if table.offset[number] >= 0 and key not in self.keys:
+                        self.keys.append(key)
+                        self.sizes.append(int(table.size[number]))
+                        self._variables.append((kind, number))
+
+    def __call__(self, values: gtsam.Values, jacobians: bool) -> Evaluation:
+        local = self._local
+        if local is None:
+            local = self._local = _Local.of(self._given, self._parts, self._variables)
+        for (kind, here), key, size in zip(local.variables, self.keys, self.sizes, strict=True):
+            if kind == "pose":
+                local.state[kind][here] = pose_rows([values.atPose3(key)])[0]
+            else:
+                local.state[kind][here, :size] = values.atVector(key)
+        total = sum(part.rows.size for part in self._parts)
+        residual = np.empty(total)
+        partials = [np.zeros((total, size)) for size in self.sizes] if jacobians else []
+        for part, block in zip(self._parts, local.blocks, strict=True):
+            v, by_variable = block.evaluate(self._frame, local.state, jacobians=jacobians)
+            residual[part.rows] = v
+            if not jacobians:
+                continue
+            for (kind, index), by in zip(block.variables, by_variable, strict=True):
+                for i, here in enumerate(index.tolist()):
+                    slot = local.slots.get((kind, here))
+                    if slot is not None:
+                        partials[slot][part.rows[i]] += by[i][:, : self.sizes[slot]]
+        if jacobians:
+            for slot, (kind, here) in enumerate(local.variables):
+                if kind == "pose":
+                    rotation = local.state[kind][here, :9].reshape(3, 3)
+                    partials[slot] = pose_to_gtsam(partials[slot], rotation)
+        return residual, partials
+
+    def label(self) -> str:
+        """Name the observations."""
+        return ", ".join(part.block.labels(int(i)) for part in self._parts for i in part.chosen)
+
+
+class _Local(NamedTuple):
+    """The variables of one factor as a state of their own."""
+
+    blocks: list[Block]
+    """The chosen observations of each part, with variables numbered anew."""
+    state: State
+    """Values of these variables alone, constants among them."""
+    variables: list[tuple[VariableKind, int]]
+    """Kind and new number of the variable behind each key."""
+    slots: dict[tuple[VariableKind, int], int]
+    """Place of the key of a variable; constants have none."""
+
+    @staticmethod
+    def of(
+        state: State, parts: Sequence[Part], keyed: Sequence[tuple[VariableKind, int]]
+    ) -> _Local:
+        """Number the variables of ``parts`` anew and copy their values."""
+        numbers: dict[VariableKind, dict[int, int]] = {}
+        blocks = []
+        for part in parts:
+            chosen = part.block.select(part.chosen)
+            variables = []
+            for kind, index in chosen.variables:
+                seen = numbers.setdefault(kind, {})
+                anew = [seen.setdefault(i, len(seen)) for i in index.tolist()]
+                variables.append((kind, np.array(anew, dtype=np.intp)))
+            blocks.append(replace(chosen, variables=tuple(variables)))
+        here = [(kind, numbers[kind][number]) for kind, number in keyed]
+        return _Local(
+            blocks,
+            {kind: state[kind][list(seen)] for kind, seen in numbers.items()},
+            here,
+            {variable: slot for slot, variable in enumerate(here)},
+        )
+
+
+def held_factor(
+    unknowns: Unknowns, state: State, kind: VariableKind, number: int
+) -> gtsam.CustomFactor:
+    """Return the hard constraint that keeps the held components of a partly held variable."""
+    table = unknowns[kind]
+    size = int(table.size[number])
+    which = np.flatnonzero(~table.free[number, :size])
+    key = KeyMap.of(kind, number)
+    held = state[kind][number].copy()
+
+    def vector(values: gtsam.Values, jacobians: bool) -> Evaluation:
+        return values.atVector(key)[which] - held[which], [np.eye(size)[which]]
+
+    def pose(values: gtsam.Values, jacobians: bool) -> Evaluation:
+        row = pose_rows([values.atPose3(key)])[0]
+        rotation = row[:9].reshape(3, 3)
+        turn = log_rotation((held[:9].reshape(3, 3).T @ rotation)[None])
+        partials = np.eye(6)
+        partials[:3, :3] = right_jacobian_inverse(turn)[0]
+        residual = np.concatenate([turn[0], row[9:] - held[9:]])
+        return residual[which], [pose_to_gtsam(partials, rotation)[which]]
+
+    return guarded(
+        gtsam.noiseModel.Constrained.All(len(which)),
+        [key],
+        [size],
+        pose if kind == "pose" else vector,
+        lambda: f"held components of {kind} {table.names[number]!r}",
+    )

@@ -1,0 +1,165 @@
+"""Numbers in files: read and written in any unit without losing a bit.
+
+A cell is read as the float64 next to the exact decimal product text × unit, and a value is
+written with as many digits as reading it back exactly takes. 0.5 mm is therefore the same
+float as 0.0005 m, and a project survives any number of round trips in any unit.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from decimal import Context, Decimal
+from functools import lru_cache
+
+from ..errors import InputError, Problem
+from ..units import ANGLE, LENGTH, parse_angle
+
+_PI = Decimal("3.14159265358979323846264338327950288419716939937510582")
+_EXACT = Context(prec=60)
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
+_PLAIN = {"": Decimal(1), "ppm": Decimal("1e-6"), "km": Decimal(1000), "px": Decimal(1)}
+
+ANGLE_UNITS = (*ANGLE, "dms")
+"""Units of angles of whole values; standard deviations take all but dms."""
+SIGMA_OF_ANGLE = {
+    "rad": "mrad",
+    "mrad": "mrad",
+    "gon": "mgon",
+    "mgon": "mgon",
+    "cc": "cc",
+    "deg": "arcsec",
+    "arcmin": "arcsec",
+    "arcsec": "arcsec",
+    "dms": "arcsec",
+}
+"""The unit of standard deviations that goes with a unit of angle."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """Units of a project's files and reports; inside all is metres and radians."""
+
+    length: str = "m"
+    """Coordinates, heights of instruments and targets, observed lengths."""
+    angle: str = "gon"
+    """Observed angles, ω φ κ, orientation unknowns; dms: degrees-minutes-seconds."""
+    geographic: str = "deg"
+    """Latitudes and longitudes."""
+    sigma_length: str = "mm"
+    """Standard deviations and residuals of lengths, written and reported."""
+    sigma_angle: str = ""
+    """Standard deviations and residuals of angles; by default what goes with ``angle``."""
+
+    def __post_init__(self) -> None:
+        """Check the names; InputError lists all that are unknown."""
+        problems = [
+            Problem(f"unknown unit {getattr(self, key)!r}; valid: {', '.join(valid)}", key)
+            for key, valid in (
+                ("length", LENGTH),
+                ("angle", ANGLE_UNITS),
+                ("geographic", ANGLE_UNITS),
+                ("sigma_length", LENGTH),
+                ("sigma_angle", ("", *ANGLE)),
+            )
+            if getattr(self, key) not in valid
+        ]
+        if problems:
+            raise InputError(problems)
+        if not self.sigma_angle:
+            object.__setattr__(self, "sigma_angle", SIGMA_OF_ANGLE[self.angle])
+
+
+@lru_cache
+def factor(unit: str) -> Decimal:
+    """Return the exact size of a unit in metres, radians or (ppm) one; ``mm2`` is squared.
+
+    Derived from the tables of `factorgraph_adj.units`: π is divided by a whole number.
+    """
+    if unit.endswith("2"):
+        return _EXACT.multiply(factor(unit[:-1]), factor(unit[:-1]))
+    if unit in _PLAIN:
+        return _PLAIN[unit]
+    if unit in LENGTH:
+        return Decimal(repr(LENGTH[unit]))
+    parts = math.pi / ANGLE[unit]
+    if abs(parts - round(parts)) < 1e-9 * parts:
+        return _EXACT.divide(_PI, Decimal(round(parts)))
+    return Decimal(repr(ANGLE[unit]))
+
+
+def parse(value: object, unit: str = "") -> float:
+    """Read a number (text of a cell, or a number of JSON) in ``unit``.
+
+    Raises:
+        ValueError: says what is wrong, for a person.
+    """
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError(f"{value!r} is not a number")
+    text = value.strip() if isinstance(value, str) else repr(value)
+    return _parse(text, unit)
+
+
+@lru_cache(maxsize=4096)
+def _parse(text: str, unit: str) -> float:
+    if unit == "dms":
+        return _parse_dms(text)
+    if _NUMBER.fullmatch(text) is None:
+        if _NOT_FINITE.fullmatch(text):
+            raise ValueError(f"{text!r} is not a finite number")
+        hint = "; write a decimal point" if re.fullmatch(r"[+-]?\d+,\d+", text) else ""
+        raise ValueError(f"{text!r} is not a number{hint}")
+    size = factor(unit)
+    number = float(text) if size == 1 else float(_EXACT.multiply(Decimal(text), size))
+    if math.isinf(number):
+        raise ValueError(f"{text!r} is not a finite number")
+    return number
+
+
+def _parse_dms(text: str) -> float:
+    parse_angle(text, "dms")  # says what is wrong
+    degrees, minutes, seconds = (Decimal(t) for t in re.findall(r"\d+(?:\.\d*)?", text))
+    total = (degrees * 60 + minutes) * 60 + seconds
+    value = float(_EXACT.multiply(total, factor("arcsec")))
+    return -value if text.lstrip().startswith("-") else value
+
+
+def write(value: float, unit: str = "") -> str:
+    """Write a value with the fewest digits that `parse` reads back exactly (15 or more)."""
+    if unit == "dms":
+        return _write_dms(value)
+    if value == 0:
+        return "-0" if math.copysign(1.0, value) < 0 else "0"
+    size = factor(unit)
+    if size == 1:
+        return repr(float(value)).removesuffix(".0")
+    if unit not in ANGLE or unit in ("rad", "mrad"):
+        return _tidy(_EXACT.divide(Decimal(repr(float(value))), size))
+    exact = _EXACT.divide(Decimal(value), size)
+    for digits in range(15, 40):
+        text = _tidy(Context(prec=digits).plus(exact))
+        if _parse(text, unit) == value:
+            return text
+    raise AssertionError(f"{value!r} has no decimal form in {unit}")
+
+
+def _tidy(number: Decimal) -> str:
+    """Return a decimal without trailing zeros, and without an exponent where that is short."""
+    number = number.normalize(_EXACT)
+    return format(number, "f") if -8 < number.adjusted() < 16 else str(number)
+
+
+def _write_dms(value: float) -> str:
+    total = _EXACT.divide(Decimal(abs(value)), factor("arcsec"))
+    sign = "-" if math.copysign(1.0, value) < 0 else ""
+    enough = 25 - total.adjusted()
+    context = Context(prec=max(enough, 0) + 20)
+    for digits in range(6, max(enough, 7)):
+        ticks = total.quantize(Decimal(1).scaleb(-digits), context=context)
+        whole, seconds = int(ticks // 60), format((ticks % 60).normalize(context), "f")
+        text = f"{sign}{whole // 60}-{whole % 60:02d}-{seconds}"
+        if _parse_dms(text) == value:
+            return text
+    raise AssertionError(f"{value!r} has no form in dms")

@@ -1,0 +1,364 @@
+"""Projects on disk: a TOML file beside CSV tables.
+
+The TOML file says what cannot stand in a table: name, datum, frame, units, cameras, standard
+deviations by kind, options. The tables hold one thing a row; their columns are those of
+`factorgraph_adj.io.read_unknowns` and `factorgraph_adj.io.fields`.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal, cast
+
+from ..check import check
+from ..ellipsoid import ELLIPSOIDS
+from ..errors import InputError, Problem
+from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
+from ..models.lens import LENSES, Lens
+from ..network import Camera, Network
+from ..observations import OBSERVATIONS
+from ..units import LENGTH
+from .fields import sigma_fields, stand_in_sigma, unknown_field
+from .numbers import Units
+from .read_observations import ObservationsReader
+from .read_unknowns import Dimension, UnknownsReader
+from .records import ImageAxes, RecordContext
+from .tables import Row, Table, read_table
+
+TABLES = (
+    "points",
+    "photos",
+    "images",
+    "observations",
+    "covariances",
+    "orientations",
+    "refractions",
+    "verticals",
+    "distance_meters",
+)
+"""Tables of a project; each is a file name.csv unless [files] says otherwise."""
+KEYS = ("name", "datum", "dimension", "frame", "units", "files", "camera", "sigma", "adjust")
+FRAMES = {
+    "local": ("curvature", "radius", "origin", "axes"),
+    "geocentric": ("ellipsoid", "radius"),
+    "topocentric": ("latitude", "longitude", "height", "ellipsoid", "radius"),
+}
+"""Keys of [frame] by its kind."""
+CAMERA_KEYS = ("name", "lens", "unit", "y_axis", "per_photo", "parameters")
+Variance = Literal["a-priori", "a-posteriori"]
+
+
+@dataclass(frozen=True)
+class AdjustOptions:
+    """How the project wants to be adjusted."""
+
+    variance: Variance = "a-priori"
+    """Variance of unit weight in standard deviations."""
+    max_iterations: int = 100
+    """Iterations after which the adjustment gives up."""
+
+
+@dataclass(frozen=True)
+class Project:
+    """A project as read: its network and what concerns files and reports only."""
+
+    network: Network
+    """What is measured and asked for."""
+    path: Path
+    """The TOML file."""
+    context: RecordContext = field(default_factory=RecordContext)
+    """What further records of this project need not say themselves."""
+    options: AdjustOptions = field(default_factory=AdjustOptions)
+    """How it wants to be adjusted."""
+    sources: Mapping[tuple[str, str], str] = field(default_factory=dict)
+    """File and line by what (point, photo) and name."""
+
+    @property
+    def units(self) -> Units:
+        """Units of its files and reports."""
+        return self.context.units
+
+
+def read_project(path: str | Path) -> Network:
+    """Read the network of a project.
+
+    Args:
+        path: the TOML file, or the folder that has it as ``project.toml``.
+
+    Raises:
+        InputError: everything that is wrong, each with file and line or key.
+    """
+    return load_project(path).network
+
+
+def load_project(path: str | Path) -> Project:
+    """Read a project: its network, units and options. Raises as `read_project` does."""
+    path = Path(path)
+    if path.is_dir():
+        path = path / "project.toml"
+    problems: list[Problem] = []
+    document = _read_toml(path)
+    top = _section(document, path.name, "", problems)
+    for key in document:
+        if key not in KEYS:
+            top.wrong(f"unknown key {key!r}; known: {', '.join(KEYS)}")
+    units = _units(_table(document, "units", path.name, problems))
+    datum = top.choice("datum", ("given", "free"), "given")
+    network = Network(
+        top.text("name", default=path.stem) or "",
+        frame=_frame(_table(document, "frame", path.name, problems), units),
+        datum=cast(Literal["given", "free"], datum),
+    )
+    dimension = top.take("dimension")
+    if dimension not in (None, 1, 2, 3):
+        top.wrong(f"unknown dimension {dimension!r}; valid: 1 (heights), 2 (plane), 3")
+        dimension = 3
+    axes = _cameras(document, network, path.name, problems)
+    sigma = _sigma_defaults(document, path.name, problems)
+    options = _options(_table(document, "adjust", path.name, problems))
+    tables = _tables(_table(document, "files", path.name, problems), path)
+    reader = UnknownsReader(network, units, cast(Dimension, dimension or 3), problems)
+    for name in ("points", "photos", "orientations", "refractions", "verticals", "distance_meters"):
+        table = tables.get(name)
+        if table is not None:
+            getattr(reader, name)(table)
+        elif name in tables:
+            reader.unreadable.add(name.removesuffix("s"))
+    images = {f.name: axes[f.camera] for f in network.photos.values() if f.camera in axes}
+    context = RecordContext(units, sigma, images)
+    observations = ObservationsReader(network, context, problems, reader.unreadable)
+    if tables.get("images") is not None:
+        observations.images(cast(Table, tables["images"]))
+    if tables.get("observations") is not None:
+        observations.observations(cast(Table, tables["observations"]), tables.get("covariances"))
+    if problems:
+        # With every name in place the structure can be judged in the same run.
+        whole = reader.complete and observations.complete and None not in tables.values()
+        found = check(network, sources=reader.sources) if whole else ()
+        raise InputError([*problems, *found])
+    return Project(network, path, context, options, reader.sources)
+
+
+# -- TOML -----------------------------------------------------------------------------------------
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise InputError(Problem(f"cannot be read: {error.strerror}", str(path))) from None
+    except UnicodeDecodeError as error:
+        raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", path.name)) from None
+    except tomllib.TOMLDecodeError as error:
+        line = re.search(r"line (\d+)", str(error))
+        where = f"{path.name}:{line.group(1)}" if line else path.name
+        raise InputError(Problem(f"is not TOML: {error}", where)) from None
+
+
+def _section(fields_of: Mapping[str, object], file: str, of: str, problems: list[Problem]) -> Row:
+    return Row(fields_of, file, problems, of)
+
+
+def _table(document: dict[str, Any], key: str, file: str, problems: list[Problem]) -> Row:
+    """Return a table of the document; one that is none is noted and counts as empty."""
+    value = document.get(key, {})
+    if not isinstance(value, dict):
+        problems.append(Problem(f"must be a table [{key}], not {value!r}", f"{file}: {key}"))
+        value = {}
+    return _section(value, file, f"[{key}]", problems)
+
+
+def _only(row: Row, known: tuple[str, ...]) -> None:
+    for name in row.fields:
+        if name not in known:
+            row.wrong(f"unknown key {name!r}; known: {', '.join(known)}")
+
+
+def _units(row: Row) -> Units:
+    known = tuple(f.name for f in fields(Units))
+    _only(row, known)
+    chosen = {k: row.text(k) for k in known if k in row}
+    try:
+        return Units(**{k: v for k, v in chosen.items() if v is not None})
+    except InputError as error:
+        for p in error.problems:
+            row.wrong(f"{p.where}: {p.what}")
+        return Units()
+
+
+def _frame(row: Row, units: Units) -> Frame:
+    kind = row.choice("kind", FRAMES, "local")
+    _only(row, ("kind", *FRAMES[kind]))
+    name = row.choice("ellipsoid", ELLIPSOIDS, "GRS80")
+    radius = row.number("radius", positive=True) or MEAN_EARTH_RADIUS
+    try:
+        if kind == "geocentric":
+            return GeocentricFrame(name, radius)
+        if kind == "topocentric":
+            latitude = row.number("latitude", units.geographic, required=True)
+            longitude = row.number("longitude", units.geographic, required=True)
+            height = row.number("height", units.length)
+            return TopocentricFrame(latitude or 0.0, longitude or 0.0, height or 0.0, name, radius)
+        origin = row.take("origin")
+        at = [0.0, 0.0, 0.0]
+        if origin is not None:
+            numbers = origin if isinstance(origin, list) else []
+            inside = Row(dict(zip("xyz", numbers, strict=False)), row.where, row.problems, row.of)
+            at = [inside.number(a, units.length, required=True) or 0.0 for a in "xyz"]
+            if len(numbers) > 3:
+                row.wrong("origin must be three numbers x, y, z")
+        axes = row.text("axes", default="en")
+        return LocalFrame(row.flag("curvature"), radius, (at[0], at[1], at[2]), cast(Any, axes))
+    except InputError as error:
+        row.wrong_all(error)
+        return LocalFrame()
+
+
+def _cameras(
+    document: dict[str, Any], network: Network, file: str, problems: list[Problem]
+) -> dict[str, ImageAxes]:
+    """Add the cameras; return how their image coordinates stand in files."""
+    entries = document.get("camera", [])
+    if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
+        problems.append(Problem("cameras must be tables [[camera]]", f"{file}: camera"))
+        return {}
+    out: dict[str, ImageAxes] = {}
+    for number, entry in enumerate(entries, start=1):
+        row = _section(entry, file, f"[[camera]] {entry.get('name', number)!r}", problems)
+        name = row.text("name", required=True) or f"camera {number}"
+        unit = row.choice("unit", ("px", *LENGTH), "mm")
+        y_down = row.choice("y_axis", ("up", "down"), "up") == "down"
+        sigma = {k: v for k, v in row.fields.items() if k in sigma_fields("image")}
+        _only(row, (*CAMERA_KEYS, *sigma))
+        _positive(row, sigma)
+        out[name] = ImageAxes(unit, y_down, stand_in_sigma("image") if row.failed else sigma)
+        lens = _lens(row)
+        values, free, weights = _parameters(row, y_down)
+        if not row.failed:
+            try:
+                network.add_camera(
+                    name,
+                    lens,
+                    values,
+                    free=free,
+                    sigma=weights,
+                    unit=unit,
+                    per_photo=row.flag("per_photo"),
+                )
+            except InputError as error:
+                row.wrong_all(error)
+        if name not in network.cameras:
+            n = len(lens.names)
+            network.cameras[name] = Camera(
+                name, lens, (1.0,) * n, (True,) * n, (float("inf"),) * n, unit
+            )
+    return out
+
+
+def _lens(row: Row) -> Lens:
+    """Return the lens model: a name, or a table with ``model`` and its options."""
+    given = row.take("lens")
+    table = {"model": given} if isinstance(given, str) else given
+    if not isinstance(table, dict):
+        table = {} if table is None else {"model": table}
+    inside = Row(table, row.where, row.problems, f"{row.of} lens")
+    cls = LENSES[inside.choice("model", LENSES, "none")]
+    options = {f.name: f.type for f in fields(cls)}
+    if inside.failed:
+        return cls()
+    _only(inside, ("model", *options))
+    chosen: dict[str, Any] = {}
+    for name, kind in options.items():
+        if name in inside:
+            chosen[name] = inside.number(name) if kind == "float" else inside.text(name)
+    try:
+        return cls(**{k: v for k, v in chosen.items() if v is not None})
+    except InputError as error:
+        inside.wrong_all(error)
+        return cls()
+
+
+def _parameters(row: Row, y_down: bool) -> tuple[dict[str, float], list[str], dict[str, float]]:
+    """Return values, free ones and standard deviations; y0 turned where y points down."""
+    table = row.take("parameters", required=True)
+    if not isinstance(table, dict):
+        if table is not None:
+            row.wrong("parameters must be a table such as c = { value = 100.0, free = true }")
+        return {"c": 1.0}, [], {}
+    values: dict[str, float] = {}
+    free: list[str] = []
+    weights: dict[str, float] = {}
+    for name, given in table.items():
+        entry = given if isinstance(given, dict) else {"value": given}
+        inside = Row(entry, row.where, row.problems, f"{row.of} parameter {name}")
+        _only(inside, ("value", "free", "sigma"))
+        value = inside.number("value", required=True)
+        sigma = inside.number("sigma", positive=True)
+        values[name] = 0.0 if value is None else value
+        if y_down and name == "y0":
+            values[name] = -values[name]
+        if sigma is not None:
+            weights[name] = sigma
+            if inside.flag("free"):
+                inside.wrong("either free or sigma, not both")
+        elif inside.flag("free"):
+            free.append(name)
+    return values, free, weights
+
+
+def _positive(row: Row, sigma: Mapping[str, object]) -> None:
+    """Note standard deviations of a default that are not numbers > 0."""
+    for name in sigma:
+        row.number(name, positive=True)
+
+
+def _sigma_defaults(
+    document: dict[str, Any], file: str, problems: list[Problem]
+) -> dict[str, dict[str, object]]:
+    out: dict[str, dict[str, object]] = {}
+    whole = _table(document, "sigma", file, problems)
+    for kind, given in whole.fields.items():
+        if kind not in OBSERVATIONS:
+            whole.wrong(f"unknown kind {kind!r}; valid: {', '.join(OBSERVATIONS)}")
+            continue
+        if not isinstance(given, dict):
+            whole.wrong(f"{kind} must be a table [sigma.{kind}]")
+            continue
+        row = _section(given, file, f"[sigma.{kind}]", problems)
+        for name in given:
+            what = unknown_field(name, sigma_fields(kind))
+            if what is not None:
+                row.wrong(what.replace("column", "key"))
+        _positive(row, {k: v for k, v in given.items() if k in sigma_fields(kind)})
+        # A bad default is noted once, not again with every row that would use it.
+        out[kind] = stand_in_sigma(kind) if row.failed else given
+    if whole.failed:
+        return {kind: stand_in_sigma(kind) for kind in OBSERVATIONS} | out
+    return out
+
+
+def _options(row: Row) -> AdjustOptions:
+    _only(row, tuple(f.name for f in fields(AdjustOptions)))
+    variance = row.choice("variance", ("a-priori", "a-posteriori"), "a-priori")
+    most = row.take("max_iterations")
+    if most is not None and (not isinstance(most, int) or isinstance(most, bool) or most < 1):
+        row.wrong(f"max_iterations must be a whole number from 1, not {most!r}")
+        most = None
+    return AdjustOptions(cast(Variance, variance), 100 if most is None else most)
+
+
+def _tables(row: Row, path: Path) -> dict[str, Table | None]:
+    """Read the tables that [files] names, or else those that are there."""
+    _only(row, TABLES)
+    stated = bool(row.fields)
+    out: dict[str, Table | None] = {}
+    for name in TABLES:
+        needed = name == "points"
+        file = row.text(name, default=None if stated and not needed else f"{name}.csv")
+        if file is not None and (stated or needed or (path.parent / file).exists()):
+            out[name] = read_table(path.parent / file, row.problems)
+    return out

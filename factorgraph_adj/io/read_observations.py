@@ -1,0 +1,307 @@
+"""Tables of observations: images.csv, observations.csv, covariances.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from itertools import count
+from math import isfinite
+
+import numpy as np
+
+from ..errors import InputError, Problem, known
+from ..network import Network
+from ..observations import OBSERVATIONS, ControlPoint, Correlated, ImagePoint, Observation
+from ..types import Array
+from ..units import LENGTH
+from . import records
+from .fields import is_angle, known_fields, sigma_fields, stand_in_sigma
+from .read_unknowns import check_columns
+from .records import ImageAxes, RecordContext
+from .tables import Row, Table
+
+IMAGE_COLUMNS = ("photo", "point", "x", "y", "id", *sigma_fields("image"))
+COVARIANCE_COLUMNS = (
+    *("cluster", "id", "component", "id2", "component2", "covariance_si"),
+    *(f"covariance_{u}2" for u in LENGTH),
+)
+
+
+@dataclass
+class ObservationsReader:
+    """Reads tables of observations into a network; notes problems and goes on."""
+
+    network: Network
+    """The network, with its points, photos and other unknowns."""
+    context: RecordContext
+    """What records leave to the project."""
+    problems: list[Problem]
+    """What is wrong."""
+    unreadable: set[str] = field(default_factory=set)
+    """Names that are not to be looked up, as their table cannot be read: point, photo."""
+    complete: bool = True
+    """Whether every row, or a stand-in with its names, is in the network."""
+
+    def observations(self, table: Table, covariances: Table | None) -> None:
+        """Read observations.csv, and the covariances between its rows."""
+        before = len(self.problems)
+        valid = check_columns(table, known_fields(), ("kind",), self.problems)
+        self.complete &= len(self.problems) == before
+        if "kind" not in valid:
+            return
+        found: list[Observation] = []
+        matrices = _Covariances(covariances, self.problems) if covariances else None
+        context = self.context
+        if any(c.startswith(("sigma", "covariance")) and c not in valid for c in table.columns):
+            # Noted once in the header, not again with every row that lacks it.
+            stand_ins = {kind: stand_in_sigma(kind) for kind in OBSERVATIONS}
+            context = replace(context, sigma={**stand_ins, **context.sigma})
+        rows = list(table.records())
+        taken = {fields["id"] for _, fields in rows if "id" in fields}
+        free = (str(i) for i in count(1) if str(i) not in taken)
+        for line, fields in rows:
+            record: dict[str, object] = {k: v for k, v in fields.items() if k in valid}
+            ident, where = fields.get("id"), table.where(line)
+            if ident is None and taken and fields.get("kind") != "image":
+                record["id"] = next(free)  # a number that no other row claims
+            if matrices is not None and ident is not None:
+                matrices.complete_sigma(ident, record)
+            try:
+                found.append(records.observation(record, context=context, source=where))
+            except InputError as error:
+                self.problems.extend(error.problems)
+                self._stand_in(record, where, found)
+        for item in found if matrices is None else matrices.join(found):
+            if self.unreadable:
+                break
+            try:
+                self.network.add(item)
+            except InputError as error:
+                self.problems.extend(error.problems)
+                self.complete = False
+
+    def _stand_in(self, record: dict[str, object], where: str, found: list[Observation]) -> None:
+        try:
+            other = records.stand_in(record, source=where)
+        except InputError:
+            other = None
+        if other is None:
+            self.complete = False
+        else:
+            found.append(other)
+
+    def images(self, table: Table) -> None:
+        """Read images.csv: many rows, so in columns, each standard deviation once."""
+        valid = check_columns(table, IMAGE_COLUMNS, ("photo", "point", "x", "y"), self.problems)
+        if not {"photo", "point", "x", "y"} <= valid:
+            self.complete = False
+            return
+        unknown_sigma = any(c.startswith("sigma") and c not in valid for c in table.columns)
+        column = {name: i for i, name in enumerate(table.columns)}
+        photo_number = {n: i for i, n in enumerate(self.network.photos)}
+        point_number = {n: i for i, n in enumerate(self.network.points)}
+        stated = [n for n in table.columns if n.startswith("sigma") and n in valid]
+        at_sigma = [column[n] for n in stated]
+        at_photo, at_point, at_x, at_y = (column[n] for n in ("photo", "point", "x", "y"))
+        at_id = column.get("id")
+        sigma_of: dict[tuple[str, ...], tuple[float, float] | None] = {}
+        unknown: dict[tuple[str, str], list[int]] = {}
+        seen: dict[tuple[int, int], int] = {}
+        photos: list[int] = []
+        points: list[int] = []
+        xy: list[tuple[float, float]] = []
+        sigmas: list[tuple[float, float]] = []
+        first, ids, sources = self.network.n_image_points, {}, {}
+        for line, cells in table.rows:
+            photo, point = photo_number.get(cells[at_photo]), point_number.get(cells[at_point])
+            if photo is None:
+                unknown.setdefault(("photo", cells[at_photo]), []).append(line)
+            if point is None:
+                unknown.setdefault(("point", cells[at_point]), []).append(line)
+            try:
+                x, y = float(cells[at_x]), float(cells[at_y])
+            except ValueError:
+                x = y = np.nan
+            if not isfinite(x + y) or "_" in cells[at_x] + cells[at_y]:
+                x, y = self._bad_image(table, line, cells)
+            axes = self.context.images.get(cells[at_photo], ImageAxes())
+            key = (axes.unit, cells[at_photo], *(cells[i] for i in at_sigma))
+            if key not in sigma_of:
+                fields = {n: cells[i] for n, i in zip(stated, at_sigma, strict=True)}
+                what = f"image point {cells[at_photo]}/{cells[at_point]}"
+                row = Row(fields, table.where(line), self.problems, what)
+                default = self.context.sigma.get("image", {})
+                judged = cells[at_photo] in self.context.images and not unknown_sigma
+                sigma_of[key] = records.image_sigma(row, axes, default) if judged else None
+            if photo is None or point is None:
+                continue
+            if (photo, point) in seen:
+                self.problems.append(
+                    Problem(
+                        "the point is measured more than once in this photo; first in line "
+                        f"{seen[photo, point]}",
+                        f"{table.where(line)}: image point {cells[at_photo]}/{cells[at_point]}",
+                    )
+                )
+                continue
+            seen[photo, point] = line
+            if at_id is not None and cells[at_id]:
+                ids[first + len(photos)] = cells[at_id]
+            sources[first + len(photos)] = table.where(line)
+            photos.append(photo)
+            points.append(point)
+            xy.append((x, -y if axes.y_down else y))
+            sigmas.append(sigma_of[key] or (1.0, 1.0))
+        self._unknown_names(table, unknown)
+        self.network.images.append(
+            np.array(photos, dtype=np.intp),
+            np.array(points, dtype=np.intp),
+            np.array(xy, dtype=float).reshape(-1, 2),
+            np.array(sigmas, dtype=float).reshape(-1, 2),
+        )
+        self.network.images.ids.update(ids)
+        self.network.images.sources.update(sources)
+
+    def _bad_image(self, table: Table, line: int, cells: list[str]) -> tuple[float, float]:
+        fields = dict(zip(table.columns, cells, strict=True))
+        what = f"image point {fields['photo']}/{fields['point']}"
+        row = Row(fields, table.where(line), self.problems, what)
+        row.number("x", required=True)
+        row.number("y", required=True)
+        return 0.0, 0.0
+
+    def _unknown_names(self, table: Table, unknown: dict[tuple[str, str], list[int]]) -> None:
+        """Note unknown names, each once with the lines where it stands."""
+        names: dict[str, Iterable[str]] = {
+            "photo": self.network.photos,
+            "point": self.network.points,
+        }
+        for (kind, name), lines in unknown.items():
+            self.complete = False
+            if name and kind in self.unreadable:
+                continue
+            if not name:
+                what = f"{kind} is missing"
+            else:
+                what = f"unknown {kind} {name!r}; known: {known(names[kind])}"
+            if len(lines) > 1:
+                what += f" (also in lines {known(map(str, lines[1:]))})"
+            self.problems.append(Problem(what, table.where(lines[0])))
+
+
+class _Covariances:
+    """Clusters of observations from covariances.csv."""
+
+    def __init__(self, table: Table, problems: list[Problem]) -> None:
+        self.table = table
+        self.problems = problems
+        self.members: dict[str, list[str]] = {}
+        self.lines: dict[str, int] = {}
+        self.entries: dict[str, list[tuple[int, tuple[str, str], tuple[str, str], float]]] = {}
+        self.cluster_of: dict[str, str] = {}
+        columns = ("cluster", "id", "component", "id2", "component2")
+        valid = check_columns(table, COVARIANCE_COLUMNS, ("cluster", "id", "id2"), problems)
+        units = [f"{u}2" for u in LENGTH]
+        if not {"cluster", "id", "id2"} <= valid:
+            return
+        for line, fields in table.records():
+            row = Row(fields, table.where(line), problems)
+            cluster, ident, component, ident2, component2 = (
+                row.text(c, required=not c.startswith("component")) or "" for c in columns
+            )
+            row.of = f"cluster {cluster!r}"
+            value = row.quantity("covariance", units)
+            if value is None:
+                value = row.number("covariance_si")
+            if value is None and not row.failed:
+                row.wrong("covariance_m2 (or another unit, or covariance_si) is missing")
+            if value is None or row.failed:
+                continue
+            self.lines.setdefault(cluster, line)
+            for name in (ident, ident2):
+                if self.cluster_of.setdefault(name, cluster) != cluster:
+                    row.wrong(f"observation {name!r} is in cluster {self.cluster_of[name]!r} too")
+                if name not in self.members.setdefault(cluster, []):
+                    self.members[cluster].append(name)
+            entry = (line, (ident, component), (ident2, component2), value)
+            self.entries.setdefault(cluster, []).append(entry)
+
+    def complete_sigma(self, ident: str, record: dict[str, object]) -> None:
+        """Give a member of a cluster the variances of the cluster as its own, if it has none."""
+        cluster = self.cluster_of.get(ident)
+        if cluster is None or any(f in record for f in sigma_fields(str(record.get("kind", "")))):
+            return
+        unit = "rad" if is_angle(str(record["kind"])) else "m"
+        for _, a, b, value in self.entries[cluster]:
+            if a == b and a[0] == ident and value > 0:
+                axis = f"_{a[1]}" if a[1] else ""
+                record[f"sigma{axis}_{unit}"] = repr(float(np.sqrt(value)))
+
+    def join(self, found: list[Observation]) -> list[Observation | Correlated]:
+        """Return the observations with those of clusters together, where the first one stood."""
+        by_id = {o.id: o for o in found if getattr(o, "id", None) is not None}  # type: ignore[attr-defined]
+        out: list[Observation | Correlated] = []
+        done: set[str] = set()
+        for o in found:
+            cluster = self.cluster_of.get(getattr(o, "id", None) or "")
+            if cluster is None:
+                out.append(o)
+            elif cluster not in done:
+                done.add(cluster)
+                out.extend(self._cluster(cluster, by_id))
+        for cluster in self.members:
+            if cluster not in done:
+                self._cluster(cluster, by_id)
+        return out
+
+    def _cluster(
+        self, cluster: str, by_id: dict[str, Observation]
+    ) -> list[Observation | Correlated]:
+        where = f"{self.table.where(self.lines[cluster])}: cluster {cluster!r}"
+        unknown = [n for n in self.members[cluster] if n not in by_id]
+        members = [by_id[n] for n in self.members[cluster] if n in by_id]
+        if unknown:
+            what = f"unknown id {', '.join(map(repr, unknown))}; known: {known(by_id)}"
+            self.problems.append(Problem(what, where))
+            return list(members)
+        place: dict[tuple[str, str], int] = {}
+        for o in members:
+            for component in _components(o):
+                place[o.id, component] = len(place)  # type: ignore[attr-defined]
+        matrix = np.full((len(place), len(place)), np.nan)
+        bad = False
+        for line, a, b, value in self.entries[cluster]:
+            for name, component in (a, b):
+                if (name, component) not in place:
+                    bad = True
+                    valid = ", ".join(c or "(empty)" for c in _components(by_id[name]))
+                    what = f"unknown component {component!r} of {name!r}; valid: {valid}"
+                    at = f"{self.table.where(line)}: cluster {cluster!r}"
+                    self.problems.append(Problem(what, at))
+            if not bad:
+                matrix[place[a], place[b]] = value
+        if bad:
+            return list(members)
+        matrix = _symmetric(matrix)
+        missing = [k for k, i in place.items() if np.isnan(matrix[i, i])]
+        if missing:
+            what = "the variance is missing of " + known(f"{i} {c}".strip() for i, c in missing)
+            self.problems.append(Problem(what, where))
+            return list(members)
+        try:
+            return [Correlated(tuple(members), np.nan_to_num(matrix, nan=0.0))]
+        except InputError as error:
+            self.problems.extend(Problem(p.what, where) for p in error.problems)
+            return list(members)
+
+
+def _symmetric(matrix: Array) -> Array:
+    """Fill what only the mirrored entry states."""
+    return np.where(np.isnan(matrix), matrix.T, matrix)
+
+
+def _components(o: Observation) -> tuple[str, ...]:
+    """Return the names of the scalar components, as covariances.csv has them."""
+    if isinstance(o, ControlPoint):
+        return tuple(o.axes)
+    return () if isinstance(o, ImagePoint) else o.components

@@ -1,0 +1,356 @@
+"""Tables of unknowns: points, photos, orientations, refraction, verticals, distance meters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..frames import LocalFrame, TopocentricFrame
+from ..network import FREE_ORIENTATION, Network, Photo
+from ..types import Array
+from ..units import ANGLE, LENGTH
+from .fields import unknown_field
+from .numbers import Units
+from .tables import IGNORED, Row, Table
+
+Dimension = Literal[1, 2, 3]
+"""Of a network: 1 holds x and y, 2 holds z of every point, at 0 where no value is given."""
+HELD = {1: "xy", 2: "z", 3: ""}
+GEOGRAPHIC = ("latitude", "longitude", "height")
+ROTATION = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
+ANGLES = ("omega", "phi", "kappa")
+POSE_PARTS = ("rx", "ry", "rz", "x", "y", "z")
+"""Parts of a photo's orientation that can be held one by one."""
+POSE_WORDS = {"yes": POSE_PARTS, "attitude": POSE_PARTS[:3], "position": POSE_PARTS[3:]}
+
+
+def _with_units(prefixes: Iterable[str], units: Iterable[str]) -> tuple[str, ...]:
+    each = tuple(units)
+    return tuple(f"{p}_{u}" for p in prefixes for u in each)
+
+
+_SIGMA_XYZ = _with_units(("sigma", "sigma_x", "sigma_y", "sigma_z"), LENGTH)
+_CHECK = ("check_x", "check_y", "check_z")
+POINT_COLUMNS = (
+    *("name", "x", "y", "z", *GEOGRAPHIC, "fixed", "datum"),
+    *(*_SIGMA_XYZ, *_CHECK),
+)
+PHOTO_COLUMNS = (
+    *("name", "camera", "x", "y", "z", *ANGLES, *ROTATION, "fixed"),
+    *(*_SIGMA_XYZ, *_with_units(("sigma_attitude",), ANGLE)),
+)
+ORIENTATION_COLUMNS = ("station", "set", "value", "fixed", *_with_units(("sigma",), ANGLE))
+REFRACTION_COLUMNS = ("name", "value", "sigma", "fixed")
+VERTICAL_COLUMNS = (
+    *("station", "fixed"),
+    *_with_units(("xi", "eta", "sigma", "sigma_xi", "sigma_eta"), ANGLE),
+)
+METER_COLUMNS = (
+    *("name", "scale_ppm", *_with_units(("zero",), LENGTH), "sigma_scale_ppm"),
+    *(*_with_units(("sigma_zero",), LENGTH), "free"),
+)
+
+
+def check_columns(
+    table: Table, valid: Iterable[str], required: Iterable[str], problems: list[Problem]
+) -> set[str]:
+    """Note columns that are unknown or missing; return the known ones that are there."""
+    line = min((number for number, _ in table.rows), default=2) - 1
+    where, known = table.where(max(line, 1)), {*valid, *IGNORED}
+    for name in required:
+        if name not in table.columns:
+            has = ", ".join(table.columns)
+            problems.append(Problem(f"missing column {name!r}; columns: {has}", where))
+    for name in table.columns:
+        what = unknown_field(name, known)
+        if what is not None:
+            problems.append(Problem(what, where))
+    return known & set(table.columns)
+
+
+def _sigmas(row: Row, axes: Iterable[str], units: Iterable[str]) -> tuple[float, ...] | None:
+    """Return σ of each axis, infinite where none is given; none where no axis has one."""
+    for_all = row.quantity("sigma", units, positive=True)
+    each = [row.quantity(f"sigma_{a}", units, positive=True) for a in axes]
+    if for_all is None and all(s is None for s in each):
+        return None
+    free = np.inf if for_all is None else for_all
+    return tuple(free if s is None else s for s in each)
+
+
+class UnknownsReader:
+    """Reads tables of unknowns into a network; notes problems and goes on.
+
+    What is named in a bad row still gets a stand-in, so that its name is known to the rest.
+    """
+
+    def __init__(
+        self, network: Network, units: Units, dimension: Dimension, problems: list[Problem]
+    ) -> None:
+        """Read into ``network``."""
+        self.network = network
+        self.units = units
+        self.dimension = dimension
+        self.problems = problems
+        self.complete = True
+        """Whether all names and flags are in the network, so that its structure can be judged."""
+        self.unreadable: set[str] = set()
+        """What has no names at all because its table cannot be read: point, photo."""
+        self.sources: dict[tuple[str, str], str] = {}
+        """File and line by what (point, photo) and name."""
+
+    def _rows(
+        self, table: Table, columns: tuple[str, ...], required: tuple[str, ...], key: str
+    ) -> Iterable[tuple[Row, str]]:
+        """Iterate over rows that have the key; notes bad columns once."""
+        before = len(self.problems)
+        valid = check_columns(table, columns, required, self.problems)
+        self.complete &= len(self.problems) == before
+        if not set(required) <= valid:
+            return
+        for line, fields in table.records():
+            known = {k: v for k, v in fields.items() if k in valid}
+            row = Row(known, table.where(line), self.problems, f"{key} {fields.get(key, '')!r}")
+            yield row, row.text(key, default="") or ""
+
+    def _named(
+        self, table: Table, columns: tuple[str, ...], what: str
+    ) -> Iterable[tuple[Row, str]]:
+        """Iterate over rows with a name that is there and new."""
+        seen: dict[str, int] = {}
+        line_of = {table.where(line): line for line, _ in table.rows}
+        for row, name in self._rows(table, columns, ("name",), "name"):
+            row.of = f"{what} {name!r}"
+            if not name and what != "refraction group":
+                row.of = ""
+                row.wrong("name is missing")
+                self.complete = False
+            elif name in seen:
+                self.complete = False
+                row.wrong(f"duplicate name of a {what}; first in line {seen[name]}")
+            else:
+                seen[name] = line_of[row.where]
+                self.sources[what, name] = row.where
+                yield row, name
+
+    def points(self, table: Table) -> None:
+        """Read points.csv."""
+        held = HELD[self.dimension]
+        if "name" not in table.columns:
+            self.unreadable.add("point")
+        for row, name in self._named(table, POINT_COLUMNS, "point"):
+            xyz = self._coordinates(row)
+            fixed = "".join(row.letters("fixed", "xyz"))
+            for i, axis in enumerate("xyz"):
+                if axis in held:
+                    xyz[i] = 0.0 if np.isnan(xyz[i]) else xyz[i]
+            fixed += "".join(a for a in held if a not in fixed)
+            sigma = _sigmas(row, "xyz", LENGTH)
+            if sigma is not None:
+                sigma = tuple(
+                    np.inf if a in fixed else s for a, s in zip("xyz", sigma, strict=True)
+                )
+            check = [row.number(c, self.units.length) for c in _CHECK]
+            datum = row.flag("datum")
+            if not row.failed:
+                try:
+                    self.network.add_point(
+                        name,
+                        xyz,
+                        fixed=fixed,
+                        sigma=sigma,
+                        datum=datum,
+                        check=None if check == [None] * 3 else [_or_nan(c) for c in check],
+                    )
+                except InputError as error:
+                    row.wrong_all(error)
+            if name not in self.network.points:
+                self.network.add_point(name, datum=datum)
+                flags = ("x" in fixed, "y" in fixed, "z" in fixed)
+                point = self.network.points[name]
+                self.network.points[name] = replace(point, fixed=flags, sigma=sigma)  # type: ignore[arg-type]
+
+    def _coordinates(self, row: Row) -> list[float]:
+        """Return x, y, z, metres, NaN where unknown, also from latitude and longitude."""
+        if not any(g in row for g in GEOGRAPHIC):
+            return [_or_nan(row.number(a, self.units.length)) for a in "xyz"]
+        frame = self.network.frame
+        for a in "xyz":
+            if a in row:
+                row.wrong(f"give either latitude, longitude, height or x, y, z, not {a} too")
+                return [np.nan] * 3
+        if isinstance(frame, LocalFrame):
+            row.wrong("latitude and longitude need a geocentric or topocentric frame")
+            return [np.nan] * 3
+        latitude = row.number("latitude", self.units.geographic, required=True)
+        longitude = row.number("longitude", self.units.geographic, required=True)
+        height = row.number("height", self.units.length, required=True)
+        if latitude is None or longitude is None or height is None:
+            return [np.nan] * 3
+        if abs(latitude) > np.pi / 2:
+            row.wrong(f"latitude is beyond a pole: {row.fields['latitude']}")
+            return [np.nan] * 3
+        at = np.array([latitude]), np.array([longitude]), np.array([height])
+        if isinstance(frame, TopocentricFrame):
+            xyz = frame.geocentric.ellipsoid.to_cartesian(*at)
+            return [float(v) for v in frame.from_geocentric(xyz)[0]]
+        return [float(v) for v in frame.ellipsoid.to_cartesian(*at)[0]]
+
+    def photos(self, table: Table) -> None:
+        """Read photos.csv; a project with one camera may leave the column camera out."""
+        only = next(iter(self.network.cameras), None) if len(self.network.cameras) == 1 else None
+        if "name" not in table.columns:
+            self.unreadable.add("photo")
+        for row, name in self._named(table, PHOTO_COLUMNS, "photo"):
+            camera = row.text("camera", required=only is None, default=only)
+            units = self.units
+            position = self._all_or_none(row, ("x", "y", "z"), units.length)
+            angles = self._all_or_none(row, ANGLES, units.angle)
+            rotation: Array | None = None
+            entries = self._all_or_none(row, ROTATION, "")
+            if entries is not None:
+                rotation = np.array(entries).reshape(3, 3)
+                if angles is not None:
+                    row.wrong("give either omega, phi, kappa or r11 … r33, not both")
+            fixed = self._fixed_parts(row)
+            sigma = _sigmas(row, "xyz", LENGTH)
+            attitude = row.quantity("sigma_attitude", ANGLE, positive=True)
+            if not row.failed and camera is not None:
+                try:
+                    self.network.add_photo(
+                        name,
+                        camera,
+                        position=position,
+                        omega_phi_kappa=angles,
+                        rotation=rotation,
+                        fixed=fixed,
+                        sigma_position=sigma,
+                        sigma_attitude=attitude,
+                    )
+                except InputError as error:
+                    row.wrong_all(error)
+            if name not in self.network.photos:
+                self.network.photos[name] = Photo(name, camera or "", fixed=tuple(fixed))
+                self.complete &= camera in self.network.cameras
+
+    def _all_or_none(self, row: Row, names: tuple[str, ...], unit: str) -> tuple[float, ...] | None:
+        if not any(n in row for n in names):
+            return None
+        found = [row.number(n, unit, required=True) for n in names]
+        return None if None in found else tuple(v for v in found if v is not None)
+
+    def _fixed_parts(self, row: Row) -> list[bool]:
+        text = row.text("fixed", default="") or ""
+        held: set[str] = set()
+        for word in text.split():
+            if word in POSE_WORDS:
+                held |= set(POSE_WORDS[word])
+            elif word in POSE_PARTS:
+                held.add(word)
+            elif word != "no":
+                valid = ", ".join([*POSE_WORDS, "no", *POSE_PARTS])
+                row.wrong(f"fixed must be some of {valid}, not {word!r}")
+        return [part in held for part in POSE_PARTS]
+
+    def orientations(self, table: Table) -> None:
+        """Read orientations.csv; a set without a value is free and found from its directions."""
+        seen: set[tuple[str, str]] = set()
+        for row, station in self._rows(table, ORIENTATION_COLUMNS, ("station",), "station"):
+            chosen = row.text("set", default="1") or "1"
+            row.of = f"orientation of {station!r}, set {chosen!r}"
+            if (station, chosen) in seen:
+                row.wrong("duplicate orientation")
+                continue
+            seen.add((station, chosen))
+            value = row.number("value", self.units.angle)
+            sigma = row.quantity("sigma", ANGLE, positive=True)
+            fixed = row.flag("fixed")
+            if row.failed:
+                continue
+            if value is None and (fixed or sigma is not None):
+                row.wrong("value is missing: a held or weighted orientation needs one")
+                continue
+            try:
+                self.network.set_orientation(
+                    station,
+                    set=chosen,
+                    value=0.0 if value is None else value,
+                    sigma=sigma,
+                    fixed=fixed,
+                )
+            except InputError as error:
+                row.wrong_all(error)
+                continue
+            if value is None:
+                self.network.orientations[station, chosen] = FREE_ORIENTATION
+
+    def refractions(self, table: Table) -> None:
+        """Read refractions.csv; the row without a name is the network's."""
+        for row, name in self._named(table, REFRACTION_COLUMNS, "refraction group"):
+            value = row.number("value")
+            sigma = row.number("sigma", positive=True)
+            fixed = row.flag("fixed")
+            if not row.failed:
+                try:
+                    self.network.set_refraction(
+                        name, value=0.13 if value is None else value, sigma=sigma, fixed=fixed
+                    )
+                except InputError as error:
+                    row.wrong_all(error)
+            if name not in self.network.refractions:
+                self.network.set_refraction(name)
+
+    def verticals(self, table: Table) -> None:
+        """Read verticals.csv."""
+        seen: set[str] = set()
+        for row, station in self._rows(table, VERTICAL_COLUMNS, ("station",), "station"):
+            row.of = f"vertical of {station!r}"
+            if station in seen:
+                row.wrong("duplicate vertical")
+                continue
+            seen.add(station)
+            xi, eta = (row.quantity(n, ANGLE) for n in ("xi", "eta"))
+            sigma = _sigmas(row, ("xi", "eta"), ANGLE)
+            fixed = row.flag("fixed")
+            if row.failed:
+                continue
+            try:
+                self.network.set_vertical(
+                    station, xi=xi or 0.0, eta=eta or 0.0, sigma=sigma, fixed=fixed
+                )
+            except InputError as error:
+                row.wrong_all(error)
+
+    def distance_meters(self, table: Table) -> None:
+        """Read distance_meters.csv."""
+        for row, name in self._named(table, METER_COLUMNS, "distance meter"):
+            scale = row.number("scale_ppm", "ppm")
+            zero = row.quantity("zero", LENGTH)
+            sigma_scale = row.number("sigma_scale_ppm", "ppm", positive=True)
+            sigma_zero = row.quantity("sigma_zero", LENGTH, positive=True)
+            words = (row.text("free", default="") or "").split()
+            unknown = [w for w in words if w not in ("scale", "zero")]
+            if unknown:
+                row.wrong(f"free must be some of scale, zero, not {unknown[0]!r}")
+            if not row.failed:
+                try:
+                    self.network.set_distance_meter(
+                        name,
+                        scale=scale or 0.0,
+                        zero=zero or 0.0,
+                        sigma_scale=sigma_scale,
+                        sigma_zero=sigma_zero,
+                        free=words,  # type: ignore[arg-type]
+                    )
+                except InputError as error:
+                    row.wrong_all(error)
+            if name not in self.network.distance_meters:
+                self.network.set_distance_meter(name)
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value

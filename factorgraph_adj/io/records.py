@@ -1,0 +1,402 @@
+"""Records of observations: one row of a table, one dict of text, one `Observation`.
+
+The fields are the columns of ``observations.csv`` and ``images.csv``, and the keys of JSON
+Lines. A record fills the fields of its kind:
+
+- ``kind``, ``id``, and the names ``station``, ``target``, ``target2``, ``point``, ``photo``;
+- ``value``, or ``x``, ``y``, ``z`` of vectors and positions, in ``unit`` or the project's;
+- σ with its unit in the name: ``sigma_mm``, ``sigma_mgon``, ``sigma_x_mm`` …, and the parts
+  ``ppm``, ``sqrt_km_mm``, ``centring_instrument_mm``, ``centring_target_mm``; or covariances
+  ``covariance_xy_mm2`` …;
+- what else the dataclass of its kind has: ``set``, ``instrument``, ``instrument_height`` ….
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any, cast
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..observations import OBSERVATIONS, ImagePoint, Observation
+from ..stochastic import StandardDeviation
+from ..types import Array
+from ..units import ANGLE, LENGTH
+from . import numbers
+from .fields import (
+    HEIGHTS,
+    LEVER_ARM,
+    NAMES,
+    PART_ATTRIBUTES,
+    PARTS,
+    attributes,
+    has_parts,
+    is_angle,
+    known_fields,
+    offer,
+    sigma_fields,
+    unknown_field,
+)
+from .numbers import Units
+from .tables import Row
+
+
+@dataclass(frozen=True)
+class ImageAxes:
+    """How image coordinates of one camera stand in files."""
+
+    unit: str = "mm"
+    """Unit: px or a length."""
+    y_down: bool = False
+    """Whether y points down (pixels from the upper left corner); inside it points up."""
+    sigma: Mapping[str, object] = field(default_factory=dict)
+    """Fields of the standard deviation where a record has none."""
+
+
+@dataclass(frozen=True)
+class RecordContext:
+    """What a record need not say itself."""
+
+    units: Units = field(default_factory=Units)
+    """Units of values."""
+    sigma: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
+    """Fields of the standard deviation by kind, where a record has none."""
+    images: Mapping[str, ImageAxes] = field(default_factory=dict)
+    """Axes of image coordinates by photo."""
+
+
+# -- record → observation -------------------------------------------------------------------------
+
+
+def observation(
+    record: Mapping[str, object], *, context: RecordContext | None = None, source: str = "record"
+) -> Observation:
+    """Return the observation that a record describes.
+
+    Args:
+        record: the fields, text or numbers; empty ones and None count as absent.
+        context: what the record leaves to the project.
+        source: where the record stands, for messages: file:line.
+
+    Raises:
+        InputError: everything that is wrong with it: unknown kind or field, missing field,
+            number that cannot be read, σ ≤ 0, no σ, bad covariance, a point to itself.
+    """
+    problems: list[Problem] = []
+    context = context or RecordContext()
+    row = Row(record, source, problems)
+    kind = row.text("kind", required=True)
+    if kind is not None and kind not in OBSERVATIONS:
+        row.wrong(f"unknown kind {kind!r}; valid: {', '.join(OBSERVATIONS)}")
+    if row.failed or kind is None:
+        raise InputError(problems)
+    cls = OBSERVATIONS[kind]
+    row.of = label(record)
+    arguments: dict[str, Any] = {"id": row.text("id"), "source": source}
+    for name in NAMES:
+        if name in attributes(kind):
+            arguments[name] = row.text(name, required=True)
+    if cls is ImagePoint:
+        _take_image(row, context, arguments)
+    else:
+        _take_values(row, kind, context, arguments)
+    known = known_fields(kind)
+    for name in row.left():
+        if name in known and not row.failed:
+            row.wrong(f"{name} has no use here")
+        elif name in known:
+            continue  # what it goes with was wrong
+        elif unknown_field(name, known_fields()) is None:
+            row.wrong(f"{name} does not apply to {kind}; it takes: {offer(kind)}")
+        else:
+            row.wrong(str(unknown_field(name, known)))
+    found = None
+    try:
+        # After a problem a stand-in shows what else the class objects to.
+        found = stand_in(record, source=source) if problems else cls(**arguments)
+    except InputError as error:
+        row.wrong_all(error)
+    if problems or found is None:
+        raise InputError(problems)
+    return found
+
+
+def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observation | None:
+    """Return an observation with the names of a record and invented numbers.
+
+    It stands for a record with bad numbers where only the structure counts; none where kind
+    or names are missing.
+
+    Raises:
+        InputError: the names themselves make no observation, such as a point to itself.
+    """
+    kind = record.get("kind")
+    if not isinstance(kind, str) or kind not in OBSERVATIONS:
+        return None
+    have = attributes(kind)
+    names = [n for n in (*NAMES, "set", "instrument", "refraction") if n in have]
+    arguments: dict[str, Any] = {n: record[n] for n in names if record.get(n)}
+    if any(n in have and n not in arguments for n in NAMES):
+        return None
+    vector = "covariance" in have
+    if kind == "image":
+        arguments |= {"x": 0.0, "y": 0.0}
+    else:
+        arguments["value"] = (1.0,) * 3 if vector else 1.0
+    arguments["sigma"] = (1.0,) * 3 if vector else 1.0
+    make: Callable[..., Observation] = OBSERVATIONS[kind]
+    return make(**arguments, source=source)
+
+
+def label(record: Mapping[str, object]) -> str:
+    """Return a readable name of a record: kind, points and id."""
+    parts = [str(record[n]) for n in ("kind", *NAMES) if record.get(n) not in (None, "")]
+    ident = record.get("id")
+    return " ".join(parts) + (f" (id {ident})" if ident not in (None, "") else "")
+
+
+def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[str, Any]) -> None:
+    units, have = context.units, attributes(kind)
+    angle = is_angle(kind)
+    unit = row.choice(
+        "unit",
+        numbers.ANGLE_UNITS if angle else LENGTH,
+        units.angle if angle else units.length,
+    )
+    for name in HEIGHTS:
+        if name in have:
+            height = row.number(name, units.length)
+            arguments[name] = 0.0 if height is None else height
+    for name in ("set", "instrument", "refraction"):
+        if name in have and name in row:
+            arguments[name] = row.text(name)
+    if "length_km" in have:
+        arguments["length_km"] = row.number("length_km", positive=True)
+    if "lever_arm" in have and any(n in row for n in LEVER_ARM):
+        arguments["lever_arm"] = tuple(row.number(n, unit, required=True) for n in LEVER_ARM)
+    if "covariance" not in have:
+        arguments["value"] = row.number("value", unit, required=True)
+        _take_sigma(row, kind, context, arguments)
+        return
+    axes = "xyz"
+    if "axes" in have:
+        axes = "".join(row.letters("axes", "xyzenu")) or "xyz"
+        arguments["axes"] = axes
+    whole = bool(set(axes) & set("enu"))
+    arguments["value"] = tuple(
+        row.number(a, unit, required=True) for a in ("xyz" if whole else axes)
+    )
+    _take_vector_sigma(row, kind, axes, context, arguments)
+
+
+def _stated(row: Row, kind: str, default: Mapping[str, object], place: str) -> Row | None:
+    """Return the row that states the standard deviation: the row itself, or the default's."""
+    if any(f in row for f in sigma_fields(kind)):
+        return row
+    own = Row(default, row.where, row.problems, row.of)
+    if any(f in own for f in sigma_fields(kind)):
+        return own
+    unit = "mgon" if is_angle(kind) else "mm"
+    row.wrong(f"no standard deviation: give sigma_{unit} (or another unit) here or in {place}")
+    return None
+
+
+def _take_sigma(row: Row, kind: str, context: RecordContext, arguments: dict[str, Any]) -> None:
+    """Read a scalar standard deviation, of one or several parts."""
+    stated = _stated(row, kind, context.sigma.get(kind, {}), f"[sigma.{kind}] of the project")
+    if stated is None:
+        return
+    parts = {}
+    if has_parts(kind):
+        for part, name in PART_ATTRIBUTES.items():
+            kinds = PARTS[part]
+            if kinds is not None and kind not in kinds:
+                continue
+            value = stated.number("ppm") if part == "ppm" else stated.quantity(part, LENGTH)
+            if value is not None and value < 0:
+                row.wrong(f"{part} must not be negative")
+            elif value is not None:
+                parts[name] = value
+    constant = stated.quantity("sigma", ANGLE if is_angle(kind) else LENGTH)
+    if constant is not None and (constant < 0 or (constant == 0 and not any(parts.values()))):
+        found = stated.present("sigma", ANGLE if is_angle(kind) else LENGTH)
+        name = found[0] if found else "sigma"
+        row.wrong(f"{name} must be greater than zero, not {stated.fields.get(name)}")
+        return
+    if row.failed:
+        return
+    if any(parts.values()):
+        arguments["sigma"] = StandardDeviation(constant or 0.0, **parts)
+    elif constant is None:
+        row.wrong("the standard deviation is zero: all its parts are")
+    else:
+        arguments["sigma"] = constant
+
+
+def _take_vector_sigma(
+    row: Row, kind: str, axes: str, context: RecordContext, arguments: dict[str, Any]
+) -> None:
+    """Read σ of each axis, or a covariance."""
+    stated = _stated(row, kind, context.sigma.get(kind, {}), f"[sigma.{kind}] of the project")
+    if stated is None:
+        return
+    if any(f.startswith("covariance_") for f in stated.fields):
+        arguments["covariance"] = _take_covariance(stated, axes)
+        return
+    for_all = stated.quantity("sigma", LENGTH, positive=True)
+    sigma = [stated.quantity(f"sigma_{a}", LENGTH, positive=True) for a in axes]
+    for a, s in zip(axes, sigma, strict=True):
+        if s is None and for_all is None and not row.failed:
+            row.wrong(f"no standard deviation of {a}: give sigma_{a}_mm or sigma_mm")
+    if not row.failed:
+        arguments["sigma"] = tuple(for_all if s is None else s for s in sigma)
+
+
+def _take_covariance(row: Row, axes: str) -> Array:
+    size = len(axes)
+    out = np.zeros((size, size))
+    squared = [f"{u}2" for u in LENGTH]
+    for i, j in product(range(size), repeat=2):
+        pair, mirrored = axes[i] + axes[j], axes[j] + axes[i]
+        value = row.quantity(f"covariance_{pair}", squared)
+        if value is None and i != j and row.present(f"covariance_{pair}", squared) is None:
+            value = row.quantity(f"covariance_{mirrored}", squared)
+        if i == j and row.present(f"covariance_{pair}", squared) is None:
+            row.wrong(f"the variance covariance_{pair}_mm2 is missing")
+        out[i, j] = value or 0.0
+    return out
+
+
+def _take_image(row: Row, context: RecordContext, arguments: dict[str, Any]) -> None:
+    axes = context.images.get(arguments["photo"] or "", ImageAxes())
+    for name in ("x", "y"):
+        arguments[name] = row.number(name, required=True)
+    if axes.y_down and arguments["y"] is not None:
+        arguments["y"] = -arguments["y"]
+    arguments["sigma"] = image_sigma(row, axes, context.sigma.get("image", {}))
+
+
+def image_sigma(
+    row: Row, axes: ImageAxes, default: Mapping[str, object]
+) -> tuple[float, float] | None:
+    """Return σ of x and y in units of the camera; none, noted in the row, where that fails."""
+    place = "the camera or [sigma.image] of the project"
+    stated = _stated(row, "image", {**(axes.sigma or default)}, place)
+    if stated is None:
+        return None
+    units = ("px",) if axes.unit == "px" else tuple(LENGTH)
+    for_all = _image_quantity(stated, "sigma", axes.unit, units)
+    sigma = [_image_quantity(stated, f"sigma_{a}", axes.unit, units) for a in "xy"]
+    x, y = (for_all if s is None else s for s in sigma)
+    if x is None or y is None:
+        if not row.failed:
+            valid = ", ".join(f"sigma_{u}" for u in units)
+            row.wrong(f"no standard deviation in a unit of the camera ({axes.unit}): give {valid}")
+        return None
+    return x, y
+
+
+def _image_quantity(row: Row, prefix: str, unit: str, units: tuple[str, ...]) -> float | None:
+    """Return a standard deviation in the unit of the camera, exactly as written."""
+    found = row.present(prefix, units)
+    if found is None:
+        return None
+    value = row.number(found[0], found[1], positive=True)
+    if value is None or unit == "px":
+        return value
+    if found[1] == unit:
+        return numbers.parse(row.fields[found[0]])
+    return float(numbers.write(value, unit))
+
+
+# -- observation → record -------------------------------------------------------------------------
+
+
+def record(
+    found: Observation,
+    *,
+    id: str | None = None,
+    units: Units | None = None,
+    axes: ImageAxes | None = None,
+) -> dict[str, str]:
+    """Return the record of an observation; `observation` reads the same back, to the bit.
+
+    Args:
+        found: the observation.
+        id: its name in the network, where it has none of its own.
+        units: units of the record.
+        axes: for image coordinates: how they stand in files.
+    """
+    units, given = units or Units(), cast(Any, found)
+    kind, have = found.kind, attributes(found.kind)
+    out = {"kind": kind, "id": given.id or id or ""}
+    for name in (*NAMES, "set", "instrument", "refraction", "axes"):
+        if name in have:
+            out[name] = getattr(found, name) or ""
+    if isinstance(found, ImagePoint):
+        return out | _image_record(found, axes or ImageAxes())
+    unit = units.angle if is_angle(kind) else units.length
+    for name in HEIGHTS:
+        if name in have and repr(getattr(found, name)) not in ("0.0", "0"):
+            out[name] = numbers.write(getattr(found, name), units.length)
+    if "length_km" in have and given.length_km is not None:
+        out["length_km"] = numbers.write(given.length_km)
+    if "lever_arm" in have and any(given.lever_arm):
+        arm = zip(LEVER_ARM, given.lever_arm, strict=True)
+        out |= {n: numbers.write(v, unit) for n, v in arm}
+    if "covariance" not in have:
+        out["value"] = numbers.write(given.value, unit)
+        return out | _sigma_record(given.sigma, kind, units)
+    names = given.axes if "axes" in have else "xyz"
+    of = "xyz" if set(names) & set("enu") else names
+    out |= {a: numbers.write(v, unit) for a, v in zip(of, given.value, strict=True)}
+    return out | _vector_sigma_record(given, names, units)
+
+
+def _sigma_record(sigma: float | StandardDeviation, kind: str, units: Units) -> dict[str, str]:
+    unit = units.sigma_angle if is_angle(kind) else units.sigma_length
+    if not isinstance(sigma, StandardDeviation):
+        return {f"sigma_{unit}": numbers.write(sigma, unit)}
+    out = {}
+    if sigma.constant > 0:
+        out[f"sigma_{unit}"] = numbers.write(sigma.constant, unit)
+    for part, name in PART_ATTRIBUTES.items():
+        kinds, value = PARTS[part], getattr(sigma, name)
+        if value == 0 or (kinds is not None and kind not in kinds):
+            continue  # a part that does not apply weighs nothing
+        if part == "ppm":
+            out[part] = numbers.write(value)
+        else:
+            out[f"{part}_{units.sigma_length}"] = numbers.write(value, units.sigma_length)
+    return out
+
+
+def _vector_sigma_record(given: Any, axes: str, units: Units) -> dict[str, str]:
+    unit = units.sigma_length
+    if given.sigma is not None:
+        if len(set(given.sigma)) == 1:
+            return {f"sigma_{unit}": numbers.write(given.sigma[0], unit)}
+        by_axis = zip(axes, given.sigma, strict=True)
+        return {f"sigma_{a}_{unit}": numbers.write(s, unit) for a, s in by_axis}
+    covariance = np.asarray(given.covariance, dtype=float)
+    out = {}
+    for i, j in product(range(len(axes)), repeat=2):
+        if j >= i or covariance[i, j] != covariance[j, i]:
+            name = f"covariance_{axes[i]}{axes[j]}_{unit}2"
+            out[name] = numbers.write(float(covariance[i, j]), f"{unit}2")
+    return out
+
+
+def _image_record(found: ImagePoint, axes: ImageAxes) -> dict[str, str]:
+    sx, sy = found.sigma if isinstance(found.sigma, tuple) else (found.sigma,) * 2
+    y = -found.y if axes.y_down else found.y
+    out = {"x": numbers.write(found.x), "y": numbers.write(y)}
+    if sx == sy:
+        return out | {f"sigma_{axes.unit}": numbers.write(sx)}
+    return out | {
+        f"sigma_x_{axes.unit}": numbers.write(sx),
+        f"sigma_y_{axes.unit}": numbers.write(sy),
+    }

@@ -1,0 +1,233 @@
+"""CSV tables with file and line, and fields that collect everything that is wrong with them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import InputError, Problem
+from . import numbers
+
+TRUE, FALSE = ("yes", "true", "1"), ("no", "false", "0", "")
+IGNORED = ("remark",)
+"""Columns for people, which nothing reads."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV table: a header and rows with their line numbers."""
+
+    name: str
+    """Name of the file, for messages."""
+    columns: tuple[str, ...]
+    """Names of the columns."""
+    rows: tuple[tuple[int, list[str]], ...]
+    """Line and cells of each row; as many cells as columns, without blanks at their ends."""
+
+    def where(self, line: int) -> str:
+        """Return file:line."""
+        return f"{self.name}:{line}"
+
+    def records(self) -> Iterator[tuple[int, dict[str, str]]]:
+        """Iterate over lines and their filled fields by column."""
+        for line, cells in self.rows:
+            yield line, {c: v for c, v in zip(self.columns, cells, strict=True) if v}
+
+
+def read_table(path: Path, problems: list[Problem]) -> Table | None:
+    """Read a table; none where there is no header to go by.
+
+    Separated by commas, or by semicolons or tabulators where the header is; UTF-8; empty lines
+    and lines that start with # are passed over.
+
+    Args:
+        path: the file.
+        problems: gets what is wrong: no such file, not UTF-8, no header, a column named twice,
+            a row with more or fewer cells than the header.
+    """
+    name = path.name
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        problems.append(Problem(f"cannot be read: {error.strerror}", name))
+        return None
+    except UnicodeDecodeError as error:
+        problems.append(Problem(f"is not UTF-8 text (byte {error.start})", name))
+        return None
+    lines = ["\n" if line.startswith("#") else line + "\n" for line in text.split("\n")]
+    first = next((line for line in lines if line.strip()), "")
+    separator = next((s for s in ",;\t" if s in first), ",")
+    reader = csv.reader(lines, delimiter=separator, strict=True)
+    found: list[tuple[int, list[str]]] = []
+    begun = 1
+    try:
+        for cells in reader:
+            begun = reader.line_num + 1
+            if any(cell.strip() for cell in cells):
+                found.append((reader.line_num, [cell.strip() for cell in cells]))
+    except csv.Error as error:
+        problems.append(Problem(f"is not CSV: {error}", f"{name}:{begun}"))
+        return None
+    if not found:
+        problems.append(Problem("is empty: the first line must name the columns", name))
+        return None
+    line, header = found[0]
+    twice = sorted({c for c in header if header.count(c) > 1})
+    if twice:
+        what = "a column without a name" if twice == [""] else f"duplicate column {twice[0]!r}"
+        problems.append(Problem(what, f"{name}:{line}"))
+        return None
+    rows = []
+    for number, cells in found[1:]:
+        if len(cells) == len(header):
+            rows.append((number, cells))
+            continue
+        what = f"{len(cells)} cells, but the header has {len(header)} columns"
+        problems.append(Problem(what, f"{name}:{number}"))
+        # What can be lined up still takes part, so that later checks see the row.
+        rows.append((number, (cells + [""] * len(header))[: len(header)]))
+    return Table(name, tuple(header), tuple(rows))
+
+
+def write_table(columns: Sequence[str], records: Iterable[Mapping[str, str]]) -> str:
+    """Return CSV text of records; columns that no record fills are left out, but the first."""
+    rows = list(records)
+    used = [c for i, c in enumerate(columns) if i == 0 or any(r.get(c, "") for r in rows)]
+    lines = [",".join(used)]
+    lines += [",".join(_cell(r.get(c, "")) for c in used) for r in rows]
+    return "\n".join(lines) + "\n"
+
+
+def _cell(text: str) -> str:
+    if text.startswith("#") or any(c in text for c in ',;\t"'):
+        return '"' + text.replace('"', '""') + '"'
+    return text
+
+
+class Row:
+    """The fields of one row, record or TOML table; every method notes what is wrong.
+
+    ``failed`` says whether anything was.
+    """
+
+    def __init__(
+        self, fields: Mapping[str, object], where: str, problems: list[Problem], of: str = ""
+    ) -> None:
+        """Take fields; empty ones count as absent."""
+        self.fields = {k: v for k, v in fields.items() if v is not None and v != ""}
+        self.where = where
+        self.of = of
+        self.problems = problems
+        self.taken: set[str] = set()
+        self._before = len(problems)
+
+    @property
+    def failed(self) -> bool:
+        """Whether a problem was noted since the row was begun."""
+        return len(self.problems) > self._before
+
+    @property
+    def place(self) -> str:
+        """Where the row stands and what it is about."""
+        return f"{self.where}: {self.of}" if self.of else self.where
+
+    def wrong(self, what: str) -> None:
+        """Note a problem."""
+        self.problems.append(Problem(what, self.place))
+
+    def wrong_all(self, error: InputError) -> None:
+        """Note the problems of an error, with the place of this row before their own."""
+        for p in error.problems:
+            inside = p.where if p.where and p.where not in self.place else ""
+            inside = inside.removeprefix(f"{self.where}: ")
+            where = f"{self.where}: {inside}" if inside else self.place
+            self.problems.append(Problem(p.what, where))
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.fields
+
+    def take(self, name: str, *, required: bool = False) -> object | None:
+        """Return a field as it is."""
+        self.taken.add(name)
+        value = self.fields.get(name)
+        if value is None and required:
+            self.wrong(f"{name} is missing")
+        return value
+
+    def text(self, name: str, *, required: bool = False, default: str | None = None) -> str | None:
+        """Return a field as text: a name."""
+        value = self.take(name, required=required)
+        if value is None:
+            return default
+        if isinstance(value, bool | float | list | dict):
+            self.wrong(f"{name} must be text, not {value!r}")
+            return default
+        return str(value)
+
+    def choice(self, name: str, choices: Iterable[str], default: str) -> str:
+        """Return one of the choices."""
+        value = self.text(name, default=default)
+        valid = tuple(choices)
+        if value not in valid:
+            self.wrong(f"unknown {name} {value!r}; valid: {', '.join(valid)}")
+            return default
+        return value
+
+    def flag(self, name: str) -> bool:
+        """Return whether a field says yes."""
+        value = self.take(name)
+        if isinstance(value, bool):
+            return value
+        text = "" if value is None else str(value).lower()
+        if text not in (*TRUE, *FALSE):
+            self.wrong(f"{name} must be yes or no, not {value!r}")
+        return text in TRUE
+
+    def letters(self, name: str, valid: Iterable[str]) -> tuple[str, ...]:
+        """Return some of the valid words: separated by blanks, or letters in one word."""
+        choices = tuple(valid)
+        text = self.text(name, default="") or ""
+        single = all(len(c) == 1 for c in choices)
+        words = tuple(text.replace(" ", "")) if single else tuple(text.split())
+        unknown = [w for w in words if w not in choices]
+        if unknown:
+            self.wrong(f"{name} must be some of {', '.join(choices)}, not {text!r}")
+        return tuple(w for w in words if w in choices)
+
+    def number(
+        self, name: str, unit: str = "", *, required: bool = False, positive: bool = False
+    ) -> float | None:
+        """Return a finite number in SI; none where it is absent or was noted as wrong."""
+        value = self.take(name, required=required)
+        if value is None:
+            return None
+        try:
+            found = numbers.parse(value, unit)
+        except ValueError as error:
+            self.wrong(f"{name}: {error}")
+            return None
+        if positive and not found > 0:
+            self.wrong(f"{name} must be greater than zero, not {value}")
+            return None
+        return found
+
+    def present(self, prefix: str, units: Iterable[str]) -> tuple[str, str] | None:
+        """Return field and unit of the one filled field ``prefix_unit``."""
+        filled = [(f"{prefix}_{u}", u) for u in units if f"{prefix}_{u}" in self.fields]
+        if len(filled) > 1:
+            self.taken.update(f for f, _ in filled)
+            self.wrong("give only one of " + ", ".join(f for f, _ in filled))
+        return filled[0] if filled else None
+
+    def quantity(
+        self, prefix: str, units: Iterable[str], *, positive: bool = False
+    ) -> float | None:
+        """Return what stands in the field ``prefix_unit``, in SI."""
+        found = self.present(prefix, units)
+        return None if found is None else self.number(*found, positive=positive)
+
+    def left(self) -> list[str]:
+        """Return the filled fields that nothing asked for."""
+        return [f for f in self.fields if f not in self.taken and f not in IGNORED]

@@ -1,0 +1,354 @@
+"""Write a network as a project that reads back to the same network, to the bit."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..frames import Frame, GeocentricFrame, LocalFrame
+from ..network import Camera, Network, Parameter
+from ..observations import ControlPoint, Observation
+from ..rotation import TURN_ABOUT_X, omega_phi_kappa, world_R_camera
+from ..types import Array
+from ..units import LENGTH
+from . import numbers, records
+from .atomic import write_files
+from .fields import COLUMNS
+from .numbers import Units
+from .read_observations import COVARIANCE_COLUMNS, IMAGE_COLUMNS
+from .read_unknowns import (
+    ANGLES,
+    METER_COLUMNS,
+    ORIENTATION_COLUMNS,
+    PHOTO_COLUMNS,
+    POINT_COLUMNS,
+    POSE_PARTS,
+    POSE_WORDS,
+    REFRACTION_COLUMNS,
+    ROTATION,
+    VERTICAL_COLUMNS,
+)
+from .records import ImageAxes
+from .tables import write_table
+
+Records = Iterator[dict[str, str]]
+
+
+def write_project(network: Network, path: str | Path, *, units: Units | None = None) -> None:
+    """Write a network as a TOML file with CSV tables beside it, all or nothing.
+
+    `read_project` gives back the same points, unknowns and observations in the same order,
+    every float64 to the bit, whatever the units.
+
+    Args:
+        network: the network.
+        path: the TOML file; its folder gets the tables and is made if it is not there.
+        units: units of the files; metres, gon and degrees by default.
+
+    Raises:
+        InputError: a name or a unit that cannot stand in a file, or the folder cannot be
+            written; nothing has changed then.
+    """
+    path, units = Path(path), units or Units()
+    if path.suffix != ".toml":
+        raise InputError(Problem("a project is a .toml file", str(path)))
+    _check_names(network)
+    files: dict[str, str] = {}
+    for name, columns, rows in (
+        ("points", POINT_COLUMNS, _points(network, units)),
+        ("photos", PHOTO_COLUMNS, _photos(network, units)),
+        ("images", IMAGE_COLUMNS, _images(network)),
+        ("observations", COLUMNS, _observations(network, units)),
+        ("covariances", COVARIANCE_COLUMNS, _covariances(network)),
+        ("orientations", ORIENTATION_COLUMNS, _orientations(network, units)),
+        ("refractions", REFRACTION_COLUMNS, _refractions(network)),
+        ("verticals", VERTICAL_COLUMNS, _verticals(network, units)),
+        ("distance_meters", METER_COLUMNS, _distance_meters(network, units)),
+    ):
+        found = list(rows)
+        if found or name == "points":
+            files[f"{name}.csv"] = write_table(columns, found)
+    files[path.name] = "\n".join(_toml(network, units, files)) + "\n"
+    write_files(path.parent, files)
+
+
+def _check_names(network: Network) -> None:
+    """Refuse names that a CSV cell cannot hold, and units that readers do not know."""
+    named: tuple[tuple[str, Iterable[str]], ...] = (
+        ("point", network.points),
+        ("photo", network.photos),
+        ("camera", network.cameras),
+        ("refraction group", network.refractions),
+        ("distance meter", network.distance_meters),
+        ("set", (s for _, s in network.orientations)),
+        ("observation", network.observations),
+        ("image point", network.images.ids.values()),
+    )
+    problems = [
+        Problem("a name with blanks at its ends or a line break cannot be written", f"{what} {n!r}")
+        for what, names in named
+        for n in names
+        if n != n.strip() or "\n" in n or "\r" in n or "\0" in n
+    ]
+    problems += [
+        Problem(
+            f"unit {c.unit!r} cannot be written; valid: px, {', '.join(LENGTH)}", f"camera {n!r}"
+        )
+        for n, c in network.cameras.items()
+        if c.unit not in ("px", *LENGTH)
+    ]
+    if problems:
+        raise InputError(problems)
+
+
+# -- tables ---------------------------------------------------------------------------------------
+
+
+def _sigmas(
+    sigma: Iterable[float] | None, axes: Iterable[str], unit: str, prefix: str = "sigma"
+) -> dict[str, str]:
+    """Return σ columns of weighted components: one for all where they agree."""
+    given = dict(zip(axes, sigma or (), strict=False))
+    if given and len(set(given.values())) == 1 and math.isfinite(next(iter(given.values()))):
+        return {f"{prefix}_{unit}": numbers.write(next(iter(given.values())), unit)}
+    return {
+        f"{prefix}_{a}_{unit}": numbers.write(s, unit) for a, s in given.items() if math.isfinite(s)
+    }
+
+
+def _filled(names: Iterable[str], values: Iterable[float], unit: str) -> dict[str, str]:
+    """Return fields of the values that are known."""
+    return {
+        n: numbers.write(v, unit) for n, v in zip(names, values, strict=True) if not math.isnan(v)
+    }
+
+
+def _points(network: Network, units: Units) -> Records:
+    for p in network.points.values():
+        out = {"name": p.name, **_filled("xyz", p.coordinates, units.length)}
+        out["fixed"] = "".join(a for a, f in zip("xyz", p.fixed, strict=True) if f)
+        out["datum"] = "yes" if p.datum else ""
+        out |= _sigmas(p.sigma, "xyz", units.sigma_length)
+        if p.check is not None:
+            out |= _filled(("check_x", "check_y", "check_z"), p.check, units.length)
+        yield out
+
+
+def _photos(network: Network, units: Units) -> Records:
+    for f in network.photos.values():
+        out = {"name": f.name, "camera": f.camera}
+        if f.position is not None:
+            out |= _filled("xyz", f.position, units.length)
+        if f.rotation is not None:
+            angles = exact_angles(f.rotation)
+            if angles is not None:
+                out |= _filled(ANGLES, angles, units.angle)
+            else:
+                out |= _filled(ROTATION, f.rotation.ravel().tolist(), "")
+        held = tuple(part for part, fixed in zip(POSE_PARTS, f.fixed, strict=True) if fixed)
+        words = {parts: word for word, parts in POSE_WORDS.items()}
+        out["fixed"] = words.get(held, " ".join(held))
+        out |= _sigmas(f.sigma_position, "xyz", units.sigma_length)
+        if f.sigma_attitude is not None:
+            name = f"sigma_attitude_{units.sigma_angle}"
+            out[name] = numbers.write(f.sigma_attitude, units.sigma_angle)
+        yield out
+
+
+def exact_angles(rotation: Array) -> tuple[float, float, float] | None:
+    """Return ω, φ, κ (rad) that make this world_R_camera to the bit, or none.
+
+    The angles of a matrix are known to a few units of the last place; among the neighbours
+    there are those that the matrix came from, if it came from angles.
+    """
+    start = omega_phi_kappa(rotation)
+    near = [a + np.arange(-4, 5) * np.spacing(abs(a)) for a in start]
+    r = rotation @ TURN_ABOUT_X
+    cosine = np.cos(near[1])
+    for phi, c in zip(near[1], cosine, strict=True):
+        if np.sin(phi) != r[0, 2]:
+            continue
+        kappas = near[2][(c * np.cos(near[2]) == r[0, 0]) & (-c * np.sin(near[2]) == r[0, 1])]
+        omegas = near[0][(-np.sin(near[0]) * c == r[1, 2]) & (np.cos(near[0]) * c == r[2, 2])]
+        for omega in omegas.tolist():
+            for kappa in kappas.tolist():
+                if np.array_equal(world_R_camera(omega, float(phi), kappa), rotation):
+                    return omega, float(phi), kappa
+    return None
+
+
+def _images(network: Network) -> Records:
+    photos, points = list(network.photos), list(network.points)
+    unit = [network.cameras[f.camera].unit for f in network.photos.values()]
+    photo, point, xy, sigma = (c.tolist() for c in network.images.columns())
+    written = {s: numbers.write(s) for s in {s for pair in sigma for s in pair}}
+    for row, (f, p, (x, y), (sx, sy)) in enumerate(zip(photo, point, xy, sigma, strict=True)):
+        out = {"photo": photos[f], "point": points[p], "x": repr(x), "y": repr(y)}
+        if sx == sy:
+            out[f"sigma_{unit[f]}"] = written[sx]
+        else:
+            out[f"sigma_x_{unit[f]}"], out[f"sigma_y_{unit[f]}"] = written[sx], written[sy]
+        ident = network.images.ids.get(row)
+        yield out if ident is None else out | {"id": ident}
+
+
+def _observations(network: Network, units: Units) -> Records:
+    for ident, o in network.observations.items():
+        yield records.record(o, id=ident, units=units, axes=ImageAxes())
+
+
+def _size_names(o: Observation) -> tuple[str, ...]:
+    return tuple(o.axes) if isinstance(o, ControlPoint) else o.components
+
+
+def _covariances(network: Network) -> Records:
+    for number, (ids, covariance) in enumerate(network.clusters, start=1):
+        members = [(i, c) for i in ids for c in _size_names(network.observations[i])]
+        for i, (id1, c1) in enumerate(members):
+            for j, (id2, c2) in enumerate(members):
+                value = float(covariance[i, j])
+                mirrored = float(covariance[j, i])
+                if j < i and value == mirrored:
+                    continue
+                if value == 0 and mirrored == 0 and i != j:
+                    continue
+                yield {
+                    "cluster": str(number),
+                    "id": id1,
+                    "component": c1,
+                    "id2": id2,
+                    "component2": c2,
+                    "covariance_si": numbers.write(value),
+                }
+
+
+def _parameter(parameter: Parameter) -> dict[str, str]:
+    return {"fixed": "yes" if all(parameter.fixed) else ""}
+
+
+def _orientations(network: Network, units: Units) -> Records:
+    """Write all, in order, if any is more than a free unknown."""
+    if all(math.isnan(p.values[0]) for p in network.orientations.values()):
+        return
+    for (station, chosen), p in network.orientations.items():
+        out = {"station": station, "set": chosen, **_filled(["value"], p.values, units.angle)}
+        yield out | _parameter(p) | _one_sigma(p, units.sigma_angle)
+
+
+def _one_sigma(p: Parameter, unit: str) -> dict[str, str]:
+    name = f"sigma_{unit}" if unit else "sigma"
+    return {name: numbers.write(p.sigma[0], unit)} if math.isfinite(p.sigma[0]) else {}
+
+
+def _refractions(network: Network) -> Records:
+    for name, p in network.refractions.items():
+        out = {"name": name, "value": numbers.write(p.values[0])}
+        yield out | _parameter(p) | _one_sigma(p, "")
+
+
+def _verticals(network: Network, units: Units) -> Records:
+    unit = units.sigma_angle
+    for station, p in network.verticals.items():
+        out = {"station": station, **_filled((f"xi_{unit}", f"eta_{unit}"), p.values, unit)}
+        yield out | _parameter(p) | _sigmas(p.sigma, ("xi", "eta"), unit)
+
+
+def _distance_meters(network: Network, units: Units) -> Records:
+    unit = units.sigma_length
+    for name, p in network.distance_meters.items():
+        out = {
+            "name": name,
+            "scale_ppm": numbers.write(p.values[0], "ppm"),
+            f"zero_{unit}": numbers.write(p.values[1], unit),
+        }
+        if math.isfinite(p.sigma[0]):
+            out["sigma_scale_ppm"] = numbers.write(p.sigma[0], "ppm")
+        if math.isfinite(p.sigma[1]):
+            out[f"sigma_zero_{unit}"] = numbers.write(p.sigma[1], unit)
+        parts = zip(("scale", "zero"), p.fixed, p.sigma, strict=True)
+        out["free"] = " ".join(n for n, held, s in parts if not held and not math.isfinite(s))
+        yield out
+
+
+# -- TOML -----------------------------------------------------------------------------------------
+
+
+def _text(value: str) -> str:
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _float(value: float) -> str:
+    return repr(float(value))
+
+
+def _toml(network: Network, units: Units, files: Mapping[str, str]) -> Iterator[str]:
+    yield f"name = {_text(network.name)}"
+    yield f"datum = {_text(network.datum)}"
+    yield ""
+    yield "[frame]"
+    yield from _frame(network.frame, units)
+    yield ""
+    yield "[units]"
+    for f in fields(Units):
+        yield f"{f.name} = {_text(getattr(units, f.name))}"
+    yield ""
+    yield "[files]"
+    for file in files:
+        yield f"{file.removesuffix('.csv')} = {_text(file)}"
+    for camera in network.cameras.values():
+        yield ""
+        yield from _camera(camera)
+
+
+def _frame(frame: Frame, units: Units) -> Iterator[str]:
+    if isinstance(frame, LocalFrame):
+        yield 'kind = "local"'
+        yield f"axes = {_text(frame.axes)}"
+        yield f"curvature = {'true' if frame.curvature else 'false'}"
+        yield f"radius = {_float(frame.radius)}"
+        yield f"origin = [{', '.join(_decimal(v, units.length) for v in frame.origin)}]"
+        return
+    yield f'kind = "{"geocentric" if isinstance(frame, GeocentricFrame) else "topocentric"}"'
+    yield f"ellipsoid = {_text(frame.ellipsoid_name)}"
+    yield f"radius = {_float(frame.radius)}"
+    if not isinstance(frame, GeocentricFrame):
+        yield f"latitude = {_text(numbers.write(frame.latitude, units.geographic))}"
+        yield f"longitude = {_text(numbers.write(frame.longitude, units.geographic))}"
+        yield f"height = {_decimal(frame.height, units.length)}"
+
+
+def _decimal(value: float, unit: str) -> str:
+    """Return a TOML number, or text where a float cannot hold the digits."""
+    text = numbers.write(value, unit)
+    return repr(float(text)) if numbers.parse(float(text), unit) == value else _text(text)
+
+
+def _camera(camera: Camera) -> Iterator[str]:
+    lens = camera.lens
+    options = {f.name: getattr(lens, f.name) for f in fields(lens)}
+    yield "[[camera]]"
+    yield f"name = {_text(camera.name)}"
+    if options:
+        stated = {k: _text(v) if isinstance(v, str) else _float(v) for k, v in options.items()}
+        inside = ", ".join(f"{k} = {v}" for k, v in {"model": _text(lens.kind), **stated}.items())
+        yield f"lens = {{ {inside} }}"
+    else:
+        yield f"lens = {_text(lens.kind)}"
+    yield f"unit = {_text(camera.unit)}"
+    if camera.per_photo:
+        yield "per_photo = true"
+    yield "[camera.parameters]"
+    rows = zip(lens.names, camera.values, camera.fixed, camera.sigma, strict=True)
+    for name, value, fixed, sigma in rows:
+        if fixed:
+            yield f"{name} = {_float(value)}"
+        elif math.isfinite(sigma):
+            yield f"{name} = {{ value = {_float(value)}, sigma = {_float(sigma)} }}"
+        else:
+            yield f"{name} = {{ value = {_float(value)}, free = true }}"

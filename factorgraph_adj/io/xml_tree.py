@@ -1,0 +1,83 @@
+"""XML as a tree whose elements know their lines, so that every error can name one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from ..errors import InputError, Problem
+
+
+@dataclass
+class Element:
+    """An element of an XML file."""
+
+    tag: str
+    """Name, without namespace."""
+    attributes: dict[str, str]
+    """Attributes, values stripped of blanks at both ends."""
+    line: int
+    """Line of the start tag, counted from 1."""
+    children: list[Element] = field(default_factory=list)
+    """Elements inside, in order."""
+    text: str = ""
+    """Characters directly inside, without those of the children."""
+
+    def all(self, tag: str) -> Iterator[Element]:
+        """Iterate over the children with a name."""
+        return (c for c in self.children if c.tag == tag)
+
+    def walk(self) -> Iterator[Element]:
+        """Iterate over this element and everything inside, in the order of the file."""
+        yield self
+        for child in self.children:
+            yield from child.walk()
+
+
+def read_xml(path: Path) -> Element:
+    """Read an XML file; return its root.
+
+    Raises:
+        InputError: the file cannot be read, or is not well-formed (with the line).
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(Problem(f"cannot be read: {error.strerror or error}", str(path))) from None
+    root: list[Element] = []
+    stack: list[Element] = []
+    parser = expat.ParserCreate(namespace_separator=" ")
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        element = Element(
+            name.rsplit(" ", 1)[-1],
+            {k.rsplit(" ", 1)[-1]: v.strip() for k, v in attributes.items()},
+            parser.CurrentLineNumber,
+        )
+        (stack[-1].children if stack else root).append(element)
+        stack.append(element)
+
+    def end(_: str) -> None:
+        stack.pop()
+
+    def characters(text: str) -> None:
+        stack[-1].text += text
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = characters
+    parser.buffer_text = True
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        raise InputError(
+            Problem(
+                f"is not well-formed XML: {expat.ErrorString(error.code)}",
+                f"{path.name}:{error.lineno}",
+            )
+        ) from None
+    except (ValueError, LookupError) as error:  # an unknown or multi-byte encoding
+        raise InputError(Problem(f"is not readable XML: {error}", path.name)) from None
+    return root[0]

@@ -1,0 +1,58 @@
+"""The global test: does vᵀPv agree with the standard deviations that were assumed?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from scipy.stats import chi2
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from .solution import Solution
+
+
+@dataclass(frozen=True)
+class GlobalTest:
+    """Two-sided test of σ̂0² = vᵀPv/r against σ0² = 1."""
+
+    vtpv: float
+    """vᵀPv, which is χ² with r degrees of freedom if model and weights are right."""
+    redundancy: int
+    """r."""
+    confidence: float
+    """Probability with which right models and weights are accepted, such as 0.95."""
+    lower: float
+    """Smallest σ̂0 that is accepted; 0 without redundancy."""
+    upper: float
+    """Largest σ̂0 that is accepted; infinite without redundancy."""
+
+    @property
+    def sigma0(self) -> float:
+        """σ̂0; NaN without redundancy."""
+        return float((self.vtpv / self.redundancy) ** 0.5) if self.redundancy > 0 else float("nan")
+
+    @property
+    def accepted(self) -> bool:
+        """Whether σ̂0 lies between the bounds; without redundancy there is nothing to reject."""
+        return self.redundancy <= 0 or self.lower <= self.sigma0 <= self.upper
+
+
+def global_test(solution: Solution, *, confidence: float = 0.95) -> GlobalTest:
+    """Test the standard deviation of unit weight of a solution.
+
+    Accepted if χ²_{α/2, r} ≤ vᵀPv ≤ χ²_{1 − α/2, r}, α = 1 − confidence; the bounds are given
+    for σ̂0 = √(vᵀPv/r).
+
+    Raises:
+        InputError: the confidence is not between 0 and 1.
+    """
+    if not 0 < confidence < 1:
+        raise InputError(f"the confidence must lie between 0 and 1, not {confidence}")
+    r = solution.redundancy
+    if r <= 0:
+        return GlobalTest(solution.vtpv, r, confidence, 0.0, float("inf"))
+    tail = (1.0 - confidence) / 2.0
+    low, high = (float(chi2.ppf(p, r)) for p in (tail, 1.0 - tail))
+    return GlobalTest(solution.vtpv, r, confidence, (low / r) ** 0.5, (high / r) ** 0.5)

@@ -1,0 +1,381 @@
+"""The result of an adjustment: estimates, covariances, residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, overload
+
+import numpy as np
+
+from ..errors import InputError, known
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..models.registry import VariableKind
+from ..network import Network
+from ..rotation import omega_phi_kappa
+from ..types import Array, Index
+
+if TYPE_CHECKING:
+    from ..solve.datum import Defect, FreeDatum
+    from ..solve.factor import Factor
+    from ..solve.normal import NormalEquations
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A small vector unknown and its precision."""
+
+    names: tuple[str, ...]
+    """Names of the components."""
+    values: Array
+    """Estimates, SI."""
+    sigmas: Array
+    """Standard deviations; zero where held."""
+    correlation: Array
+    """Correlations; zero with held components."""
+
+    def __getitem__(self, name: str) -> float:
+        """Return the estimate of one component."""
+        return float(self.values[self._index(name)])
+
+    def sigma(self, name: str) -> float:
+        """Return the standard deviation of one component."""
+        return float(self.sigmas[self._index(name)])
+
+    def _index(self, name: str) -> int:
+        if name not in self.names:
+            raise InputError(f"unknown component {name!r}; known: {known(self.names)}")
+        return self.names.index(name)
+
+
+@dataclass(frozen=True)
+class CalibrationEstimate(Estimate):
+    """Calibration of a camera, image units."""
+
+    unit: str = "mm"
+    """Unit of image coordinates."""
+
+
+@dataclass(frozen=True)
+class PoseEstimate:
+    """Exterior orientation of a photo."""
+
+    position: Array
+    """Projection centre, (3,) metres."""
+    rotation: Array
+    """world_R_camera (3, 3), camera axes x right, y down, z forward."""
+    sigmas: Array
+    """Standard deviations of rotations about the camera's axes (rad) and X, Y, Z (m), (6,)."""
+
+    @property
+    def omega_phi_kappa(self) -> Array:
+        """ω, φ, κ, radians."""
+        return np.array(omega_phi_kappa(self.rotation))
+
+
+@dataclass(frozen=True, slots=True)
+class ObservationRecord:
+    """One scalar observation after the adjustment, SI or image units."""
+
+    id: str
+    """Id of the observation."""
+    kind: str
+    """Its kind."""
+    component: str
+    """Which component of it, empty for scalar kinds."""
+    observed: float
+    """Observed value."""
+    residual: float
+    """Computed − observed."""
+    sigma: float
+    """A-priori standard deviation."""
+
+
+class ObservationTable(Sequence[ObservationRecord]):
+    """All scalar observations, weighted unknowns among them; a sequence of records.
+
+    ``residuals`` and ``sigmas`` are arrays in the same order.
+    """
+
+    def __init__(self, equations: Equations, residuals: Array) -> None:
+        """Describe the rows of ``equations``."""
+        self._equations = equations
+        self.residuals = residuals
+        self.sigmas = equations.sigmas()
+
+    def __len__(self) -> int:
+        return len(self.residuals)
+
+    @overload
+    def __getitem__(self, row: int) -> ObservationRecord: ...
+    @overload
+    def __getitem__(self, row: slice) -> list[ObservationRecord]: ...
+    def __getitem__(self, row: int | slice) -> ObservationRecord | list[ObservationRecord]:
+        """Return one record, or several."""
+        if isinstance(row, slice):
+            return [self[i] for i in range(*row.indices(len(self)))]
+        if row < 0:
+            row += len(self)
+        for block in self._equations.blocks:
+            if block.rows.start <= row < block.rows.stop:
+                i, c = divmod(row - block.first_row, block.dimension)
+                return ObservationRecord(
+                    block.ids[i],
+                    block.kind,
+                    block.components[c],
+                    float(block.observed[i, c]),
+                    float(self.residuals[row]),
+                    float(self.sigmas[row]),
+                )
+        raise IndexError(row)
+
+    def __iter__(self) -> Iterator[ObservationRecord]:
+        return (self[i] for i in range(len(self)))
+
+    @cached_property
+    def kinds(self) -> list[str]:
+        """Kind of each row."""
+        return [b.kind for b in self._equations.blocks for _ in range(b.observed.size)]
+
+    @cached_property
+    def ids(self) -> list[str]:
+        """Id of each row."""
+        return [
+            b.ids[i]
+            for b in self._equations.blocks
+            for i in range(b.n)
+            for _ in range(b.dimension)
+        ]
+
+    @cached_property
+    def normalised(self) -> Array:
+        """Residuals divided by their a-priori standard deviations."""
+        return self.residuals / self.sigmas
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """An adjusted network."""
+
+    network: Network
+    """What was adjusted."""
+    equations: Equations
+    """Its observation equations, weights evaluated."""
+    state: State
+    """Values of all variables."""
+    converged: bool
+    """Whether the iteration came to rest."""
+    reason: str
+    """Why it ended."""
+    iterations: int
+    """Number of iterations."""
+    vtpv: float
+    """VᵀPv, a-priori standard deviation of unit weight 1."""
+    datum: FreeDatum | None
+    """Inner constraints of a free network."""
+    defects: tuple[Defect, ...]
+    """Datum defects that were found."""
+    variance: Literal["a-priori", "a-posteriori"]
+    """Whether covariances are scaled by 1 or by σ̂0²."""
+    n_extra: int
+    """Rows of factors that the user added."""
+    normal: Callable[[], NormalEquations] = field(repr=False)
+    """Makes the normal equations at the solution."""
+    constraint: Array = field(repr=False)
+    """What a free network adds to their diagonal, (n_columns,)."""
+
+    # -- figures ------------------------------------------------------------------------------
+
+    @property
+    def n_observations(self) -> int:
+        """Number of scalar observations n, weighted unknowns among them."""
+        return self.equations.n_rows + self.n_extra
+
+    @property
+    def n_unknowns(self) -> int:
+        """Number of free components u."""
+        return self.equations.unknowns.n_unknowns
+
+    @property
+    def datum_defect(self) -> int:
+        """Number of datum defects d that inner constraints fill."""
+        return sum(d.size for d in self.defects)
+
+    @property
+    def redundancy(self) -> int:
+        """Redundancy r = n − u + d."""
+        return self.n_observations - self.n_unknowns + self.datum_defect
+
+    @property
+    def sigma0(self) -> float:
+        """Standard deviation of unit weight √(vᵀPv/r), a priori 1; NaN without redundancy."""
+        return float(np.sqrt(self.vtpv / self.redundancy)) if self.redundancy > 0 else np.nan
+
+    @property
+    def variance_factor(self) -> float:
+        """What covariances are scaled by: 1, or σ̂0² where asked for and redundant."""
+        if self.variance == "a-posteriori" and self.redundancy > 0:
+            return self.sigma0**2
+        return 1.0
+
+    # -- estimates ----------------------------------------------------------------------------
+
+    def point(self, name: str) -> Array:
+        """Return the adjusted coordinates of a point, (3,) metres."""
+        return self.state["point"][self._number("point", name)].copy()
+
+    def pose(self, photo: str) -> PoseEstimate:
+        """Return the adjusted exterior orientation of a photo."""
+        stored = self.state["pose"][self._number("pose", photo)]
+        sigmas = np.sqrt(np.diag(self.pose_covariance(photo)))
+        return PoseEstimate(stored[9:].copy(), stored[:9].reshape(3, 3).copy(), sigmas)
+
+    def calibration(self, camera: str) -> CalibrationEstimate:
+        """Return the adjusted calibration of a camera, image units.
+
+        Args:
+            camera: its name; ``camera@photo`` where every photo has its own.
+        """
+        e = self._estimate("calibration", camera)
+        unit = self.network.cameras[camera.split("@")[0]].unit
+        return CalibrationEstimate(e.names, e.values, e.sigmas, e.correlation, unit)
+
+    def orientation(self, station: str, set: str = "1") -> Estimate:
+        """Return the orientation unknown of a set of directions, radians."""
+        return self._estimate("orientation", f"{station}/{set}")
+
+    def refraction(self, group: str = "") -> Estimate:
+        """Return the coefficient of refraction of a group; the network's by default."""
+        return self._estimate("refraction", group)
+
+    def vertical(self, station: str) -> Estimate:
+        """Return the deflections (ξ, η) of a station, radians."""
+        return self._estimate("vertical", station)
+
+    def distance_meter(self, name: str) -> Estimate:
+        """Return scale (dimensionless) and zero constant (metres) of a distance meter."""
+        return self._estimate("edm", name)
+
+    @cached_property
+    def observations(self) -> ObservationTable:
+        """Every scalar observation with its residual."""
+        return ObservationTable(
+            self.equations, self.equations.residuals(self.state, whitened=False)
+        )
+
+    # -- covariances --------------------------------------------------------------------------
+
+    def covariance(self, a: str, b: str | None = None) -> Array:
+        """Return the covariance of a point, or between two points, (3, 3) metres².
+
+        Σ = σ² Q, with σ² = 1 or σ̂0² as the adjustment was asked; zero for held components. In
+        a free network it belongs to the inner constraints.
+        """
+        return self.variable_covariance(("point", a), ("point", a if b is None else b))
+
+    def standard_deviations(self, name: str) -> Array:
+        """Return the standard deviations of a point, (3,) metres."""
+        return np.sqrt(np.maximum(np.diag(self.covariance(name)), 0.0))
+
+    def pose_covariance(self, photo: str) -> Array:
+        """Return the covariance of a photo, (6, 6): rotations about its axes (rad), X0 (m)."""
+        return self.variable_covariance(("pose", photo))
+
+    def variable_covariance(
+        self, a: tuple[VariableKind, str], b: tuple[VariableKind, str] | None = None
+    ) -> Array:
+        """Return the covariance between any two variables, by kind and name."""
+        columns_a, size_a, rows_a = self._columns(*a)
+        columns_b, size_b, rows_b = (columns_a, size_a, rows_a) if b is None else self._columns(*b)
+        out = np.zeros((size_a, size_b))
+        if len(columns_a) and len(columns_b):
+            if a[0] == "point" and (b is None or a == b):
+                block = self._point_covariance(a[1])
+            else:
+                block = self._cross(columns_a, columns_b)
+            out[np.ix_(rows_a, rows_b)] = block * self.variance_factor
+        return out
+
+    @cached_property
+    def _factor(self) -> Factor:
+        return self.normal().factorise(self.constraint, exact=True)
+
+    @cached_property
+    def _transform(self) -> tuple[Array, Array] | None:
+        """F = Q_min G_D (n_columns, d) and E = G_Dᵀ F of the S-transformation."""
+        if self.datum is None:
+            return None
+        masked = np.where(self.datum.columns[:, None], self.datum.motions, 0.0)
+        f = self._factor.solve(masked)
+        return f, masked.T @ f
+
+    def _free(self, block: Array, a: Index, b: Index) -> Array:
+        """S-transform the cofactor block between columns a and b."""
+        if self.datum is None or self._transform is None:
+            return block
+        f, e = self._transform
+        ga = self.datum.motions[a] @ self.datum.inverse
+        gb = self.datum.motions[b] @ self.datum.inverse
+        return np.asarray(block - ga @ f[b].T - f[a] @ gb.T + ga @ e @ gb.T)
+
+    def _cross(self, a: Index, b: Index) -> Array:
+        unit = np.zeros((self.equations.unknowns.n_columns, len(b)))
+        unit[b, np.arange(len(b))] = 1.0
+        return self._free(self._factor.solve(unit)[a], a, b)
+
+    @cached_property
+    def _blocks(self) -> dict[int, Array]:
+        """Cofactors of the variables outside the first layer, by first column."""
+        return self._factor.variances_of_blocks()
+
+    @cached_property
+    def _reduced(self) -> tuple[Array, Index]:
+        """Cofactors of the points of the first layer, and their place by number of point."""
+        points = self._factor.points
+        place = np.cumsum(self._factor.plan.reduced) - 1
+        if points is None:
+            return np.zeros((0, 3, 3)), place
+        return points.covariances(self._factor.border_covariance()), place
+
+    def _point_covariance(self, name: str) -> Array:
+        number = self._number("point", name)
+        columns = self.equations.unknowns.columns("point", number)
+        if self._factor.plan.reduced[number]:
+            every, place = self._reduced
+            block = every[place[number]]
+        else:
+            block = self._blocks[int(columns[0])]
+        free = self.equations.unknowns.free[columns]
+        return self._free(np.where(np.outer(free, free), block, 0.0), columns, columns)
+
+    # -- helpers ------------------------------------------------------------------------------
+
+    def _number(self, kind: VariableKind, name: str) -> int:
+        table = self.equations.unknowns[kind]
+        if name not in table.number:
+            noun = {"pose": "photo", "calibration": "camera", "edm": "distance meter"}
+            raise InputError(
+                f"unknown {noun.get(kind, kind)} {name!r}; known: {known(table.names)}"
+            )
+        return table.number[name]
+
+    def _columns(self, kind: VariableKind, name: str) -> tuple[Index, int, Index]:
+        number = self._number(kind, name)
+        columns = self.equations.unknowns.columns(kind, number)
+        size = int(self.equations.unknowns[kind].size[number])
+        return columns, size, np.arange(size) if len(columns) else np.zeros(0, dtype=np.intp)
+
+    def _estimate(self, kind: VariableKind, name: str) -> Estimate:
+        number = self._number(kind, name)
+        names = self.equations.unknowns.component_names(kind, number)
+        covariance = self.variable_covariance((kind, name))
+        sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        safe = np.where(sigmas > 0, sigmas, 1.0)
+        return Estimate(
+            names,
+            self.state[kind][number, : len(names)].copy(),
+            sigmas,
+            covariance / np.outer(safe, safe),
+        )

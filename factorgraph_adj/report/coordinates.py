@@ -1,0 +1,112 @@
+"""Sections of the protocol: adjusted points, check points, photos."""
+
+from __future__ import annotations
+
+from math import isfinite, nan, sqrt
+
+from ..units import format_angle
+from .context import Report
+from .layout import decimals, exponent, rms, short, table, title
+
+
+def points(report: Report) -> list[str]:
+    """Adjusted coordinates with their standard deviations, root mean square and weakest point."""
+    solution, units, given = report.solution, report.units, report.network.points
+    names = [n for n in given if report.free("point", n)]
+    if not names:
+        return []
+    sigmas = {n: [s / report.small for s in report.sigmas[n]] for n in names}
+    places = decimals((s for three in sigmas.values() for s in three), default=2, most=5)
+    digits = min(max(places + exponent(report.metre / report.small * 1.0001), 0), 9)
+    axes = [i for i in range(3) if not all(given[n].fixed[i] for n in names)]
+    shown, note = report.cut(list(given), "points", "points.csv")
+    rows = []
+    for name in shown:
+        xyz, fixed = solution.point(name).tolist(), given[name].fixed
+        place = [f"{xyz[i] / report.metre:.{digits}f}" for i in axes]
+        sigma = ["held" if fixed[i] else f"{sigmas[name][i]:.{places}f}" for i in axes]
+        rows.append([name, *place, *sigma])
+    header = ["point", *(f"{'xyz'[i]} [{units.length}]" for i in axes)]
+    header += [f"σ{'xyz'[i]} [{units.sigma_length}]" for i in axes]
+    out = [*title("Adjusted coordinates"), *table(header, rows)]
+    out += note
+    if len(names) > 1:
+        free = {i: [sigmas[n][i] for n in names if not given[n].fixed[i]] for i in axes}
+        mean = ", ".join(f"σ{'xyz'[i]} {rms(each):.{places}f}" for i, each in free.items())
+        worst = max(names, key=lambda n: sum(s * s for s in sigmas[n]))
+        out.append(
+            f"  root mean square {mean} {units.sigma_length}; weakest point {worst}: "
+            f"{sqrt(sum(s * s for s in sigmas[worst])):.{places}f} {units.sigma_length}"
+        )
+    return out
+
+
+def check_points(report: Report) -> list[str]:
+    """Differences at points with known coordinates that took no part, and their RMS."""
+    differences: dict[str, list[float]] = {}
+    for p in report.network.points.values():
+        if p.check is not None:
+            found = report.solution.point(p.name).tolist()
+            both = zip(found, p.check, strict=True)
+            differences[p.name] = [(a - b) / report.small for a, b in both]
+    if not differences:
+        return []
+    known = [[d[i] for d in differences.values() if isfinite(d[i])] for i in range(3)]
+    places = decimals((abs(v) for axis in known for v in axis), default=2, most=5)
+    rows = [
+        [name, *(f"{v:.{places}f}" if isfinite(v) else "" for v in d)]
+        for name, d in differences.items()
+    ]
+    shown, note = report.cut(rows, "check points", "points.csv")
+    total = ["RMS", *(f"{rms(axis):.{places}f}" if axis else "" for axis in known)]
+    header = ["check point", *(f"d{a} [{report.units.sigma_length}]" for a in "xyz")]
+    heading = title("Check points: adjusted − known coordinates, which took no part")
+    return [*heading, *table(header, [*shown, total]), *note]
+
+
+def photos(report: Report) -> list[str]:
+    """Exterior orientation with standard deviations, number of points and RMS of each photo."""
+    network, units = report.network, report.units
+    if not network.photos:
+        return []
+    counts, norms = by_photo(report)
+    digits = {"dms": 1, "rad": 6, "mrad": 3, "mgon": 1, "cc": 0, "arcsec": 0}.get(units.angle, 4)
+    names, note = report.cut(list(network.photos), "photos", "photos.csv")
+    rows = []
+    for name in names:
+        pose = report.poses[name]
+        place = [f"{v / report.metre:.4f}" for v in pose.position]
+        angles = [format_angle(v, units.angle, digits) for v in pose.angles]
+        rows.append([name, str(counts[name]), f"{norms[name]:.2f}", *place, *angles])
+        if not report.free("pose", name):
+            rows.append(["", "", "", *["held"] * 6])
+            continue
+        about = [s / report.radian for s in pose.sigma_angles]
+        centre = [s / report.small for s in pose.sigma_position]
+        sigmas = zip([*centre, *about], _held(network.photos[name].fixed), strict=True)
+        label = f"σ [{units.sigma_length}, {units.sigma_angle}]"
+        rows.append(["", "", label, *("held" if held else short(s) for s, held in sigmas)])
+    header = ["photo", "points", "RMS v/σ", *(f"{a} [{units.length}]" for a in ("X0", "Y0", "Z0"))]
+    header += [f"{a} [{units.angle}]" for a in "ωφκ"]
+    return [*title("Photos"), *table(header, rows), *note]
+
+
+def _held(fixed: tuple[bool, ...]) -> tuple[bool, ...]:
+    """Return whether X0, Y0, Z0, ω, φ, κ are held; angles are if all rotations are."""
+    return (*fixed[3:], *[all(fixed[:3])] * 3)
+
+
+def by_photo(report: Report) -> tuple[dict[str, int], dict[str, float]]:
+    """Return number of image points and RMS v/σ of each photo."""
+    names = list(report.network.photos)
+    counts, squares = dict.fromkeys(names, 0), dict.fromkeys(names, 0.0)
+    normalised = report.solution.observations.normalised
+    for block in report.solution.equations.blocks:
+        if block.kind != "image":
+            continue
+        v = normalised[block.rows].reshape(block.observed.shape)
+        each = (v * v).sum(axis=1).tolist()
+        for photo, square in zip(block.variables[0][1].tolist(), each, strict=True):
+            counts[names[photo]] += 1
+            squares[names[photo]] += square
+    return counts, {n: sqrt(squares[n] / (2 * c)) if c else nan for n, c in counts.items()}

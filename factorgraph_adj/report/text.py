@@ -1,0 +1,210 @@
+"""The protocol of an adjustment: plain text of fixed width, for people and archives."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+from math import isfinite
+
+from ..frames import Frame, GeocentricFrame, LocalFrame
+from ..io.numbers import Units
+from ..quality.global_test import global_test
+from ..quality.solution import Solution
+from ..units import format_angle
+from .context import Report
+from .coordinates import check_points, photos, points
+from .layout import WIDTH, short, table, title
+from .unknowns import calibrations, orientations, others
+
+DIRECTIONS = {"e": "east", "w": "west", "n": "north", "s": "south"}
+SUSPECTS = 15
+"""Largest residuals that are listed."""
+
+
+def protocol(
+    solution: Solution,
+    *,
+    units: Units | None = None,
+    most: int = 60,
+    tables: str = "",
+) -> str:
+    """Return the protocol of an adjustment.
+
+    What was adjusted, how many observations of each kind, datum, iterations and why they
+    ended, σ̂0 and its test, adjusted coordinates, photos, calibrations and other unknowns with
+    their standard deviations, check points, and the largest normalised residuals.
+
+    Args:
+        solution: what `adjust` found.
+        units: units of coordinates, angles and their standard deviations.
+        most: rows after which a list is cut, with a note of what is left out.
+        tables: folder where the CSV tables lie, for those notes.
+    """
+    return render(Report(solution, units or Units(), most, tables))
+
+
+def render(report: Report) -> str:
+    """Return the protocol of a report."""
+    sections = (
+        _overview,
+        _observations,
+        _result,
+        points,
+        check_points,
+        photos,
+        calibrations,
+        orientations,
+        others,
+        _residuals,
+    )
+    texts = [section(report) for section in sections]
+    lines = [line.rstrip() for text in texts if text for line in [*text, ""]]
+    return "\n".join(lines[:-1]) + "\n"
+
+
+def _overview(report: Report) -> list[str]:
+    network = report.network
+    given = network.points.values()
+    weighted = sum(
+        p.sigma is not None
+        and any(isfinite(s) and not f for s, f in zip(p.sigma, p.fixed, strict=True))
+        for p in given
+    )
+    counts = {
+        "held": sum(all(p.fixed) for p in given),
+        "held in part": sum(any(p.fixed) and not all(p.fixed) for p in given),
+        "weighted": weighted,
+        "with check coordinates": sum(p.check is not None for p in given),
+    }
+    parts = ", ".join(f"{n} {what}" for what, n in counts.items() if n)
+    out = [
+        f"Adjustment of {network.name or 'a network without a name'}",
+        "=" * WIDTH,
+        f"  program        factorgraph_adj {_version()}",
+        f"  frame          {_frame(network.frame)}",
+        f"  points         {len(network.points)}" + (f" ({parts})" if parts else ""),
+    ]
+    if network.photos:
+        named = [f"{c.name} ({c.lens.kind})" for c in list(network.cameras.values())[:4]]
+        more = f", … {len(network.cameras)} in all" if len(network.cameras) > 4 else ""
+        out += [f"  photos         {len(network.photos)}"]
+        out += [f"  cameras        {', '.join(named)}{more}"]
+    if network.orientations:
+        out += [f"  direction sets {len(network.orientations)}"]
+    return out
+
+
+def _version() -> str:
+    try:
+        return version("factorgraph_adj")
+    except PackageNotFoundError:  # run from a source tree that is not installed
+        return ""
+
+
+def _frame(frame: Frame) -> str:
+    if isinstance(frame, LocalFrame):
+        x, y = (DIRECTIONS[a] for a in frame.axes)
+        shape = f"curved, R = {frame.radius:.0f} m" if frame.curvature else "flat"
+        return f"local, x {x}, y {y}, z up, {shape}"
+    if isinstance(frame, GeocentricFrame):
+        return f"geocentric, ellipsoid {frame.ellipsoid_name}"
+    place = ", ".join(format_angle(a, "dms", 4) for a in (frame.latitude, frame.longitude))
+    return f"topocentric (east, north, up) at {place}, ellipsoid {frame.ellipsoid_name}"
+
+
+def _observations(report: Report) -> list[str]:
+    rows = []
+    for g in report.rows.groups():
+        low, high = (short(s / g.scale.size) for s in g.sigma)
+        sigma = low if low == high else f"{low} … {high}"
+        plain = [f"{sigma} {g.scale.small}", f"{short(g.rms / g.scale.size)} {g.scale.small}"]
+        rows.append(
+            [
+                g.label,
+                str(g.observations),
+                str(g.scalars),
+                *(plain if g.scale.small else ["", ""]),
+                f"{g.normalised_rms:.2f}",
+                f"{g.largest:.2f}",
+            ]
+        )
+    header = ["kind", "number", "scalars", "σ a priori", "RMS v", "RMS v/σ", "max |v/σ|"]
+    return [*title("Observations"), *table(header, rows)]
+
+
+def _result(report: Report) -> list[str]:
+    s = report.solution
+    test = global_test(s)
+    ended = "converged" if s.converged else "NOT CONVERGED"
+    out = [
+        *title("Adjustment"),
+        f"  observations n        {s.n_observations}",
+        f"  unknowns u            {s.n_unknowns}",
+        f"  datum defect d        {s.datum_defect}",
+        f"  redundancy n − u + d  {s.redundancy}",
+        f"  datum                 {_datum(report)}",
+        f"  iterations            {s.iterations}, {ended}: {s.reason}",
+        f"  vᵀPv                  {s.vtpv:.6g}",
+    ]
+    if test.redundancy <= 0:
+        return [*out, "  σ̂0                    no redundancy: no observation checks another"]
+    verdict = "accepted" if test.accepted else "REJECTED"
+    out += [
+        f"  σ̂0                    {test.sigma0:.5f} (a priori 1)",
+        f"  global test           {verdict}: χ², two-sided, {100 * test.confidence:.0f} %, "
+        f"{test.lower:.4f} ≤ σ̂0 ≤ {test.upper:.4f}",
+    ]
+    if not test.accepted and test.sigma0 > 1:
+        hint = "blunders, systematic errors, or standard deviations stated too small"
+        out.append(f"                        {hint}")
+    elif not test.accepted:
+        out.append("                        standard deviations stated too large")
+    a_priori = "all σ of unknowns are a priori: for a standard deviation of unit weight of 1"
+    a_posteriori = f"all σ of unknowns are a posteriori: multiplied by σ̂0 = {test.sigma0:.5f}"
+    chosen = a_priori if s.variance == "a-priori" else a_posteriori
+    return [*out, f"  precision             {chosen}"]
+
+
+def _datum(report: Report) -> str:
+    s = report.solution
+    if s.datum is None:
+        return "given: held and weighted unknowns, control"
+    flagged = sum(p.datum for p in report.network.points.values())
+    which = f"{flagged} datum points" if flagged else "all points"
+    return f"free network: inner constraints over {which}; free {_motions(s)}"
+
+
+def _motions(solution: Solution) -> str:
+    """Return the motions that inner constraints hold, in short."""
+    found: dict[str, list[str]] = {}
+    for name in (n for d in solution.defects for n in d.names()):
+        what, _, axis = name.replace(" in ", " ").replace(" about ", " ").partition(" ")
+        found.setdefault(what, []).append(axis)
+    return ", ".join(f"{what} {' '.join(axes)}".strip() for what, axes in found.items())
+
+
+def _residuals(report: Report) -> list[str]:
+    rows = []
+    for r in report.rows.largest(SUSPECTS):
+        name = ("/" if r.kind == "image" else " ").join(r.names) or r.id
+        v, sigma = r.residual / r.scale.size, r.sigma / r.scale.size
+        rows.append(
+            [
+                r.kind.replace("_", " "),
+                f"{name} {r.component}".strip(),
+                r.id if r.names and r.kind != "image" else "",
+                r.source,
+                f"{short(v)} {r.scale.small}".strip(),
+                short(sigma),
+                f"{v / sigma:.2f}",
+            ]
+        )
+    if not rows:
+        return []
+    header = ["kind", "what", "id", "from", "v", "σ", "v/σ"]
+    keep = [i for i in range(len(header)) if i not in (2, 3) or any(r[i] for r in rows)]
+    shown = [[r[i] for i in keep] for r in rows]
+    return [
+        *title("Largest normalised residuals (v = computed − observed)"),
+        *table([header[i] for i in keep], shown, left=len(keep) - 3),
+        f"  all {len(report.solution.observations)} in {report.where('observations.csv')}",
+    ]

@@ -1,0 +1,140 @@
+"""Sections of the protocol: calibrations, orientation unknowns, refraction, verticals, meters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import isfinite
+
+from ..models.registry import VariableKind
+from ..network import Camera
+from ..quality.solution import CalibrationEstimate
+from ..units import format_angle
+from .context import Report
+from .layout import short, table, title, with_sigma
+
+STRONG = 0.8
+"""Correlation from which parameters of a calibration are named together."""
+
+
+def calibrations(report: Report) -> list[str]:
+    """Each calibration with standard deviations and strong correlations."""
+    names, few = list(report.calibrations), max(1, report.most // 10)
+    out: list[str] = []
+    for name in names[:few]:
+        camera = report.network.cameras[name.split("@")[0]]
+        out += ["", *_calibration(name, camera, report.calibrations[name])]
+    if len(names) > few:
+        out += ["", f"  … {len(names) - few} more calibrations in {report.where('unknowns.csv')}"]
+    return out[1:]
+
+
+def _calibration(name: str, camera: Camera, estimate: CalibrationEstimate) -> list[str]:
+    rows = []
+    for i, parameter in enumerate(estimate.names):
+        value, sigma = float(estimate.values[i]), float(estimate.sigmas[i])
+        if not camera.fixed[i]:
+            weighted = "weighted" if isfinite(camera.sigma[i]) else ""
+            rows.append([parameter, with_sigma(value, sigma), f"{sigma:.2g}", weighted])
+        elif value != 0.0 or i < 3:
+            rows.append([parameter, f"{value:.8g}", "held", ""])
+    free = [i for i, held in enumerate(camera.fixed) if not held]
+    strong = [
+        f"{estimate.names[i]}–{estimate.names[j]} {estimate.correlation[i, j]:+.2f}"
+        for k, i in enumerate(free)
+        for j in free[k + 1 :]
+        if abs(estimate.correlation[i, j]) >= STRONG
+    ]
+    out = title(f"Calibration of {name} (lens model {camera.lens.kind}; image unit {camera.unit})")
+    out += table(["parameter", "value", "σ", ""], rows)
+    if len(free) > 1:
+        out.append(f"  correlations from {STRONG}: {', '.join(strong) or 'none'}")
+    return out
+
+
+def orientations(report: Report) -> list[str]:
+    """Orientation unknowns of the sets of directions."""
+    units = report.units
+    digits = {"dms": 2, "deg": 6, "rad": 8, "mgon": 2, "cc": 1, "arcsec": 2}.get(units.angle, 5)
+    rows = []
+    for station, chosen in report.network.orientations:
+        e = report.solution.orientation(station, chosen)
+        free = report.free("orientation", f"{station}/{chosen}")
+        sigma = short(float(e.sigmas[0]) / report.radian) if free else "held"
+        rows.append([station, chosen, format_angle(float(e.values[0]), units.angle, digits), sigma])
+    if not rows:
+        return []
+    shown, note = report.cut(rows, "orientation unknowns", "unknowns.csv")
+    header = ["station", "set", f"orientation [{units.angle}]", f"σ [{units.sigma_angle}]"]
+    return [*title("Orientation unknowns"), *table(header, shown, left=2), *note]
+
+
+@dataclass(frozen=True)
+class SmallUnknown:
+    """One component of a refraction coefficient, vertical or distance meter."""
+
+    kind: VariableKind
+    """Kind of the variable."""
+    name: str
+    """Its name; empty for the refraction of the network."""
+    component: str
+    """Component, as in the state."""
+    sign: str
+    """How surveyors write it."""
+    unit: str
+    """Unit in which it is shown."""
+    size: float
+    """One of that unit in SI."""
+    value: float
+    """Estimate, SI."""
+    sigma: float
+    """Standard deviation, SI."""
+    held: bool
+    """Whether it was held."""
+
+
+def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
+    """Iterate over refraction coefficients, deflections, scales and zero constants."""
+    network, solution, units = report.network, report.solution, report.units
+    angle, length = (units.sigma_angle, report.radian), (units.sigma_length, report.small)
+    for kind, given, estimate, shown in (
+        ("refraction", network.refractions, solution.refraction, [("κ", "", 1.0)]),
+        ("vertical", network.verticals, solution.vertical, [("ξ", *angle), ("η", *angle)]),
+        (
+            "edm",
+            network.distance_meters,
+            solution.distance_meter,
+            [("scale", "ppm", 1e-6), ("zero constant", *length)],
+        ),
+    ):
+        for name, parameter in given.items():
+            e = estimate(name)
+            for i, (sign, unit, size) in enumerate(shown):
+                yield SmallUnknown(
+                    kind,  # type: ignore[arg-type]
+                    name,
+                    e.names[i],
+                    sign,
+                    unit,
+                    size,
+                    float(e.values[i]),
+                    float(e.sigmas[i]),
+                    parameter.fixed[i],
+                )
+
+
+def others(report: Report) -> list[str]:
+    """Refraction coefficients, deflections of the vertical, distance meters."""
+    nouns = {"refraction": "refraction", "vertical": "vertical of", "edm": "distance meter"}
+    rows = []
+    for u in small_unknowns(report):
+        value, sigma = u.value / u.size, u.sigma / u.size
+        shown = f"{value:.5g}" if u.held else with_sigma(value, sigma)
+        label = f"{u.sign} [{u.unit}]" if u.unit else u.sign
+        what = f"{nouns[u.kind]} {u.name}".strip()
+        rows.append([what, label, shown, "held" if u.held else short(sigma)])
+    if not rows:
+        return []
+    shown_rows, note = report.cut(rows, "unknowns", "unknowns.csv")
+    heading = title("Refraction, verticals, distance meters")
+    return [*heading, *table(["unknown", "", "value", "σ"], shown_rows, left=2), *note]

@@ -1,0 +1,340 @@
+"""The adjustment: Gauss-Newton steps, damped where they fail, until nothing moves.
+
+The criterion is rigorous and free of units: for a step dx of N dx = −AᵀPv, Cauchy-Schwarz
+bounds the step of every unknown, and of every function of them, relative to its own standard
+deviation by √(dxᵀ N dx).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from ..errors import DatumError, InputError, Problem
+from ..graph.equations import Equations, compile_network
+from ..graph.extra import linearise_extra
+from ..graph.variables import State
+from ..models.image import depth
+from ..network import DatumChoice, Network
+from ..quality.solution import Solution
+from ..types import Array, Mask
+from .datum import Defect, FreeDatum, find_defects, minimal_datum
+from .linear import ExtraRows
+from .normal import NormalEquations, Solver
+from .rank import describe_defects, undetermined
+from .tree import SingularError
+
+if TYPE_CHECKING:
+    import gtsam
+
+Progress = Callable[[int, float, float], None]
+"""Called with iteration, vᵀPv and the bound of the step relative to σ."""
+
+FIRST_DAMPING = 1e-4
+"""Share of the diagonal of N that is added when an undamped step fails."""
+LEAST_DAMPING = 1e-9
+"""Damping below which steps are undamped again."""
+MOST_DAMPING = 1e12
+"""Damping at which there is no way on."""
+WORTHWHILE = 1e-3
+"""Part of the predicted decrease of vᵀPv that a damped step must bring."""
+
+
+@dataclass
+class _Run:
+    """What the iteration carries along."""
+
+    solver: Solver
+    factors: Sequence[gtsam.NonlinearFactor]
+    state: State
+    start: State
+    free: bool
+    constraint: Array
+    datum: FreeDatum | None = None
+    defects: tuple[Defect, ...] = ()
+
+    @property
+    def equations(self) -> Equations:
+        return self.solver.equations
+
+    def extra(self, state: State) -> list[ExtraRows]:
+        """Linearise the user's factors."""
+        if not self.factors:
+            return []
+        return [
+            ExtraRows(columns, a, residual)
+            for columns, a, residual in linearise_extra(self.factors, self.equations, state)
+        ]
+
+    def vtpv(self, state: State) -> float:
+        """Return vᵀPv; infinite where a sight has no answer."""
+        try:
+            v = self.equations.residuals(state)
+        except InputError:
+            return np.inf
+        value = float(v @ v) + sum(float(e.residual @ e.residual) for e in self.extra(state))
+        return value if np.isfinite(value) else np.inf
+
+
+def adjust(
+    network: Network,
+    *,
+    datum: DatumChoice | None = None,
+    variance: Literal["a-priori", "a-posteriori"] = "a-priori",
+    tolerance: float = 1e-4,
+    max_iterations: int = 100,
+    extra_factors: Sequence[gtsam.NonlinearFactor] = (),
+    progress: Progress | None = None,
+) -> Solution:
+    """Adjust a network by least squares: minimise vᵀPv over all unknowns.
+
+    Args:
+        network: what was measured.
+        datum: ``given`` (control, fixed, weighted) or ``free`` (inner constraints over the datum
+            points); none: as the network says.
+        variance: whether covariances are scaled by 1 or by σ̂0².
+        tolerance: bound on the last step of every unknown, relative to its own σ.
+        max_iterations: after as many the solution says that it has not converged.
+        extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`; they take
+            part in solution and covariance.
+        progress: called after each iteration; an exception in it ends the adjustment.
+
+    Returns:
+        The solution; its ``converged`` and ``reason`` say how it ended.
+
+    Raises:
+        InputError: an observation that cannot be computed, a point behind a camera, nothing
+            to adjust: by name, all at once.
+        ApproximationError: no approximate values for the points, photos or sets it names.
+        DatumError: unknowns that the observations do not determine, by name; or defects of
+            datum without a free network asked for.
+    """
+    choice = network.datum if datum is None else datum
+    if choice not in ("given", "free"):
+        raise InputError(f"unknown datum {choice!r}; valid: given, free")
+    if variance not in ("a-priori", "a-posteriori"):
+        raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
+    equations = compile_network(network)
+    state = equations.unknowns.start()
+    if _incomplete(equations, state):
+        from ..approximate import approximate
+
+        state = approximate(equations)
+    equations = equations.weighted_at(state)
+    run = _Run(
+        Solver.of(equations),
+        tuple(extra_factors),
+        state,
+        state,
+        choice == "free",
+        np.zeros(equations.unknowns.n_columns),
+    )
+    if extra_factors:
+        run.solver = Solver.of(equations, run.extra(state))
+    iterations, converged, reason, vtpv = _iterate(run, tolerance, max_iterations, progress)
+    if converged:
+        _refuse_points_behind(equations, run.state)
+    return Solution(
+        network=network,
+        equations=equations,
+        state=run.state,
+        converged=converged,
+        reason=reason,
+        iterations=iterations,
+        vtpv=vtpv,
+        datum=run.datum,
+        defects=run.defects,
+        variance=variance,
+        n_extra=sum(len(e.residual) for e in run.extra(run.state)),
+        normal=lambda: NormalEquations(run.solver, run.state, run.extra(run.state)),
+        constraint=run.constraint,
+    )
+
+
+def _incomplete(equations: Equations, state: State) -> bool:
+    return any(bool(np.isnan(values).any()) for values in state.values())
+
+
+def _iterate(
+    run: _Run, tolerance: float, max_iterations: int, progress: Progress | None
+) -> tuple[int, bool, str, float]:
+    """Step until nothing moves; return iterations, converged, reason, vᵀPv."""
+    damping = 0.0
+    growth = 2.0
+    vtpv = np.inf
+    bound = np.inf
+    slow = 0
+    for iteration in range(1, max_iterations + 1):
+        normal = NormalEquations(run.solver, run.state, run.extra(run.state))
+        vtpv = normal.system.vtpv
+        if not np.isfinite(vtpv):
+            _name_overflow(run)
+        if iteration == 1:
+            _settle_datum(run, normal)
+        while True:
+            step, decrease, bound = _step(run, normal, damping)
+            moved = run.equations.unknowns.retract(run.state, step)
+            after = np.inf if _passes_a_camera(run, moved) else run.vtpv(moved)
+            gain = (vtpv - after) / decrease if decrease > 0 else 0.0
+            small = damping == 0.0 and bound < tolerance
+            if small or gain > WORTHWHILE:
+                break
+            if damping == 0.0 and decrease < 1e-9 * max(vtpv, 1e-12) and after <= vtpv * (1 + 1e-9):
+                small = True  # the decrease is below what vᵀPv can resolve
+                break
+            damping = FIRST_DAMPING if damping == 0.0 else damping * growth
+            growth = 2.0 if damping == FIRST_DAMPING else growth * 2.0
+            if damping > MOST_DAMPING:
+                reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
+                return iteration, False, reason, vtpv
+        run.state = moved
+        if progress is not None:
+            progress(iteration, after, bound)
+        if small:
+            return iteration, True, _at_rest(bound), after
+        slow = slow + 1 if vtpv - after < 1e-9 * vtpv else 0
+        vtpv = after
+        if damping > 0.0:
+            damping *= max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
+            growth = 2.0
+            if damping < LEAST_DAMPING or slow >= 3:
+                damping, slow = 0.0, 0
+    reason = f"not at rest after {max_iterations} iterations: the last step was {bound:.2g} σ"
+    return max_iterations, False, reason, vtpv
+
+
+def _at_rest(bound: float) -> str:
+    return f"the last step moved no unknown by more than {bound:.1g} of its σ"
+
+
+def _step(run: _Run, normal: NormalEquations, damping: float) -> tuple[Array, float, float]:
+    """Return step, predicted decrease of vᵀPv, and the bound of the step relative to σ."""
+    weights = normal.diagonal * damping
+    try:
+        factor = normal.factorise(run.constraint + weights)
+    except SingularError:
+        _explain(run, normal)
+        raise
+    y = -normal.gradient[:, None]
+    step = factor.solve(y)[:, 0]
+    decrease = float(-normal.gradient @ step + step @ (weights * step))
+    bound = float(np.sqrt(max(-normal.gradient @ step, 0.0)))
+    if run.datum is not None:
+        moved = _difference(run, run.state) + step
+        step = step + run.datum.motions @ run.datum.project(moved)
+    return step, decrease, bound
+
+
+def _difference(run: _Run, state: State) -> Array:
+    """Return x − x₀ of the points, (n_columns,): what inner constraints act on."""
+    table = run.equations.unknowns["point"]
+    on = np.flatnonzero(table.offset >= 0)
+    out = np.zeros(run.equations.unknowns.n_columns)
+    columns = table.offset[on, None] + np.arange(3)
+    out[columns] = state["point"][on] - run.start["point"][on]
+    out[~run.equations.unknowns.free] = 0.0
+    return out
+
+
+def _settle_datum(run: _Run, normal: NormalEquations) -> None:
+    """Find the datum defects; hold what a free network needs, or say what is missing."""
+    unknowns = run.equations.unknowns
+    if np.any(unknowns.free & (normal.diagonal <= 0)):
+        _explain(run, normal)
+    defects = find_defects(normal.system, run.state, normal.diagonal)
+    run.defects = tuple(defects)
+    if not defects:
+        return
+    if not run.free:
+        error = undetermined(normal.system, normal.diagonal, defects)
+        if error is not None:
+            raise DatumError(
+                f"{error}\n  give control (fixed or weighted coordinates), or ask for a free "
+                "network (datum = free)",
+                defect=error.defect,
+                names=error.names,
+            )
+    if len(defects) > 1:
+        lines = describe_defects(unknowns, defects)
+        raise DatumError(
+            "\n  ".join(["a free network must be connected", *lines]),
+            defect=sum(d.size for d in defects),
+        )
+    motions = defects[0].motions
+    columns = _datum_columns(run.equations, motions)
+    held = minimal_datum(unknowns, motions, columns)
+    run.constraint[held] = normal.diagonal[held]
+    run.datum = FreeDatum(motions, columns)
+
+
+def _datum_columns(equations: Equations, motions: Array) -> Mask:
+    """Return the coordinates that carry the datum: flagged points, or all, or the photos."""
+    unknowns, network = equations.unknowns, equations.network
+    chosen = np.zeros(unknowns.n_columns, dtype=bool)
+    table = unknowns["point"]
+    flagged = np.array([p.datum for p in network.points.values()], dtype=bool)
+    on = (table.offset >= 0) & (flagged if flagged.any() else True)
+    for axis in range(3):
+        chosen[table.offset[on] + axis] = True
+    chosen &= unknowns.free
+    if np.linalg.matrix_rank(motions[chosen]) < motions.shape[1]:
+        raise DatumError(
+            f"the datum points ({int(on.sum())}) cannot carry a datum with "
+            f"{motions.shape[1]} defects: flag more points, not on one line",
+            defect=motions.shape[1],
+            names=[n for n, o in zip(table.names, on, strict=True) if o][:12],
+        )
+    return chosen
+
+
+def _explain(run: _Run, normal: NormalEquations) -> None:
+    """Raise what is not determined, by name."""
+    defects = [] if run.datum is not None else find_defects(
+        normal.system, run.state, normal.diagonal
+    )
+    if run.datum is not None:
+        defects = list(run.defects)
+    error = undetermined(normal.system, normal.diagonal, defects)
+    if error is not None:
+        raise error
+
+
+def _name_overflow(run: _Run) -> None:
+    v = run.equations.residuals(run.state)
+    bad = np.flatnonzero(~np.isfinite(v))[:12]
+    raise InputError(
+        [Problem("its residual is not a finite number", run.equations.label(int(r))) for r in bad]
+    )
+
+
+def _behind(equations: Equations, state: State) -> Mask:
+    """Return which image points have their object point behind the camera, all in a row."""
+    out = [np.zeros(0, dtype=bool)]
+    for block in equations.blocks:
+        if block.kind == "image":
+            (_, photo), _, (_, point) = block.variables
+            out.append(depth(state["pose"][photo], state["point"][point]) <= 0)
+    return np.concatenate(out)
+
+
+def _passes_a_camera(run: _Run, moved: State) -> bool:
+    """Return whether a step takes a point from before to behind a camera.
+
+    Through the focal plane or infinity there is no descent: such a step only changes sides.
+    """
+    now = _behind(run.equations, moved)
+    if not now.any():
+        return False
+    return bool(np.any(now & ~_behind(run.equations, run.state)))
+
+
+def _refuse_points_behind(equations: Equations, state: State) -> None:
+    """Raise an error that names image points whose object point lies behind the camera."""
+    behind = np.flatnonzero(_behind(equations, state))
+    if not len(behind):
+        return
+    labels = [b.labels(i) for b in equations.blocks if b.kind == "image" for i in range(b.n)]
+    raise InputError([Problem("the adjusted point lies behind the camera", labels[i]) for i in behind])

@@ -1,0 +1,272 @@
+"""What the observations leave undetermined: datum defects, and the free network.
+
+A similarity transformation of the object moves every variable in a known way (`generators`).
+The combinations of the seven that no observation notices, A g = 0, are the datum defects: they
+are found from the linearised observations, not assumed, for each connected part.
+
+A free network is solved with a minimal datum (one held component for each defect, chosen by
+pivoting), and transformed to inner constraints over the datum points by an S-transformation:
+
+    x = x_min + G t,   G_Dᵀ (x − x₀)_D = 0          Q = S Q_min Sᵀ,  S = I − G (G_DᵀG_D)⁻¹ G_Dᵀ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import qr
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..graph.equations import Equations
+from ..graph.variables import State, Unknowns
+from ..rotation import skew
+from ..types import Array, Index, Mask
+from .linear import LinearSystem
+
+MOTIONS = (
+    "shift in x",
+    "shift in y",
+    "shift in z",
+    "rotation about x",
+    "rotation about y",
+    "rotation about z",
+    "scale",
+)
+UNNOTICED = 1e-9
+"""|A g| relative to that of independent unknowns, below which a motion goes unnoticed."""
+GEOMETRIC = ("point", "pose", "orientation", "vertical")
+
+
+def generators(equations: Equations, state: State) -> tuple[Array, Array]:
+    """Return how seven motions of the object move the unknowns.
+
+    Columns: shifts along x, y, z (1 m), rotations about axes through the centre of the points
+    and scale about it (1 m at the mean distance of the points).
+
+    Returns:
+        G (n_columns, 7), and the centre (3,).
+    """
+    unknowns = equations.unknowns
+    points = state["point"]
+    centre = points.mean(axis=0) if len(points) else state["pose"][:, 9:].mean(axis=0)
+    size = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)))) if len(points) else 1.0
+    size = size or 1.0
+    g = np.zeros((unknowns.n_columns, 7))
+
+    def moves(x: Array) -> Array:
+        """Return ∂X/∂(seven motions), (n, 3, 7)."""
+        out = np.zeros((len(x), 3, 7))
+        out[:, :, :3] = np.eye(3)
+        out[:, :, 3:6] = -skew(x - centre) / size
+        out[:, :, 6] = (x - centre) / size
+        return out
+
+    table = unknowns["point"]
+    on = np.flatnonzero(table.offset >= 0)
+    g[table.offset[on, None] + np.arange(3)] = moves(points[on])
+    table = unknowns["pose"]
+    on = np.flatnonzero(table.offset >= 0)
+    pose = state["pose"][on]
+    rotation = pose[:, :9].reshape(-1, 3, 3)
+    g[table.offset[on, None] + np.arange(3), 3:6] = rotation.transpose(0, 2, 1) / size
+    g[table.offset[on, None] + np.arange(3, 6)] = moves(pose[:, 9:])
+    _turn_stations(equations, state, g, moves, size)
+    table = unknowns["edm"]
+    on = np.flatnonzero(table.offset >= 0)
+    g[table.offset[on], 6] = -(1.0 + state["edm"][on, 0]) / size
+    g[~unknowns.free] = 0.0
+    return g, centre
+
+
+def _turn_stations(
+    equations: Equations,
+    state: State,
+    g: Array,
+    moves,  # noqa: ANN001
+    size: float,
+) -> None:
+    """Fill in how verticals and orientation unknowns follow."""
+    unknowns, network = equations.unknowns, equations.network
+    number = unknowns["point"].number
+    verticals = unknowns["vertical"]
+    stations = [o[0] for o in network.orientations]
+    names = list(dict.fromkeys([*network.verticals, *stations]))
+    if not names:
+        return
+    x = state["point"][[number[n] for n in names]]
+    which = [verticals.number.get(n, 0) for n in names]
+    basis = network.frame.basis(x, state["vertical"][which])
+    enu = basis.enu
+    dx = moves(x)
+    turned = -skew(enu[:, 2]) / size  # ω × u
+    wanted = np.zeros((len(names), 2, 7))
+    wanted[:, 0, 3:6] = np.einsum("ni,nij->nj", enu[:, 1], turned)
+    wanted[:, 1, 3:6] = (
+        np.einsum("ni,nij->nj", enu[:, 0], turned) / np.maximum(basis.cos_latitude, 1e-12)[:, None]
+    )
+    by_position = basis.angles_by_position @ dx
+    free = verticals.free[which].any(axis=1)
+    angles = np.where(free[:, None, None], wanted, by_position)
+    deflections = np.linalg.solve(basis.angles_by_vertical, wanted - by_position)
+    handed = np.linalg.det(enu)
+    for i, name in enumerate(names):
+        if free[i]:
+            offset = verticals.offset[which[i]]
+            g[offset : offset + 2] = deflections[i]
+    orientation = unknowns["orientation"]
+    turn = basis.sin_latitude[:, None] * angles[:, 1]
+    turn[:, 3:6] -= enu[:, 2] / size
+    turn *= handed[:, None]
+    place = {n: i for i, n in enumerate(names)}
+    for j, station in enumerate(stations):
+        if orientation.offset[j] >= 0:
+            g[orientation.offset[j]] = turn[place[station]]
+
+
+def parts(equations: Equations) -> Index:
+    """Return the connected part (n_columns,) of each column, by observations of geometry.
+
+    Calibrations, refraction and distance meters do not connect: they carry no datum.
+    """
+    unknowns = equations.unknowns
+    n = unknowns.n_columns
+    left, right = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
+    for table in unknowns.tables.values():
+        on = table.offset >= 0
+        for j in range(1, table.free.shape[1]):
+            has = on & (j < table.size)
+            left.append(table.offset[has])
+            right.append(table.offset[has] + j)
+    for block in equations.blocks:
+        offsets = [
+            unknowns[kind].offset[index] for kind, index in block.variables if kind in GEOMETRIC
+        ]
+        for i, a in enumerate(offsets):
+            for b in offsets[i + 1 :]:
+                both = (a >= 0) & (b >= 0)
+                left.append(a[both])
+                right.append(b[both])
+    a, b = np.concatenate(left), np.concatenate(right)
+    graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
+    _, label = connected_components(graph, directed=False)
+    return np.asarray(label, dtype=np.intp)
+
+
+@dataclass(frozen=True)
+class Defect:
+    """Motions of one part that no observation notices."""
+
+    part: Index
+    """Columns of the part."""
+    motions: Array
+    """Unnoticed motions G (n_columns, d), zero outside the part."""
+    mixture: Array
+    """The same as combinations of the seven, (7, d)."""
+
+    @property
+    def size(self) -> int:
+        """Number of defects d."""
+        return int(self.motions.shape[1])
+
+    def names(self) -> list[str]:
+        """Return the plain motions in the defect; mixtures are named by their main part."""
+        share = np.sqrt(np.sum(np.linalg.qr(self.mixture)[0] ** 2, axis=1))
+        return [MOTIONS[i] for i in sorted(np.argsort(-share)[: self.size].tolist())]
+
+
+def find_defects(system: LinearSystem, state: State, diagonal: Array) -> list[Defect]:
+    """Return the datum defects of each connected part.
+
+    Args:
+        system: the linearised network.
+        state: where it was linearised.
+        diagonal: that of N, (n_columns,).
+    """
+    unknowns = system.unknowns
+    g, _ = generators(system.equations, state)
+    label = parts(system.equations)
+    observed = diagonal > 0
+    geometric = np.zeros(unknowns.n_columns, dtype=bool)
+    for kind in ("point", "pose"):
+        table = unknowns[kind]
+        for i in np.flatnonzero(table.offset >= 0):
+            geometric[table.offset[i] : table.offset[i] + table.size[i]] = True
+    label = np.where(observed & unknowns.free, label, -1)
+    shared = ~geometric & unknowns.free
+    out = []
+    found = np.unique(label[geometric & (label >= 0)])
+    for part in found:
+        inside = (label == part) | (shared & (len(found) == 1))
+        part_g = np.where(inside[:, None], g, 0.0)
+        defect = _unnoticed(system, part_g, diagonal)
+        if defect is not None:
+            out.append(Defect(np.flatnonzero(label == part), part_g @ defect, defect))
+    return out
+
+
+def _unnoticed(system: LinearSystem, g: Array, diagonal: Array) -> Array | None:
+    """Return the mixtures (7, d) of motions that no observation notices."""
+    weighted = np.sqrt(diagonal)[:, None] * g
+    length = np.linalg.norm(weighted, axis=0)
+    real = length > 1e-12 * max(float(length.max()), np.finfo(float).tiny)
+    if not real.any():
+        return None
+    # An orthonormal basis of the motions in the norm of the diagonal of N.
+    u, s, vt = np.linalg.svd(weighted[:, real] / length[real], full_matrices=False)
+    keep = s > 1e-9 * s[0]
+    basis = (vt[keep].T / s[keep]) / length[real][:, None]
+    noticed = system.times(g[:, real] @ basis)
+    _, values, right = np.linalg.svd(noticed, full_matrices=False)
+    null = right[values < UNNOTICED].T
+    # Fewer rows than motions leave the rest unnoticed too.
+    if len(values) < basis.shape[1]:
+        _, values, right = np.linalg.svd(noticed, full_matrices=True)
+        padded = np.zeros(basis.shape[1])
+        padded[: len(values)] = values
+        null = right[padded < UNNOTICED].T
+    if null.shape[1] == 0:
+        return None
+    mixture = np.zeros((7, null.shape[1]))
+    mixture[real] = basis @ null
+    return mixture / np.linalg.norm(mixture, axis=0)
+
+
+def minimal_datum(unknowns: Unknowns, motions: Array, datum: Mask) -> Index:
+    """Choose one column for each unnoticed motion whose holding removes them all.
+
+    Args:
+        unknowns: the unknowns.
+        motions: G (n_columns, d).
+        datum: columns to choose from, (n_columns,).
+    """
+    candidates = np.flatnonzero(datum & np.any(motions != 0, axis=1))
+    _, _, order = qr(motions[candidates].T, mode="economic", pivoting=True)
+    return np.asarray(candidates[order[: motions.shape[1]]], dtype=np.intp)
+
+
+@dataclass(frozen=True)
+class FreeDatum:
+    """Inner constraints over datum points."""
+
+    motions: Array
+    """G, unnoticed motions (n_columns, d)."""
+    columns: Mask
+    """Coordinates of the datum points among the columns, (n_columns,)."""
+
+    def __post_init__(self) -> None:
+        """Invert G_DᵀG_D once."""
+        on = self.motions[self.columns]
+        object.__setattr__(self, "_inverse", np.linalg.inv(on.T @ on))
+
+    @property
+    def inverse(self) -> Array:
+        """(G_DᵀG_D)⁻¹, (d, d)."""
+        return self._inverse  # type: ignore[attr-defined, no-any-return]
+
+    def project(self, moved: Array) -> Array:
+        """Return t such that G_Dᵀ (moved + G t)_D = 0, for moved = x − x₀ (n_columns,)."""
+        return np.asarray(
+            -self.inverse @ (self.motions[self.columns].T @ moved[self.columns])
+        )

@@ -1,0 +1,200 @@
+"""The factorised normal equations of a whole network, and what they give."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import lapack, solve_triangular
+
+from ..types import Array, Index
+from .linear import LinearSystem
+from .plan import Plan
+from .reduction import Rays, ReducedPoints
+from .tree import Clique, SingularError, TreeFactors
+
+SINGULAR = 1e-14
+"""What is left of a diagonal element, relative, where an unknown counts as undetermined."""
+
+
+class Factor:
+    """N + diag(extra) of one linearisation, factorised in the three layers of a `Plan`.
+
+    Held components have a one on the diagonal and nothing beside it, so that their steps and
+    covariances come out as zero after masking.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        rays: Rays | None,
+        system: LinearSystem,
+        factors: TreeFactors,
+        extra: Array,
+        *,
+        qr: bool,
+    ) -> None:
+        """Factorise.
+
+        Args:
+            plan: who eliminates what.
+            rays: index lists of the first layer, none where it is empty.
+            system: the linearised network.
+            factors: its factors for GTSAM.
+            extra: added to the diagonal (damping, minimal datum), (n_columns,).
+            qr: QR for the tree's part.
+
+        Raises:
+            SingularError: a pivot vanished.
+        """
+        self.plan = plan
+        self.free = plan.unknowns.free
+        diagonal = np.where(self.free, extra, 1.0)
+        self.points = None if rays is None else ReducedPoints(rays, system, diagonal)
+        self.cliques, border = factors.eliminate(diagonal, qr=qr)
+        if self.points is not None:
+            border += self.points.normal
+        self.border = border
+        self._factor_border()
+        self._border_covariance: Array | None = None
+        self._cliques_of: dict[int, Array] | None = None
+
+    def _factor_border(self) -> None:
+        n = len(self.border)
+        self.scale = 1.0 / np.sqrt(np.maximum(np.diag(self.border), np.finfo(float).tiny))
+        if not n:
+            self.root = np.zeros((0, 0))
+            return
+        scaled = self.border * self.scale[:, None] * self.scale
+        self.root, info = lapack.dpotrf(scaled, lower=1, clean=1)
+        if info != 0:
+            raise SingularError(f"pivot {info} of the cameras' normal equations")
+
+    def pivots(self, diagonal: Array) -> Array:
+        """Return what is left of each diagonal element of N after elimination, relative.
+
+        Args:
+            diagonal: that of N with what was added, (n_columns,).
+        """
+        out = np.ones(len(self.free))
+        safe = np.maximum(diagonal, np.finfo(float).tiny)
+        if self.points is not None:
+            out[self.plan.point_columns] = self.points.pivots
+        for c in self.cliques:
+            out[c.frontal] = np.diag(c.r) ** 2 / safe[c.frontal]
+        if len(self.border):
+            left = (np.diag(self.root) / self.scale) ** 2
+            out[self.plan.border] = left / safe[self.plan.border]
+        out[~self.free] = 1.0
+        return out
+
+    def solve(self, y: Array) -> Array:
+        """Return x of (N + diag) x = y for y (n_columns, k); held components are zero."""
+        y = np.where(self.free[:, None], y, 0.0)
+        x = np.zeros_like(y)
+        z = None
+        border = y[self.plan.border].copy()
+        if self.points is not None:
+            z = self.points.forward(y, border)
+        y[self.plan.border] = border
+        halves = []
+        for c in reversed(self.cliques):
+            half = solve_triangular(c.r, y[c.frontal], trans="T", check_finite=False)
+            halves.append(half)
+            if len(c.separator):
+                # Sᵀ R⁻ᵀ y = Tᵀ y
+                y[c.separator] -= c.t.T @ y[c.frontal]
+        if len(self.plan.border):
+            b = self.scale[:, None] * y[self.plan.border]
+            half = solve_triangular(self.root, b, lower=True, check_finite=False)
+            solved = solve_triangular(self.root, half, lower=True, trans="T", check_finite=False)
+            x[self.plan.border] = self.scale[:, None] * solved
+        for c, half in zip(self.cliques, reversed(halves), strict=True):
+            x[c.frontal] = solve_triangular(c.r, half, check_finite=False)
+            if len(c.separator):
+                x[c.frontal] -= c.t @ x[c.separator]
+        if self.points is not None and z is not None:
+            x[self.plan.point_columns] = self.points.backward(z, x[self.plan.border])
+        x[~self.free] = 0.0
+        return x
+
+    # -- covariances ----------------------------------------------------------------------------
+
+    def border_covariance(self) -> Array:
+        """Return the covariance of the border (b, b)."""
+        if self._border_covariance is None:
+            n = len(self.border)
+            if n:
+                inverse, _ = lapack.dpotri(self.root, lower=1)
+                inverse = np.tril(inverse) + np.tril(inverse, -1).T
+                self._border_covariance = inverse * self.scale[:, None] * self.scale
+            else:
+                self._border_covariance = np.zeros((0, 0))
+        return self._border_covariance
+
+    def clique_covariances(self) -> list[tuple[Index, Array]]:
+        """Return columns and joint covariance of every clique: the selected inverse."""
+        out: list[tuple[Index, Array]] = []
+        where: dict[int, tuple[int, dict[int, int]]] = {}
+        outer = self.border_covariance()
+        for number, c in enumerate(self.cliques):
+            f, s = len(c.frontal), len(c.separator)
+            joint = np.empty((f + s, f + s))
+            inverse = solve_triangular(c.r, np.eye(f), check_finite=False)
+            own = inverse @ inverse.T
+            if s:
+                sss = self._separator(c, where, out, outer)
+                across = -c.t @ sss
+                joint[:f, :f] = own - across @ c.t.T
+                joint[:f, f:] = across
+                joint[f:, :f] = across.T
+                joint[f:, f:] = sss
+            else:
+                joint[:] = own
+            columns = np.concatenate([c.frontal, c.separator])
+            place = {int(column): i for i, column in enumerate(columns)}
+            for column in c.frontal:
+                where[int(column)] = (number, place)
+            out.append((columns, joint))
+        return out
+
+    def _separator(
+        self,
+        c: Clique,
+        where: dict[int, tuple[int, dict[int, int]]],
+        done: list[tuple[Index, Array]],
+        outer: Array,
+    ) -> Array:
+        """Return the covariance of a separator: a part of its parent's, or of the border's."""
+        inner = [int(x) for x in c.separator if self.plan.in_border[x] < 0]
+        if not inner:
+            at = self.plan.in_border[c.separator]
+            return outer[np.ix_(at, at)]
+        # The parent is the clique where the first of the separator's columns is eliminated:
+        # the one that comes last in the order parents first.
+        number, place = max((where[x] for x in inner), key=lambda found: found[0])
+        at = np.array([place[int(x)] for x in c.separator], dtype=np.intp)
+        return done[number][1][np.ix_(at, at)]
+
+    def variances_of_blocks(self) -> dict[int, Array]:
+        """Return the covariance of every variable of tree and border, by its first column."""
+        out: dict[int, Array] = {}
+        unknowns = self.plan.unknowns
+        sizes = {
+            int(t.offset[i]): int(t.size[i])
+            for t in unknowns.tables.values()
+            for i in np.flatnonzero(t.offset >= 0)
+        }
+        for (_, joint), c in zip(self.clique_covariances(), self.cliques, strict=True):
+            at = 0
+            while at < len(c.frontal):
+                first = int(c.frontal[at])
+                k = sizes[first]
+                out[first] = joint[at : at + k, at : at + k]
+                at += k
+        covariance = self.border_covariance()
+        at = 0
+        while at < len(self.plan.border):
+            first = int(self.plan.border[at])
+            k = sizes[first]
+            out[first] = covariance[at : at + k, at : at + k]
+            at += k
+        return out

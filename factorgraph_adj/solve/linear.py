@@ -1,0 +1,178 @@
+"""The linearised observation equations of a whole network.
+
+All columns of variables with a free component are there; partials by held components are
+zero. Rows are whitened, except those of clusters, whose whitening joins several observations
+and is applied where rows are used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..graph.blocks import Block
+from ..graph.equations import Equations
+from ..graph.variables import State, Unknowns
+from ..types import Array, Index
+
+
+@dataclass(frozen=True)
+class ExtraRows:
+    """Whitened rows of a factor that the user added."""
+
+    columns: Index
+    """Columns that it touches, (m,)."""
+    a: Array
+    """Partials, (k, m)."""
+    residual: Array
+    """Whitened residuals at the state, (k,)."""
+
+
+@dataclass(frozen=True)
+class LinearBlock:
+    """One block, linearised."""
+
+    block: Block
+    """The observations."""
+    offsets: tuple[Index, ...]
+    """First column of each variable (n,), −1 where it is a constant."""
+    a: tuple[Array, ...]
+    """Partials by each variable, (n, d, k), whitened outside clusters."""
+
+
+class LinearSystem:
+    """Whitened residuals v and partials A of all observations at one state."""
+
+    def __init__(
+        self, equations: Equations, state: State, extra: Sequence[ExtraRows] = ()
+    ) -> None:
+        """Linearise all observations at ``state``.
+
+        Raises:
+            InputError: names the observations whose geometry has no answer.
+        """
+        self.equations = equations
+        self.unknowns: Unknowns = equations.unknowns
+        self.extra = tuple(extra)
+        self.blocks: list[LinearBlock] = []
+        v = np.empty(equations.n_rows)
+        raw = np.empty(equations.n_rows) if equations.clusters else None
+        for place, block in enumerate(equations.blocks):
+            residual, jacobians = block.evaluate(equations.network.frame, state)
+            clustered = equations.in_cluster.get(place)
+            v[block.rows] = block.whiten(residual).ravel()
+            if raw is not None:
+                raw[block.rows] = residual.ravel()
+            offsets = []
+            whitened = []
+            for (kind, index), jacobian in zip(block.variables, jacobians, strict=True):
+                table = self.unknowns[kind]
+                offset = table.offset[index]
+                offsets.append(offset)
+                if not (offset >= 0).any():
+                    whitened.append(jacobian[:0])
+                    continue
+                a = block.whiten(jacobian)
+                if clustered is not None:
+                    a[clustered] = jacobian[clustered]
+                k = a.shape[2]
+                if not table.free[:, :k].all():
+                    a = a * table.free[index, None, :k]
+                whitened.append(a)
+            self.blocks.append(LinearBlock(block, tuple(offsets), tuple(whitened)))
+        if raw is not None:
+            for c in equations.clusters:
+                v[c.rows] = c.whitener @ raw[c.rows]
+        self.residual = v
+
+    @property
+    def vtpv(self) -> float:
+        """VᵀPv."""
+        return float(self.residual @ self.residual) + sum(
+            float(e.residual @ e.residual) for e in self.extra
+        )
+
+    def gradient(self) -> Array:
+        """Return AᵀPv, (n_columns,)."""
+        v = self.residual
+        if self.equations.clusters:
+            v = v.copy()
+            for c in self.equations.clusters:
+                v[c.rows] = c.whitener.T @ self.residual[c.rows]
+        out = np.zeros(self.unknowns.n_columns)
+        for lb in self.blocks:
+            w = v[lb.block.rows].reshape(lb.block.observed.shape)
+            for offset, a in zip(lb.offsets, lb.a, strict=True):
+                if len(a):
+                    _add(out, offset, np.einsum("ndk,nd->nk", a, w))
+        for e in self.extra:
+            np.add.at(out, e.columns, e.a.T @ e.residual)
+        return out
+
+    def diagonal(self) -> Array:
+        """Return the diagonal of N = AᵀPA, (n_columns,)."""
+        out = np.zeros(self.unknowns.n_columns)
+        clustered = self.equations.in_cluster
+        for place, lb in enumerate(self.blocks):
+            for offset, a in zip(lb.offsets, lb.a, strict=True):
+                if len(a):
+                    square = np.einsum("ndk,ndk->nk", a, a)
+                    if place in clustered:
+                        square[clustered[place]] = 0.0
+                    _add(out, offset, square)
+        for columns, a in self.cluster_rows():
+            np.add.at(out, columns, np.sum(a * a, axis=0))
+        for e in self.extra:
+            np.add.at(out, e.columns, np.sum(e.a * e.a, axis=0))
+        return out
+
+    def times(self, g: Array) -> Array:
+        """Return A G (rows, k), whitened, for G (n_columns, k); extra rows at the end."""
+        out = np.zeros((self.equations.n_rows, g.shape[1]))
+        for lb in self.blocks:
+            rows = np.zeros((*lb.block.observed.shape, g.shape[1]))
+            for offset, a in zip(lb.offsets, lb.a, strict=True):
+                if len(a):
+                    on = np.flatnonzero(offset >= 0)
+                    columns = offset[on, None] + np.arange(a.shape[2])
+                    rows[on] += a[on] @ g[columns]
+            out[lb.block.rows] = rows.reshape(-1, g.shape[1])
+        for c in self.equations.clusters:
+            out[c.rows] = c.whitener @ out[c.rows]
+        return np.concatenate([out, *(e.a @ g[e.columns] for e in self.extra)])
+
+    def cluster_rows(self) -> list[tuple[Index, Array]]:
+        """Return columns (m,) and whitened partials (k, m) of every cluster."""
+        out = []
+        for c in self.equations.clusters:
+            place = {int(r): i for i, r in enumerate(c.rows)}
+            pieces: dict[int, Array] = {}
+            for lb in self.blocks:
+                first, d = lb.block.first_row, lb.block.dimension
+                rows = c.rows[(c.rows >= lb.block.rows.start) & (c.rows < lb.block.rows.stop)]
+                for i in np.unique((rows - first) // d):
+                    for offset, a in zip(lb.offsets, lb.a, strict=True):
+                        if not len(a) or offset[i] < 0:
+                            continue
+                        k = a.shape[2]
+                        for component in range(d):
+                            row = place[int(first + i * d + component)]
+                            for j in range(k):
+                                column = int(offset[i]) + j
+                                piece = pieces.setdefault(column, np.zeros(len(c.rows)))
+                                piece[row] += a[i, component, j]
+            columns = np.array(sorted(pieces), dtype=np.intp)
+            a = np.stack([pieces[int(i)] for i in columns], axis=1)
+            out.append((columns, c.whitener @ a))
+        return out
+
+
+def _add(out: Array, offset: Index, values: Array) -> None:
+    """Add values (n, k) to the k columns from each offset; −1: nowhere."""
+    on = offset >= 0
+    if not on.all():
+        offset, values = offset[on], values[on]
+    for j in range(values.shape[1]):
+        out += np.bincount(offset + j, weights=values[:, j], minlength=len(out))

@@ -1,0 +1,120 @@
+"""Who eliminates what: made once for a network, before the first iteration.
+
+Three layers, in the order of elimination:
+
+1. ``points``: object points that only cameras see (and their own coordinates), in numpy;
+2. ``tree``: everything else on the terrestrial side, by GTSAM;
+3. ``border``: poses and calibrations of the cameras of layer 1, dense, by LAPACK.
+
+Where there are no such points, or the border would be too large, GTSAM has everything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..graph.blocks import Block
+from ..graph.equations import Equations
+from ..graph.variables import ORDER, Unknowns
+from ..models.registry import VariableKind
+from ..types import Array, Index, Mask
+
+LARGEST_BORDER = 9000
+"""Columns above which a dense border costs more memory and time than a sparse elimination."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Columns of the three layers, and index lists that every iteration uses."""
+
+    unknowns: Unknowns
+    """The unknowns."""
+    reduced: Mask
+    """Which points are in the first layer, (number of points,)."""
+    border: Index
+    """Columns of the third layer, in their order there."""
+    in_border: Index
+    """Place of each column in the border, −1 elsewhere, (n_columns,)."""
+    tree: tuple[tuple[VariableKind, int], ...]
+    """Variables of the second layer."""
+
+    @property
+    def point_columns(self) -> Array:
+        """Columns of the points of the first layer, (p, 3)."""
+        first = self.unknowns["point"].offset[self.reduced]
+        return first[:, None] + np.arange(3)
+
+
+def make_plan(equations: Equations, *, reduce_points: bool, touched: Mask) -> Plan:
+    """Divide the unknowns.
+
+    Args:
+        equations: the network.
+        reduce_points: false gives everything to GTSAM (QR, for systems of poor condition).
+        touched: columns of factors that the user added; their points stay in the tree.
+    """
+    unknowns = equations.unknowns
+    table = unknowns["point"]
+    n = len(table.names)
+    reduced = np.zeros(n, dtype=bool)
+    images = [b for b in equations.blocks if b.kind == "image"]
+    if reduce_points and images:
+        for block in images:
+            reduced[block.variables[2][1]] = True
+        reduced &= table.offset >= 0
+        for place, block in enumerate(equations.blocks):
+            if block.kind == "image":
+                continue
+            alone = len(block.variables) == 1
+            for kind, index in block.variables:
+                if kind == "point":
+                    if not alone:
+                        reduced[index] = False
+                    elif place in equations.in_cluster:
+                        reduced[index[equations.in_cluster[place]]] = False
+        if touched.any():
+            on = np.flatnonzero(table.offset >= 0)
+            reduced[on[touched[table.offset[on]]]] = False
+    border = _border(unknowns, [_rays(b, reduced) for b in images])
+    if len(border) > LARGEST_BORDER:
+        return make_plan(equations, reduce_points=False, touched=touched)
+    in_border = np.full(unknowns.n_columns, -1, dtype=np.intp)
+    in_border[border] = np.arange(len(border))
+    tree = tuple(
+        (kind, number)
+        for kind in ORDER
+        for number in np.flatnonzero(unknowns[kind].offset >= 0).tolist()
+        if in_border[unknowns[kind].offset[number]] < 0
+        and not (kind == "point" and reduced[number])
+    )
+    return Plan(unknowns, reduced, border, in_border, tree)
+
+
+def _rays(block: Block, reduced: Mask) -> tuple[Index, Index]:
+    """Return photo and calibration of the rays to reduced points."""
+    (_, photo), (_, calibration), (_, point) = block.variables
+    keep = reduced[point]
+    return photo[keep], calibration[keep]
+
+
+def _border(unknowns: Unknowns, rays: list[tuple[Index, Index]]) -> Index:
+    """Return the columns of photos, each with the calibration that only it has, then the others.
+
+    Args:
+        unknowns: the unknowns.
+        rays: numbers of photo and calibration of every ray to a reduced point, for each block.
+    """
+    of_photo: dict[int, int] = {}
+    for photo, calibration in rays:
+        numbers, first = np.unique(photo, return_index=True)
+        of_photo |= dict(zip(numbers.tolist(), calibration[first].tolist(), strict=True))
+    users = np.bincount(list(of_photo.values()) or [0])
+    columns: list[Index] = [np.zeros(0, dtype=np.intp)]
+    for photo, calibration in sorted(of_photo.items()):
+        columns.append(unknowns.columns("pose", photo))
+        if users[calibration] == 1:
+            columns.append(unknowns.columns("calibration", calibration))
+    columns += [unknowns.columns("calibration", int(k)) for k in np.flatnonzero(users > 1)]
+    return np.concatenate(columns)

@@ -1,0 +1,449 @@
+"""Elimination of object points that only cameras see, vectorised over all of them.
+
+With H = Σ JₚᵀJₚ of a point, H = L Lᵀ, and W = L⁻¹ JₚᵀJ_c of each of its rays, the reduced
+normal matrix of the cameras is S = Σ J_cᵀJ_c − Σ WᵀW, the second sum over pairs of photos
+that share points. Index lists are made once (`Rays`); an iteration only computes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..graph.equations import Equations
+from ..types import Array, Index
+from .linear import LinearSystem
+from .plan import Plan
+
+
+@dataclass(frozen=True)
+class Participant:
+    """A photo (with its own calibration) or a shared calibration in the reduced system."""
+
+    rows: slice
+    """Its rays (photo) or points (shared calibration), in the order of their arrays."""
+    columns: Index
+    """Columns of its block in the border; −1 for components that are not unknown."""
+
+    @property
+    def run(self) -> slice | None:
+        """The columns as a slice, where they are one run with nothing missing before its end."""
+        n = int(np.sum(self.columns >= 0))
+        first = int(self.columns[0])
+        if first < 0 or not np.array_equal(self.columns[:n], np.arange(first, first + n)):
+            return None
+        return slice(first, first + n)
+
+
+class Rays:
+    """Index lists of the rays to the points of the first layer; made once for a network."""
+
+    def __init__(self, equations: Equations, plan: Plan) -> None:
+        """Sort the rays out."""
+        self.plan = plan
+        unknowns = plan.unknowns
+        local = np.cumsum(plan.reduced) - 1
+        self.n_points = int(plan.reduced.sum())
+        self.places = [i for i, b in enumerate(equations.blocks) if b.kind == "image"]
+        self.selected: list[Index | slice] = []
+        self.sizes: list[int] = []
+        photo, calibration, point = [], [], []
+        for place in self.places:
+            (_, f), (_, k), (_, p) = equations.blocks[place].variables
+            keep = plan.reduced[p]
+            rows: Index | slice = slice(None) if keep.all() else np.flatnonzero(keep)
+            self.selected.append(rows)
+            self.sizes.append(int(keep.sum()))
+            photo.append(f[rows])
+            calibration.append(k[rows])
+            point.append(local[p[rows]])
+        self.photo = np.concatenate(photo)
+        self.calibration = np.concatenate(calibration)
+        self.point = np.concatenate(point)
+
+        # Photos lie together: one participant each. A calibration that only one photo has
+        # joins it; the others are participants of their own.
+        starts = np.flatnonzero(np.r_[True, self.photo[1:] != self.photo[:-1]])
+        stops = np.r_[starts[1:], len(self.photo)]
+        self.starts = starts
+        pose, lens = unknowns["pose"], unknowns["calibration"]
+        of_photo = self.calibration[starts]
+        users = np.bincount(of_photo, minlength=len(lens.names))
+        own = users[of_photo] == 1
+        self.has_own = own
+        self.width = 6 + (lens.free.shape[1] if own.any() else 0)
+        self.shared = np.flatnonzero((users > 1) & (lens.offset >= 0))
+        self.photos: list[Participant] = []
+        for start, stop, alone in zip(starts, stops, own, strict=True):
+            columns = np.full(self.width, -1, dtype=np.intp)
+            f, k = self.photo[start], self.calibration[start]
+            if pose.offset[f] >= 0:
+                columns[:6] = plan.in_border[pose.offset[f] + np.arange(6)]
+            if alone and lens.offset[k] >= 0:
+                size = lens.size[k]
+                columns[6 : 6 + size] = plan.in_border[lens.offset[k] + np.arange(size)]
+            self.photos.append(Participant(slice(int(start), int(stop)), columns))
+        self.runs = [p.run for p in self.photos]
+        self.ray_photo = np.repeat(np.arange(len(starts)), stops - starts)
+        self.own_rays = np.flatnonzero(own[self.ray_photo])
+        self._find_shared(plan)
+        self._find_pairs()
+        self.coordinate_places = [
+            i
+            for i, b in enumerate(equations.blocks)
+            if b.kind != "image" and len(b.variables) == 1 and b.variables[0][0] == "point"
+        ]
+
+    def _find_shared(self, plan: Plan) -> None:
+        """Find the points and rays of each calibration that several photos share."""
+        lens = plan.unknowns["calibration"]
+        self.shared_rays: list[Index | slice] = []
+        self.shared_points: list[Index] = []
+        self.shared_place: list[Index] = []
+        self.shared_columns: list[Index] = []
+        for k in self.shared:
+            rays: Index | slice = np.flatnonzero(self.calibration == k)
+            points, place = np.unique(self.point[rays], return_inverse=True)
+            if len(place) == len(self.point):
+                rays = slice(None)
+            self.shared_rays.append(rays)
+            self.shared_points.append(points)
+            self.shared_place.append(place.astype(np.intp))
+            self.shared_columns.append(
+                plan.in_border[lens.offset[k] + np.arange(lens.size[k])]
+            )
+
+    def _find_pairs(self) -> None:
+        """List, for every pair of photos, the rays to their common points."""
+        order = np.argsort(self.point, kind="stable").astype(np.int32)
+        counts = np.bincount(self.point, minlength=self.n_points)
+        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+        left, right = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
+        for n in np.unique(counts[counts > 1]):
+            rays = order[first[counts == n][:, None] + np.arange(n)]
+            i, j = np.triu_indices(int(n), 1)
+            left.append(rays[:, i].ravel())
+            right.append(rays[:, j].ravel())
+        a, b = np.concatenate(left), np.concatenate(right)
+        n_photos = len(self.photos)
+        code = self.ray_photo[a].astype(np.int64) * n_photos + self.ray_photo[b]
+        by_pair = np.argsort(code, kind="stable")
+        code, a, b = code[by_pair], a[by_pair], b[by_pair]
+        cuts = np.flatnonzero(np.r_[True, code[1:] != code[:-1]]) if len(code) else []
+        stops = np.r_[cuts[1:], len(code)] if len(code) else []
+        self.left, self.right = a, b
+        self.pairs = [
+            (int(code[s]) // n_photos, int(code[s]) % n_photos, int(s), int(t))
+            for s, t in zip(cuts, stops, strict=True)
+        ]
+
+
+class ReducedPoints:
+    """The first layer eliminated: factors of the points and the reduced normal matrix."""
+
+    def __init__(self, rays: Rays, system: LinearSystem, extra: Array) -> None:
+        """Eliminate the points.
+
+        Args:
+            rays: the index lists.
+            system: the linearised network.
+            extra: added to the diagonal of the normal matrix, (n_columns,).
+        """
+        self.rays = rays
+        j_pose, j_lens, j_point = (
+            _joined([system.blocks[i].a[slot] for i in rays.places], rays)
+            for slot in range(3)
+        )
+        h = self._point_blocks(system, j_point, extra)
+        self._cholesky(h)
+        self._rays(j_pose, j_lens, j_point)
+        self.normal = self._normal(j_pose, j_lens, extra)
+
+    def _point_blocks(self, system: LinearSystem, j: Array, extra: Array) -> Array:
+        """Return the 3 × 3 normal matrices of the points as (6, p): xx xy xz yy yz zz."""
+        rays, plan = self.rays, self.rays.plan
+        n = rays.n_points
+        out = np.empty((6, n))
+        pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+        for row, (a, b) in enumerate(pairs):
+            product = j[:, 0, a] * j[:, 0, b] + j[:, 1, a] * j[:, 1, b]
+            out[row] = np.bincount(rays.point, weights=product, minlength=n)
+        local = np.cumsum(plan.reduced) - 1
+        for place in rays.coordinate_places:
+            lb = system.blocks[place]
+            if not len(lb.a[0]):
+                continue
+            number = lb.block.variables[0][1]
+            on = np.flatnonzero(plan.reduced[number])
+            for row, (a, b) in enumerate(pairs):
+                product = np.sum(lb.a[0][on, :, a] * lb.a[0][on, :, b], axis=1)
+                out[row] += np.bincount(local[number[on]], weights=product, minlength=n)
+        columns = plan.point_columns
+        for row, axis in ((0, 0), (3, 1), (5, 2)):
+            out[row] += extra[columns[:, axis]]
+        self.diagonal = out[[0, 3, 5]].copy()
+        return out
+
+    def _cholesky(self, h: Array) -> None:
+        """Factorise H = L Lᵀ; ``pivots`` (p, 3) are what is left of each diagonal, relative."""
+        xx, xy, xz, yy, yz, zz = h
+        tiny = np.finfo(float).tiny
+        l11 = np.sqrt(np.maximum(xx, tiny))
+        l21, l31 = xy / l11, xz / l11
+        left22 = yy - l21**2
+        l22 = np.sqrt(np.maximum(left22, np.maximum(yy * 1e-16, tiny)))
+        l32 = (yz - l31 * l21) / l22
+        left33 = zz - l31**2 - l32**2
+        l33 = np.sqrt(np.maximum(left33, np.maximum(zz * 1e-16, tiny)))
+        self.l = (l11, l21, l31, l22, l32, l33)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            self.pivots = np.stack([(xx > 0) * 1.0, left22 / yy, left33 / zz], 1)
+        np.nan_to_num(self.pivots, copy=False, nan=0.0)
+
+    def _lower(self, b: Array, at: Index | None = None) -> Array:
+        """Return L⁻¹ b for b (m, 3, k); ``at`` gives the point of each row."""
+        l11, l21, l31, l22, l32, l33 = (
+            (x if at is None else x[at])[:, None] for x in self.l
+        )
+        out = np.empty_like(b)
+        np.divide(b[:, 0], l11, out=out[:, 0])
+        out[:, 1] = (b[:, 1] - l21 * out[:, 0]) / l22
+        out[:, 2] = (b[:, 2] - l31 * out[:, 0] - l32 * out[:, 1]) / l33
+        return out
+
+    def _upper(self, b: Array) -> Array:
+        """Return L⁻ᵀ b for b (p, 3, k)."""
+        l11, l21, l31, l22, l32, l33 = (x[:, None] for x in self.l)
+        out = np.empty_like(b)
+        out[:, 2] = b[:, 2] / l33
+        out[:, 1] = (b[:, 1] - l32 * out[:, 2]) / l22
+        out[:, 0] = (b[:, 0] - l21 * out[:, 1] - l31 * out[:, 2]) / l11
+        return out
+
+    def _rays(self, j_pose: Array, j_lens: Array, j_point: Array) -> None:
+        """Compute W of every ray (m, 3, width), and of every point and shared calibration."""
+        rays = self.rays
+        m = len(rays.point)
+        w = np.zeros((m, 3, rays.width)) if rays.width > 6 else np.empty((m, 3, 6))
+        for axis in range(3):
+            w[:, axis, :6] = (
+                j_point[:, 0, axis, None] * j_pose[:, 0]
+                + j_point[:, 1, axis, None] * j_pose[:, 1]
+            )
+        if rays.width > 6:
+            own = rays.own_rays
+            k = j_lens.shape[2]
+            for axis in range(3):
+                w[own, axis, 6 : 6 + k] = (
+                    j_point[own, 0, axis, None] * j_lens[own, 0]
+                    + j_point[own, 1, axis, None] * j_lens[own, 1]
+                )
+        self.w = self._lower(w, rays.point)
+        self.shared: list[Array] = []
+        for r, points, place, columns in zip(
+            rays.shared_rays,
+            rays.shared_points,
+            rays.shared_place,
+            rays.shared_columns,
+            strict=True,
+        ):
+            e = np.empty((len(points), 3, len(columns)))
+            for axis in range(3):
+                for c in range(len(columns)):
+                    product = (
+                        j_point[r, 0, axis] * j_lens[r, 0, c]
+                        + j_point[r, 1, axis] * j_lens[r, 1, c]
+                    )
+                    e[:, axis, c] = np.bincount(place, weights=product, minlength=len(points))
+            self.shared.append(self._lower(e, points))
+
+    def _normal(self, j_pose: Array, j_lens: Array, extra: Array) -> Array:
+        """Return S (border, border)."""
+        rays, w = self.rays, self.w
+        n = len(rays.plan.border)
+        s = np.zeros((n, n))
+        k = j_lens.shape[2]
+        shared_at = []
+        for points in rays.shared_points:
+            at = np.full(rays.n_points, -1, dtype=np.intp)
+            at[points] = np.arange(len(points))
+            shared_at.append(at)
+        for number, photo in enumerate(rays.photos):
+            r = photo.rows
+            a = j_pose[r].reshape(-1, 6)
+            b = j_lens[r].reshape(-1, k)
+            if rays.width > 6:
+                a = np.concatenate([a, np.zeros((len(a), rays.width - 6))], axis=1)
+                if rays.has_own[number]:
+                    a[:, 6 : 6 + k] = b
+            wa = w[r].reshape(-1, rays.width)
+            _scatter(s, photo.columns, photo.columns, a.T @ a - wa.T @ wa)
+            for which, at, ws, columns in zip(
+                rays.shared, shared_at, self.shared, rays.shared_columns, strict=True
+            ):
+                block = -self._across(r, at, ws)
+                if rays.calibration[r.start] == which:
+                    block += a.T @ b[:, : len(columns)]
+                    _scatter(s, columns, columns, b[:, : len(columns)].T @ b[:, : len(columns)])
+                _scatter(s, photo.columns, columns, block)
+                _scatter(s, columns, photo.columns, block.T)
+        self._pairs(s)
+        for i, (ws, points, columns) in enumerate(
+            zip(self.shared, rays.shared_points, rays.shared_columns, strict=True)
+        ):
+            flat = ws.reshape(-1, ws.shape[2])
+            _scatter(s, columns, columns, -flat.T @ flat)
+            for j in range(i):
+                at = shared_at[j][points]
+                on = at >= 0
+                block = -(
+                    ws[on].reshape(-1, ws.shape[2]).T
+                    @ self.shared[j][at[on]].reshape(-1, self.shared[j].shape[2])
+                )
+                _scatter(s, columns, rays.shared_columns[j], block)
+                _scatter(s, rays.shared_columns[j], columns, block.T)
+        s[np.diag_indices(n)] += extra[rays.plan.border]
+        return s
+
+    def _across(self, rows: slice, at: Index, shared: Array) -> Array:
+        """Return Σ WᵀW_s of one photo with a shared calibration."""
+        place = at[self.rays.point[rows]]
+        wa = self.w[rows]
+        if (place < 0).any():
+            on = place >= 0
+            wa, place = wa[on], place[on]
+        return np.asarray(
+            wa.reshape(-1, wa.shape[2]).T @ shared[place].reshape(-1, shared.shape[2])
+        )
+
+    def _pairs(self, s: Array) -> None:
+        """Subtract WᵀW of all pairs of photos with common points."""
+        rays, w, d = self.rays, self.w, self.rays.width
+        for a, b, start, stop in rays.pairs:
+            left = w[rays.left[start:stop]].reshape(-1, d)
+            right = w[rays.right[start:stop]].reshape(-1, d)
+            block = left.T @ right
+            ra, rb = rays.runs[a], rays.runs[b]
+            if ra is not None and rb is not None:
+                block = block[: ra.stop - ra.start, : rb.stop - rb.start]
+                s[ra, rb] -= block
+                s[rb, ra] -= block.T
+            else:
+                ca, cb = rays.photos[a].columns, rays.photos[b].columns
+                _scatter(s, ca, cb, -block)
+                _scatter(s, cb, ca, -block.T)
+
+    # -- use ----------------------------------------------------------------------------------
+
+    def forward(self, y: Array, border: Array) -> Array:
+        """Return L⁻¹ y_p (p, 3, k), and take its part off the right side of the border.
+
+        Args:
+            y: right sides, (n_columns, k).
+            border: right sides of the border (b, k), changed.
+        """
+        rays = self.rays
+        z = self._lower(y[rays.plan.point_columns])
+        part = np.einsum("mic,mik->mck", self.w, z[rays.point])
+        by_photo = np.add.reduceat(part, rays.starts, axis=0)
+        for number, photo in enumerate(rays.photos):
+            on = photo.columns >= 0
+            border[photo.columns[on]] -= by_photo[number][on]
+        for ws, points, columns in zip(
+            self.shared, rays.shared_points, rays.shared_columns, strict=True
+        ):
+            border[columns] -= np.einsum("pic,pik->ck", ws, z[points])
+        return z
+
+    def backward(self, z: Array, border: Array) -> Array:
+        """Return the points' part of the solution (p, 3, k) from that of the border (b, k)."""
+        rays = self.rays
+        n, k = rays.n_points, z.shape[2]
+        x = np.zeros((len(rays.photos), rays.width, k))
+        for number, photo in enumerate(rays.photos):
+            on = photo.columns >= 0
+            x[number, on] = border[photo.columns[on]]
+        along = np.einsum("mic,mck->mik", self.w, x[rays.ray_photo])
+        t = z.copy()
+        for axis in range(3):
+            for column in range(k):
+                t[:, axis, column] -= np.bincount(
+                    rays.point, weights=along[:, axis, column], minlength=n
+                )
+        for ws, points, columns in zip(
+            self.shared, rays.shared_points, rays.shared_columns, strict=True
+        ):
+            t[points] -= np.einsum("pic,ck->pik", ws, border[columns])
+        return self._upper(t)
+
+    def covariances(self, border: Array) -> Array:
+        """Return the covariance (p, 3, 3) of every point from that of the border (b, b).
+
+        Σ = L⁻ᵀ (I + W Σ_b Wᵀ) L⁻¹, with W over all rays of the point and its shared
+        calibrations; vectorised over the points with the same number of rays.
+        """
+        rays = self.rays
+        n = rays.n_points
+        inner = np.tile(np.eye(3), (n, 1, 1))
+        order = np.argsort(rays.point, kind="stable")
+        counts = np.bincount(rays.point, minlength=n)
+        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+        padded = np.zeros((len(border) + 1, len(border) + 1))
+        padded[:-1, :-1] = border  # the last row serves components that are not unknown
+        columns = np.array([p.columns for p in rays.photos])
+        shared = np.zeros((n, 3, sum(len(c) for c in rays.shared_columns)))
+        all_shared = np.concatenate([*rays.shared_columns, np.zeros(0, dtype=np.intp)])
+        at = 0
+        for ws, points, c in zip(
+            self.shared, rays.shared_points, rays.shared_columns, strict=True
+        ):
+            shared[points, :, at : at + len(c)] = ws
+            at += len(c)
+        for count in np.unique(counts[counts > 0]):
+            at_once = max(1, 20_000_000 // (rays.width * int(count) + at) ** 2)
+            every = np.flatnonzero(counts == count)
+            for start in range(0, len(every), at_once):
+                points = every[start : start + at_once]
+                r = order[first[points][:, None] + np.arange(count)]
+                w = np.concatenate(
+                    [
+                        self.w[r].transpose(0, 2, 1, 3).reshape(len(points), 3, -1),
+                        shared[points],
+                    ],
+                    axis=2,
+                )
+                c = np.concatenate(
+                    [
+                        columns[rays.ray_photo[r]].reshape(len(points), -1),
+                        np.broadcast_to(all_shared, (len(points), len(all_shared))),
+                    ],
+                    axis=1,
+                )
+                sigma = padded[c[:, :, None], c[:, None, :]]
+                inner[points] += w @ sigma @ w.transpose(0, 2, 1)
+        half = self._upper(inner)
+        return self._upper(np.ascontiguousarray(half.transpose(0, 2, 1)))
+
+
+def _joined(parts: list[Array], rays: Rays) -> Array:
+    """Join partials of several image blocks; missing ones (held variables) are zero."""
+    width = max(p.shape[2] for p in parts)
+    chosen = []
+    for part, rows, size in zip(parts, rays.selected, rays.sizes, strict=True):
+        if not len(part):
+            chosen.append(np.zeros((size, 2, width)))
+            continue
+        part = part[rows]
+        if part.shape[2] < width:
+            part = np.concatenate(
+                [part, np.zeros((*part.shape[:2], width - part.shape[2]))], axis=2
+            )
+        chosen.append(part)
+    return chosen[0] if len(chosen) == 1 else np.concatenate(chosen)
+
+
+def _scatter(s: Array, rows: Index, columns: Index, block: Array) -> None:
+    """Add a block to S where both components are unknown."""
+    r, c = rows >= 0, columns >= 0
+    s[np.ix_(rows[r], columns[c])] += block[np.ix_(r, c)]

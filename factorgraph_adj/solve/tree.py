@@ -1,0 +1,251 @@
+"""Elimination by GTSAM of what is not reduced in numpy, and what its Bayes tree gives.
+
+GTSAM eliminates multifrontally in its ordering, by QR or Cholesky; each clique of the Bayes tree
+gives R and S of  R x_F = d − S x_S.  They are copied once (GTSAM's views do not own their
+memory) and serve every right side and the selected inverse:
+
+    Σ_FS = −T Σ_SS,   Σ_FF = R⁻¹R⁻ᵀ − Σ_FS Tᵀ,   T = R⁻¹ S       (top down).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from ..types import Array, Index
+from .linear import LinearSystem
+from .plan import Plan
+
+UNIT = {d: gtsam.noiseModel.Unit.Create(d) for d in range(1, 7)}
+MOST_KEYS = 3
+"""Keys that the JacobianFactor constructor takes in Python."""
+
+
+class SingularError(Exception):
+    """GTSAM met a pivot of zero; the caller finds out which unknowns are concerned."""
+
+
+@dataclass(frozen=True)
+class Clique:
+    """One clique of the Bayes tree."""
+
+    frontal: Index
+    """Columns eliminated here."""
+    separator: Index
+    """Columns that they depend on."""
+    r: Array
+    """Upper triangular R, (f, f)."""
+    t: Array
+    """T = R⁻¹ S, (f, s)."""
+
+
+class TreeFactors:
+    """The factors that GTSAM eliminates: made once for each linearisation."""
+
+    def __init__(self, plan: Plan, system: LinearSystem) -> None:
+        """Turn the rows outside the first layer into GTSAM's Jacobian factors."""
+        self.plan = plan
+        self.system = system
+        unknowns = plan.unknowns
+        # GTSAM's keys are first columns: they sort, and give the place of a block at once.
+        self.size = {
+            int(table.offset[i]): int(table.size[i])
+            for table in unknowns.tables.values()
+            for i in np.flatnonzero(table.offset >= 0)
+        }
+        graph = gtsam.GaussianFactorGraph()
+        clustered = system.equations.in_cluster
+        for place, lb in enumerate(system.blocks):
+            block = lb.block
+            keep = np.ones(block.n, dtype=bool)
+            if place in clustered:
+                keep[clustered[place]] = False
+            for kind, index in block.variables:
+                if kind == "point":
+                    keep &= ~plan.reduced[index]
+            if keep.any():
+                self._add_block(graph, lb.offsets, lb.a, np.flatnonzero(keep), block.dimension)
+        for columns, a in system.cluster_rows():
+            self._add_dense(graph, columns, a)
+        for e in system.extra:
+            self._add_dense(graph, e.columns, e.a)
+        self.graph = graph
+
+    def _add_block(
+        self,
+        graph: gtsam.GaussianFactorGraph,
+        offsets: tuple[Index, ...],
+        arrays: tuple[Array, ...],
+        rows: Index,
+        d: int,
+    ) -> None:
+        """Add one factor for each row, by which of the variables are unknown."""
+        slots = [j for j, a in enumerate(arrays) if len(a)]
+        pattern = np.zeros(len(rows), dtype=np.int64)
+        for bit, j in enumerate(slots):
+            pattern |= (offsets[j][rows] >= 0).astype(np.int64) << bit
+        zero, unit = np.zeros(d), UNIT[d]
+        for code in np.unique(pattern):
+            chosen = [j for bit, j in enumerate(slots) if code >> bit & 1]
+            at = rows[pattern == code]
+            keys = [offsets[j][at].tolist() for j in chosen]
+            a = [list(np.asfortranarray(arrays[j][at].transpose(1, 2, 0)).transpose(2, 0, 1)) for j in chosen]
+            if len(chosen) == 1:
+                for k1, a1 in zip(keys[0], a[0], strict=True):
+                    graph.add(gtsam.JacobianFactor(k1, a1, zero, unit))
+            elif len(chosen) == 2:
+                for k1, a1, k2, a2 in zip(keys[0], a[0], keys[1], a[1], strict=True):
+                    graph.add(gtsam.JacobianFactor(k1, a1, k2, a2, zero, unit))
+            elif len(chosen) == MOST_KEYS:
+                for k1, a1, k2, a2, k3, a3 in zip(
+                    keys[0], a[0], keys[1], a[1], keys[2], a[2], strict=True
+                ):
+                    graph.add(gtsam.JacobianFactor(k1, a1, k2, a2, k3, a3, zero, unit))
+            elif chosen:
+                for i in range(len(at)):
+                    terms = [(k[i], m[i]) for k, m in zip(keys, a, strict=True)]
+                    graph.add(gtsam.GaussianConditional(terms, 1, zero, unit))
+
+    def _add_dense(self, graph: gtsam.GaussianFactorGraph, columns: Index, a: Array) -> None:
+        """Add rows over any number of variables; missing columns of a variable are zero."""
+        place = {int(c): i for i, c in enumerate(columns)}
+        starts = np.array(sorted(self.size), dtype=np.intp)
+        keys = np.unique(starts[np.searchsorted(starts, columns, side="right") - 1])
+        terms = []
+        for key in keys.tolist():
+            block = np.zeros((len(a), self.size[key]))
+            for j in range(self.size[key]):
+                if key + j in place:
+                    block[:, j] = a[:, place[key + j]]
+            terms.append((key, block))
+        if not terms:
+            return
+        unit = gtsam.noiseModel.Unit.Create(len(a))
+        zero = np.zeros(len(a))
+        if len(terms) <= MOST_KEYS:
+            flat = [x for term in terms for x in term]
+            graph.add(gtsam.JacobianFactor(*flat, zero, unit))
+        else:
+            graph.add(gtsam.GaussianConditional(terms, 1, zero, unit))
+
+    def eliminate(self, extra: Array, *, qr: bool) -> tuple[list[Clique], Array]:
+        """Eliminate the tree's variables.
+
+        Args:
+            extra: added to the diagonal of the normal matrix, (n_columns,).
+            qr: QR instead of Cholesky.
+
+        Returns:
+            The cliques, parents first, and the normal matrix left for the border (b, b).
+
+        Raises:
+            SingularError: a pivot vanished.
+        """
+        plan = self.plan
+        graph = gtsam.GaussianFactorGraph()
+        graph.push_back(self.graph)
+        root = np.sqrt(extra)
+        first = []
+        for kind, number in plan.tree:
+            columns = plan.unknowns.columns(kind, number)
+            key = int(columns[0])
+            first.append(key)
+            diagonal = root[columns]
+            on = np.flatnonzero(diagonal > 0)
+            if len(on):
+                a = np.zeros((len(on), len(columns)))
+                a[np.arange(len(on)), on] = diagonal[on]
+                unit = gtsam.noiseModel.Unit.Create(len(on))
+                graph.add(gtsam.JacobianFactor(key, a, np.zeros(len(on)), unit))
+        border = np.zeros((len(plan.border),) * 2)
+        if not first:
+            self._collect(graph, border)
+            return [], border
+        try:
+            if len(plan.border):
+                ordering = self._ordering(graph, first)
+                tree, rest = (
+                    graph.eliminatePartialMultifrontal(ordering, gtsam.EliminateQR)
+                    if qr
+                    else graph.eliminatePartialMultifrontal(ordering)
+                )
+                self._collect(rest, border)
+            else:
+                ordering = self._ordering(graph, first)
+                tree = (
+                    graph.eliminateMultifrontal(ordering, gtsam.EliminateQR)
+                    if qr
+                    else graph.eliminateMultifrontal(ordering)
+                )
+        except RuntimeError as error:
+            raise SingularError(str(error)) from None
+        return self._cliques(tree), border
+
+    def _ordering(self, graph: gtsam.GaussianFactorGraph, first: list[int]) -> gtsam.Ordering:
+        """Order the tree's variables: calibrations and then poses late, others by COLAMD."""
+        plan = self.plan
+        table = plan.unknowns
+        late = [
+            int(table[kind].offset[number])
+            for kind, number in plan.tree
+            if kind in ("pose", "calibration", "edm", "refraction")
+        ]
+        inside = set(first)
+        present = set(graph.keyVector())
+        last = [k for k in late if k in present]
+        last += [k for k in present if k not in inside]
+        whole = (
+            gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(graph, last)
+            if last
+            else gtsam.Ordering.MetisGaussianFactorGraph(graph)
+            if len(first) > SMALL
+            else gtsam.Ordering.ColamdGaussianFactorGraph(graph)
+        )
+        if len(inside) == whole.size():
+            return whole
+        ordering = gtsam.Ordering()
+        for i in range(whole.size()):
+            if whole.at(i) in inside:
+                ordering.push_back(whole.at(i))
+        return ordering
+
+    def _collect(self, graph: gtsam.GaussianFactorGraph, border: Array) -> None:
+        """Add the normal matrix of factors over the border."""
+        if graph.size() == 0 or not len(border):
+            return
+        keys = sorted(graph.keyVector())
+        if not keys:
+            return
+        ordering = gtsam.Ordering()
+        for key in keys:
+            ordering.push_back(key)
+        hessian = np.asarray(graph.augmentedHessian(ordering))[:-1, :-1]
+        columns = np.concatenate([k + np.arange(self.size[k]) for k in keys])
+        at = self.plan.in_border[columns]
+        border[np.ix_(at, at)] += hessian
+
+    def _cliques(self, tree: gtsam.GaussianBayesTree) -> list[Clique]:
+        """Copy the cliques out of the tree, parents first."""
+        out = []
+        stack = list(tree.roots())
+        while stack:
+            clique = stack.pop()
+            conditional = clique.conditional()
+            r = np.array(conditional.R())
+            keys = list(conditional.keys())
+            columns = np.concatenate([k + np.arange(self.size[k]) for k in keys])
+            f = r.shape[1]
+            s = np.array(conditional.S()).reshape(f, len(columns) - f)
+            if not np.all(np.isfinite(r)) or np.any(np.diag(r) == 0):
+                raise SingularError("a pivot vanished")
+            t = solve_triangular(r, s, check_finite=False) if s.size else s
+            out.append(Clique(columns[:f], columns[f:], r, t))
+            stack.extend(clique[i] for i in range(clique.nrChildren()))
+        return out
+
+
+SMALL = 300
+"""Variables up to which COLAMD's fill is as good as nested dissection's."""

@@ -1,0 +1,117 @@
+"""The same bundle block for pycolmap: its Ceres bundle adjustment as a yardstick.
+
+COLMAP's RADIAL camera has f, cx, cy, k1, k2 from ideal to measured coordinates. A block with
+another lens model starts from equivalent values and has as many unknowns; its cost is then not
+the same, its work is. Image coordinates are divided by their σ, so that ½ vᵀPv is the cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from factorgraph_adj.models.lens import NormalisedLens
+from factorgraph_adj.network import Camera, Network
+
+FUNCTION_TOLERANCE = 1e-6
+"""Ceres' own default; pycolmap's (0) makes it iterate longer."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What pycolmap did."""
+
+    seconds: float
+    iterations: int
+    vtpv: float
+    start: float
+    """vᵀPv at the start."""
+    how: str
+    """Termination type and linear solver."""
+
+
+def solve(network: Network, *, threads: int, principal_point: bool) -> Solved:
+    """Adjust the image coordinates of ``network`` with pycolmap; all other observations are left.
+
+    Args:
+        network: photos with approximate orientation, points with approximate coordinates.
+        threads: number of threads.
+        principal_point: whether it is unknown; c, k1, k2 are.
+    """
+    import pycolmap
+
+    reconstruction, images = _reconstruction(pycolmap, network)
+    config = pycolmap.BundleAdjustmentConfig()
+    for number in images:
+        config.add_image(number)
+    if network.datum == "given":
+        config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.print_summary = False
+    options.refine_principal_point = principal_point
+    options.ceres.solver_options.num_threads = threads
+    options.ceres.solver_options.function_tolerance = FUNCTION_TOLERANCE
+    options.ceres.min_num_residuals_for_cpu_multi_threading = 0
+    begin = perf_counter()
+    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
+    done = adjuster.solve().ceres_summary
+    seconds = perf_counter() - begin
+    return Solved(
+        seconds,
+        done.num_successful_steps + done.num_unsuccessful_steps - 1,
+        2 * done.final_cost,
+        2 * done.initial_cost,
+        f"{done.termination_type.name}, {done.linear_solver_type_used.name}",
+    )
+
+
+def _reconstruction(pycolmap: Any, network: Network) -> tuple[Any, list[int]]:
+    """Return the block as a reconstruction, and the numbers of its images."""
+    reconstruction = pycolmap.Reconstruction()
+    photo, point, xy, sigma = network.images.columns()
+    unit = float(sigma[0, 0])
+    number = {name: i for i, name in enumerate(network.cameras, 1)}
+    for name, camera in network.cameras.items():
+        reconstruction.add_camera_with_trivial_rig(
+            pycolmap.Camera(
+                model="RADIAL",
+                width=1,
+                height=1,
+                params=_parameters(camera, unit),
+                camera_id=number[name],
+            )
+        )
+    order = np.argsort(photo, kind="stable")
+    first = np.searchsorted(photo[order], np.arange(len(network.photos) + 1))
+    tracks = [pycolmap.Track() for _ in network.points]
+    images = []
+    for i, (name, taken) in enumerate(network.photos.items()):
+        rows = order[first[i] : first[i + 1]]
+        measured = xy[rows] / unit * [1.0, -1.0]
+        image = pycolmap.Image(
+            name=name, keypoints=measured, camera_id=number[taken.camera], image_id=i + 1
+        )
+        assert taken.rotation is not None
+        turn = taken.rotation.T
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(turn), -turn @ np.array(taken.position))
+        reconstruction.add_image_with_trivial_frame(image, pose)
+        for k, p in enumerate(point[rows].tolist()):
+            tracks[p].add_element(i + 1, k)
+        images.append(i + 1)
+    for track, at in zip(tracks, network.points.values(), strict=True):
+        if track.length() >= 2:
+            reconstruction.add_point3D(np.array(at.coordinates), track)
+    return reconstruction, images
+
+
+def _parameters(camera: Camera, unit: float) -> list[float]:
+    """Return f, cx, cy, k1, k2 in units of σ; y down."""
+    value = dict(zip(camera.lens.names, camera.values, strict=True))
+    c, k1, k2 = value["c"], value["k1"], value["k2"]
+    if not isinstance(camera.lens, NormalisedLens):
+        # Measured → ideal or forward in mm: the correction is subtracted, k_i r^2i to first order.
+        k1, k2 = -k1 * c**2, -k2 * c**4
+    return [c / unit, value["x0"] / unit, -value["y0"] / unit, k1, k2]

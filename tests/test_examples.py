@@ -1,0 +1,71 @@
+"""Every example is run."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from factorgraph_adj.cli import main
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+PROJECTS = sorted(EXAMPLES.glob("*/project.toml"))
+
+
+def run(script: Path, *arguments: str) -> str:
+    """Run a script as a user does and return what it prints."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(script), *arguments],
+        capture_output=True,
+        encoding="utf-8",
+        env=os.environ | {"PYTHONIOENCODING": "utf-8"},
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
+def test_every_script_runs_and_prints_something(script: Path, tmp_path: Path) -> None:
+    arguments = [str(tmp_path)] if script.stem.startswith("make_") else []
+    assert run(script, *arguments).strip()
+
+
+@pytest.mark.parametrize("project", PROJECTS, ids=lambda p: p.parent.name)
+def test_every_project_is_adjusted_by_the_command(
+    project: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(project)]) == 0
+    assert main(["adjust", str(project), "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert "converged" in printed
+    assert (tmp_path / "out" / "solution.json").is_file()
+
+
+def test_there_is_the_industry_block_as_script_and_as_project() -> None:
+    assert EXAMPLES / "industry_block.py" in SCRIPTS
+    assert EXAMPLES / "industry_block" / "project.toml" in PROJECTS
+
+
+def test_the_project_on_disk_is_what_its_script_writes(tmp_path: Path) -> None:
+    run(EXAMPLES / "make_industry_block.py", str(tmp_path))
+    written = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    kept = {p.name: p.read_bytes() for p in (EXAMPLES / "industry_block").iterdir()}
+    assert written == kept
+
+
+def test_the_combined_block_of_the_readme_is_better_than_photos_alone() -> None:
+    """The last two lines of the example: half the σ, and errors that match it."""
+    lines = run(EXAMPLES / "industry_block.py").splitlines()[-2:]
+    (sigma, rms), (sigma_alone, rms_alone) = (
+        [float(w) for w in line.replace(",", "").split() if w.replace(".", "").isdigit()]
+        for line in lines
+    )
+    assert sigma < 0.6 * sigma_alone
+    assert rms < 2 * sigma
+    assert rms < rms_alone
