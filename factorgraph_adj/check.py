@@ -17,6 +17,7 @@ from .graph.blocks import Block
 from .graph.equations import Equations, compile_network
 from .graph.variables import Unknowns, Variables, calibration_name
 from .models.image import depth
+from .models.registry import VariableKind
 from .network import Network
 from .solve.datum import parts
 from .types import Array, Index, Mask
@@ -26,6 +27,14 @@ Sources: TypeAlias = Mapping[tuple[str, str], str]
 TINY = 5
 """Points and photos below which a free network may leave single points undetermined."""
 AXES = ("x", "y", "z")
+OTHERS: dict[VariableKind, str] = {
+    "calibration": "calibration of camera",
+    "orientation": "orientation of set",
+    "refraction": "refraction group",
+    "vertical": "vertical of station",
+    "edm": "distance meter",
+}
+"""Unknowns besides points and photos, as messages call them."""
 LEAST_RADIUS = 6_300_000.0
 """Metres from the centre of the Earth, deeper than any point that is measured."""
 
@@ -53,6 +62,7 @@ def check(
     return (
         *_points(equations, at),
         *_photos(equations, at),
+        *_others(equations),
         *_datum(equations),
         *(inside or _geometry(equations)),
     )
@@ -61,9 +71,9 @@ def check(
 # -- counts ---------------------------------------------------------------------------------------
 
 
-def _touching(equations: Equations, kind: str) -> tuple[Array, list[dict[str, int]]]:
+def _touching(equations: Equations, kind: VariableKind) -> tuple[Array, list[dict[str, int]]]:
     """Return scalar observations of each variable, and observations of each by kind."""
-    n = len(equations.unknowns.tables[kind].names)  # type: ignore[index]
+    n = len(equations.unknowns.tables[kind].names)
     rows = np.zeros(n)
     counts: list[dict[str, int]] = [{} for _ in range(n)]
     for block in equations.blocks:
@@ -132,6 +142,18 @@ def _photos(equations: Equations, at: Sources) -> Iterator[Problem]:
             yield Problem(
                 f"{n} image point{'s' * (n != 1)}: its {unknown} unknowns need at least {needed}",
                 _listed("photo", [name], at),
+            )
+
+
+def _others(equations: Equations) -> Iterator[Problem]:
+    """Find unknowns besides points and photos that nothing observes."""
+    for kind, noun in OTHERS.items():
+        table = equations.unknowns.tables[kind]
+        rows, _ = _touching(equations, kind)
+        for i in np.flatnonzero((rows == 0) & table.free.any(axis=1)):
+            yield Problem(
+                "it is unknown, but no observation depends on it: hold it, or take it out",
+                f"{noun} {table.names[i]!r}",
             )
 
 

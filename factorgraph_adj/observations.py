@@ -8,8 +8,9 @@ Inside, lengths are metres, angles radians, image coordinates the units of the c
 
 from __future__ import annotations
 
+import math
 from dataclasses import KW_ONLY, dataclass, fields
-from typing import ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -18,6 +19,20 @@ from .stochastic import StandardDeviation, whitening
 from .types import Array
 
 Sigma: TypeAlias = "float | StandardDeviation"
+
+
+def _finite(value: Any) -> bool:
+    """Return whether all numbers are finite; quick for the scalars of most observations."""
+    if isinstance(value, float | int):
+        return math.isfinite(value)
+    return bool(np.all(np.isfinite(np.asarray(value, dtype=float))))
+
+
+def _positive(value: Any) -> bool:
+    """Return whether no number is ≤ 0."""
+    if isinstance(value, float | int):
+        return not value <= 0
+    return not np.any(np.asarray(value, dtype=float) <= 0)
 
 
 def _name(observation: Observation) -> str:
@@ -58,9 +73,9 @@ class Observation:
             if f.name in ("value", "sigma", "x", "y") or f.name.endswith(("height", "length_km")):
                 if value is None or isinstance(value, StandardDeviation):
                     continue
-                if not np.all(np.isfinite(np.asarray(value, dtype=float))):
+                if not _finite(value):
                     self._fail(f"{f.name} must be a finite number, not {value}")
-            if f.name == "sigma" and np.any(np.asarray(value, dtype=float) <= 0):
+            if f.name == "sigma" and not _positive(value):
                 self._fail(f"sigma must be greater than zero, not {value}")
         names = self.names()
         for name in names:
@@ -300,9 +315,8 @@ class ControlPoint(Observation):
         if len(self.value) != (3 if local else len(self.axes)):
             self._fail(f"value has {len(self.value)} components, axes {self.axes!r}")
         _covariance(self, len(self.axes))
-        if self.sigma is not None:
-            if len(self.sigma) != len(self.axes):
-                self._fail(f"sigma has {len(self.sigma)} components, axes {self.axes!r}")
+        if self.sigma is not None and len(self.sigma) != len(self.axes):
+            self._fail(f"sigma has {len(self.sigma)} components, axes {self.axes!r}")
         self._check()
 
 

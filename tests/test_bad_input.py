@@ -490,6 +490,16 @@ def test_two_parts_with_a_datum_each_are_a_network(tmp_path):
     assert problems(path) == []
 
 
+def test_unknowns_that_nothing_depends_on_are_named(tmp_path):
+    path = write(
+        tmp_path,
+        distance_meters="name,scale_ppm,free\nEDM,1,scale\ntape,1,\n",
+        refractions="name,value,sigma\n,0.13,0.05\nnorth,0.1,\n",
+    )
+    what = "it is unknown, but no observation depends on it: hold it, or take it out"
+    assert problems(path) == [f"refraction group 'north': {what}", f"distance meter 'EDM': {what}"]
+
+
 def test_points_are_found_idle_together(tmp_path):
     path = write(tmp_path, points=LOOSE)
     assert problems(path)[0].startswith("points.csv:8: points 'G', 'H', 'I', 'J': no observation")
@@ -505,3 +515,50 @@ def test_local_coordinates_in_a_geocentric_frame_are_refused():
         "point 'A': it lies 0.224 km from the centre of the Earth: a geocentric frame needs "
         "geocentric coordinates"
     )
+
+
+# -- anything at all ------------------------------------------------------------------------------
+
+EXTRAS = {
+    "orientations": "station,set,value,sigma_mgon,fixed\nA,1,300,5,\n",
+    "refractions": "name,value,sigma,fixed\n,0.13,0.05,\nnorth,0.1,,yes\n",
+    "verticals": "station,xi_arcsec,eta_arcsec,sigma_arcsec,fixed\nC,1,-1,2,\n",
+    "distance_meters": "name,scale_ppm,zero_mm,sigma_zero_mm,free\nEDM,1,2,3,\n",
+    "covariances": HEADER + "k,1,,1,,4\nk,1,,2,,1\nk,2,,2,,4\n",
+}
+SPLINTERS = [
+    *(",", ";", "\n", '"', "-", ".", "e", "0", "nan", "inf", "1e999", "x", "[", "]", "{", "}"),
+    *(
+        "=",
+        "#",
+        " ",
+        "\t",
+        "\0",
+        "é",
+        "true",
+        "[[camera]]",
+        "kind",
+        "xyz",
+        "A",
+        "fixed",
+        "sigma_mm",
+    ),
+]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_damaged_project_is_read_or_refused_but_never_a_traceback(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    whole = TEXTS | EXTRAS
+    assert problems(write(tmp_path, **whole)) == []
+    for _ in range(25):
+        damaged = dict(whole)
+        for _ in range(int(rng.integers(1, 4))):
+            name = str(rng.choice(list(damaged)))
+            text = damaged[name]
+            at, width = int(rng.integers(len(text) + 1)), int(rng.integers(0, 6))
+            splinter = str(rng.choice(SPLINTERS))
+            damaged[name] = text[:at] + splinter + text[at + width :]
+        for problem in problems(write(tmp_path, **damaged)):
+            assert problem
+            assert "Traceback" not in problem

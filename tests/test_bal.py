@@ -79,9 +79,16 @@ def test_the_small_cut_of_ladybug_reaches_the_published_cost(folder: Path) -> No
 
 
 def test_ladybug_reaches_the_published_cost_or_less_from_its_poor_start(folder: Path) -> None:
+    """Its minimum lies at infinity: it can come close, and must say why it comes not to rest.
+
+    The rays of a few points (7086, 7099, 7076 and others) meet at no finite depth; the cost
+    falls by ever less as they move away. COLMAP too is at 1.33084836e4 where it stops by
+    itself, and at 1.33084073e4 after 500 iterations.
+    """
     solution = adjust(read_bal(folder / LADYBUG))
-    assert solution.converged, solution.reason
     assert solution.vtpv / 2 < 1.33084e4 + 0.05
+    assert solution.datum_defect == 7
+    assert solution.converged or "nearly undetermined" in solution.reason
 
 
 # -- the format -----------------------------------------------------------------------------------

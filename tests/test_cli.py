@@ -29,7 +29,22 @@ def run(*arguments: object, **more: object) -> subprocess.CompletedProcess[str]:
     """Run the command in a process of its own."""
     command = [sys.executable, "-m", "factorgraph_adj.cli", *map(str, arguments)]
     environment = os.environ | {"PYTHONIOENCODING": "utf-8"}
-    return subprocess.run(command, env=environment, **(TEXT | more))  # noqa: PLW1510
+    return subprocess.run(command, env=environment, **(TEXT | more))
+
+
+@pytest.fixture
+def here(capsys):
+    """Run the command in this process: as `run`, but sooner."""
+
+    def run_here(*arguments: object) -> subprocess.CompletedProcess[str]:
+        command = list(map(str, arguments))
+        try:
+            code = cli.main(command)
+        except SystemExit as stop:  # argparse
+            code = stop.code
+        return subprocess.CompletedProcess(command, code, *capsys.readouterr())
+
+    return run_here
 
 
 @pytest.fixture(scope="module")
@@ -63,21 +78,19 @@ def test_without_out_nothing_is_written(block, tmp_path):
     }
 
 
-def test_a_failed_global_test_ends_with_1_and_a_full_protocol(tmp_path):
-    result = run("adjust", write(tmp_path), "--out", tmp_path / "out")
+def test_a_failed_global_test_ends_with_1_and_a_full_protocol(tmp_path, here):
+    result = here("adjust", write(tmp_path), "--out", tmp_path / "out")
     assert result.returncode == 1
     assert "REJECTED" in result.stdout
     assert result.stderr.startswith("global test failed: σ̂0 = ")
     assert "protocol.txt" in contents(tmp_path / "out")
 
 
-def test_an_adjustment_that_does_not_converge_ends_with_1(block):
-    result = run("adjust", block, "--max-iterations", 1, "--quiet")
+def test_an_adjustment_that_does_not_converge_ends_with_1(block, here):
+    result = here("adjust", block, "--max-iterations", 1, "--quiet")
     assert result.returncode == 1
     assert result.stdout == ""
-    assert result.stderr == (
-        "not converged: not at rest after 1 iterations: the last step was 2.2e+03 σ\n"
-    ) or result.stderr.startswith("not converged: not at rest after 1 iterations")
+    assert result.stderr.startswith("not converged: not at rest after 1 iterations: the last step")
 
 
 def test_bad_input_ends_with_2_a_list_and_no_output(tmp_path):
@@ -97,17 +110,17 @@ def test_bad_input_ends_with_2_a_list_and_no_output(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_check_finds_the_same_problems_as_adjust(tmp_path):
+def test_check_finds_the_same_problems_as_adjust(tmp_path, here):
     path = write(tmp_path, points=POINTS.replace(",xyz", ",") + "G,1,2,3,\n")
-    checked, adjusted = run("check", path), run("adjust", path)
+    checked, adjusted = here("check", path), here("adjust", path)
     assert (checked.returncode, adjusted.returncode) == (2, 2)
     assert checked.stderr == adjusted.stderr
     assert "points.csv:8: point 'G': no observation" in checked.stderr
     assert "no datum" in checked.stderr
 
 
-def test_check_of_a_good_project_says_what_it_has(block):
-    result = run("check", block.parent)
+def test_check_of_a_good_project_says_what_it_has(block, here):
+    result = here("check", block.parent)
     assert (result.returncode, result.stderr) == (0, "")
     assert result.stdout == (
         "small block: no problems found in 14 points, 4 photos, 48 image points and 48 other "
@@ -115,19 +128,19 @@ def test_check_of_a_good_project_says_what_it_has(block):
     )
 
 
-def test_a_free_network_can_be_asked_for(tmp_path):
+def test_a_free_network_can_be_asked_for(tmp_path, here):
     points = POINTS.replace(",xyz", ",")
     path = write(tmp_path, points=points)
-    assert run("adjust", path, "--quiet").returncode == 2
-    assert "free network: inner constraints" in run("adjust", path, "--datum", "free").stdout
+    assert here("adjust", path, "--quiet").returncode == 2
+    assert "free network: inner constraints" in here("adjust", path, "--datum", "free").stdout
 
 
-def test_a_posteriori_precision_can_be_asked_for(block):
-    result = run("adjust", block, "--variance", "a-posteriori")
+def test_a_posteriori_precision_can_be_asked_for(block, here):
+    result = here("adjust", block, "--variance", "a-posteriori")
     assert "a posteriori: multiplied by" in result.stdout
 
 
-def test_what_the_observations_do_not_determine_ends_with_2(tmp_path):
+def test_what_the_observations_do_not_determine_ends_with_2(tmp_path, here):
     files = {
         "project.toml": 'name = "swing"\n[sigma.slope_distance]\nsigma_mm = 1\n',
         "points.csv": "name,x,y,z,fixed\nA,0,0,0,xyz\nB,9,0,0,\nC,5,5,0,\nD,5,3,4,\n",
@@ -137,9 +150,9 @@ def test_what_the_observations_do_not_determine_ends_with_2(tmp_path):
             for a, b in ("AB", "AC", "AD", "BC", "BD", "CD", "BA", "CA", "DA")
         ),
     }
-    result = run("adjust", write(tmp_path, files), "--out", tmp_path / "out")
+    result = here("adjust", write(tmp_path, files), "--out", tmp_path / "out")
     assert result.returncode == 2
-    assert "missing rotation about x, rotation about y, rotation about z" in result.stderr
+    assert "datum defect 3: missing" in result.stderr
     assert "Traceback" not in result.stderr
     assert not (tmp_path / "out").exists()
 
@@ -151,40 +164,40 @@ def test_what_the_observations_do_not_determine_ends_with_2(tmp_path):
         ("list.xlsx", "list.xlsx: unknown kind of file; valid: .toml (project), .gkf (GNU Gama)"),
     ],
 )
-def test_a_file_that_is_no_project_ends_with_2(tmp_path, name, expected):
+def test_a_file_that_is_no_project_ends_with_2(tmp_path, name, expected, here):
     (tmp_path / "list.xlsx").write_text("x", encoding="utf-8")
-    result = run("check", tmp_path / name)
+    result = here("check", tmp_path / name)
     assert result.returncode == 2
     assert expected in result.stderr
 
 
-def test_unknown_options_end_with_2(block):
-    result = run("adjust", block, "--max-iterations", "0")
+def test_unknown_options_end_with_2(block, here):
+    result = here("adjust", block, "--max-iterations", "0")
     assert result.returncode == 2
     assert "'0' is not a whole number from 1" in result.stderr
 
 
-def test_gama_and_bundler_files_are_projects_too(tmp_path):
+def test_gama_and_bundler_files_are_projects_too(tmp_path, here):
     gama = data_dir("gama_3d_networks") / "local_3d.gkf"
-    assert run("adjust", gama, "--out", tmp_path).returncode == 0
+    assert here("adjust", gama, "--out", tmp_path).returncode == 0
     assert "points.csv" in contents(tmp_path)
     bundle = data_dir("bal") / "problem-49-7776-pre-shrink-1800.txt"
-    assert "49 photos" in run("check", bundle).stdout
+    assert "49 photos" in here("check", bundle).stdout
 
 
-def test_output_that_is_no_folder_is_refused_before_adjusting(block, tmp_path):
+def test_output_that_is_no_folder_is_refused_before_adjusting(block, tmp_path, here):
     (tmp_path / "out").write_text("mine", encoding="utf-8")
-    result = run("adjust", block, "--out", tmp_path / "out")
+    result = here("adjust", block, "--out", tmp_path / "out")
     assert (result.returncode, result.stdout) == (2, "")
     assert "out: --out must be a folder" in result.stderr
     assert (tmp_path / "out").read_text(encoding="utf-8") == "mine"
 
 
-def test_a_second_run_replaces_the_files_of_the_first(block, tmp_path):
-    assert run("adjust", block, "--out", tmp_path, "--quiet").returncode == 0
+def test_a_second_run_replaces_the_files_of_the_first(block, tmp_path, here):
+    assert here("adjust", block, "--out", tmp_path, "--quiet").returncode == 0
     first = contents(tmp_path)
     (tmp_path / "points.csv").write_text("old", encoding="utf-8")
-    assert run("adjust", block, "--out", tmp_path, "--quiet").returncode == 0
+    assert here("adjust", block, "--out", tmp_path, "--quiet").returncode == 0
     assert contents(tmp_path) == first
 
 
@@ -263,7 +276,7 @@ def test_a_fault_of_the_program_is_no_traceback(block, monkeypatch, capsys):
 
 def test_a_reader_that_stops_early_is_no_fault(block):
     command = f"{sys.executable} -m factorgraph_adj.cli adjust {block} | head -1"
-    result = subprocess.run(command, shell=True, **TEXT)  # noqa: PLW1510
+    result = subprocess.run(command, shell=True, **TEXT)
     assert result.stdout == "Adjustment of small block\n"
     assert result.stderr == ""
 
@@ -287,20 +300,20 @@ def test_a_terminal_gets_progress_with_and_without_rich(block, monkeypatch, caps
     assert terminal.getvalue() != ""
 
 
-def test_very_many_problems_are_cut(tmp_path):
+def test_very_many_problems_are_cut(tmp_path, here):
     rows = "".join(f"slope_distance,a{i},A,X,1,,\n" for i in range(250))
-    result = run("check", write(tmp_path, observations=OBSERVATIONS + rows))
+    result = here("check", write(tmp_path, observations=OBSERVATIONS + rows))
     lines = result.stderr.splitlines()
     assert lines[0] == "250 problems:"
     assert lines[-1] == "  … and 50 more"
     assert len(lines) == 202
 
 
-def test_a_project_without_cameras_needs_no_photos(tmp_path):
+def test_a_project_without_cameras_needs_no_photos(tmp_path, here):
     project = PROJECT[: PROJECT.index("[[camera]]")] + PROJECT[PROJECT.index("[sigma.slope") :]
     observations = OBSERVATIONS + "zenith_angle,15,A,E,94.0,,1\nzenith_angle,16,A,F,70.0,,1\n"
     observations += "direction,17,A,E,36,,1\ndirection,18,A,F,17,,1\n"
     files = {"project.toml": project, "points.csv": POINTS, "observations.csv": observations}
-    result = run("adjust", write(tmp_path, files))
+    result = here("adjust", write(tmp_path, files))
     assert result.returncode in (0, 1)
     assert "Photos" not in result.stdout

@@ -229,9 +229,12 @@ class _Covariances:
     def complete_sigma(self, ident: str, record: dict[str, object]) -> None:
         """Give a member of a cluster the variances of the cluster as its own, if it has none."""
         cluster = self.cluster_of.get(ident)
-        if cluster is None or any(f in record for f in sigma_fields(str(record.get("kind", "")))):
+        kind = str(record.get("kind", ""))
+        if cluster is None or kind not in OBSERVATIONS:
             return
-        unit = "rad" if is_angle(str(record["kind"])) else "m"
+        if any(f in record for f in sigma_fields(kind)):
+            return
+        unit = "rad" if is_angle(kind) else "m"
         for _, a, b, value in self.entries[cluster]:
             if a == b and a[0] == ident and value > 0:
                 axis = f"_{a[1]}" if a[1] else ""

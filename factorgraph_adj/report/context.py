@@ -13,6 +13,7 @@ from ..models.registry import VariableKind
 from ..network import Network
 from ..quality.solution import CalibrationEstimate, Solution
 from ..rotation import angles_by_rotation, omega_phi_kappa
+from ..solve.tree import SingularError
 from ..types import Array
 from ..units import ANGLE, LENGTH
 from .rows import Rows
@@ -58,6 +59,19 @@ class Report:
     def rows(self) -> Rows:
         """Its scalar observations."""
         return Rows(self.solution, self.units)
+
+    @cached_property
+    def singular(self) -> bool:
+        """Whether there is no covariance: it can be so where an iteration stopped half-way."""
+        if self.solution.converged:
+            return False
+        try:
+            kind, number = next(self.solution.equations.unknowns.active())
+            name = self.solution.equations.unknowns[kind].names[number]
+            self.solution.variable_covariance((kind, name))
+        except SingularError:
+            return True
+        return False
 
     @property
     def metre(self) -> float:

@@ -26,6 +26,11 @@ from .unknowns import small_unknowns
 
 FORMAT = 1
 """Version of solution.json."""
+OBSERVATION_COLUMNS = (
+    *("id", "kind", "from", "to", "to2", "photo", "component", "observed", "unit"),
+    *("residual", "sigma", "small_unit", "normalised", "source"),
+)
+UNKNOWN_COLUMNS = ("kind", "name", "component", "value", "sigma", "unit", "state")
 PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
@@ -48,45 +53,41 @@ def write_solution(
 
 def write_tables(report: Report, folder: str | Path) -> None:
     """Write the files of a report, see `write_solution`."""
-    length, angle = report.units.length, report.units.angle
-    small, small_angle = report.units.sigma_length, report.units.sigma_angle
-    sigmas = [f"sigma_{a}_{small}" for a in "xyz"]
     files = {
         "protocol.txt": render(report),
         "solution.json": json.dumps(_finite(_summary(report)), indent=1, ensure_ascii=False) + "\n",
-        "points.csv": write_table(
-            [
-                *("name", "x", "y", "z", "unit", *sigmas),
-                *(f"covariance_{p}_{small}2" for p in PAIRS),
-                *(f"check_d{a}_{small}" for a in "xyz"),
-            ],
-            _points(report, length, small),
-        ),
-        "observations.csv": write_table(
-            [
-                *("id", "kind", "from", "to", "to2", "photo", "component", "observed", "unit"),
-                *("residual", "sigma", "small_unit", "normalised", "source"),
-            ],
-            _observations(report),
-        ),
-        "unknowns.csv": write_table(
-            ["kind", "name", "component", "value", "sigma", "unit", "state"], _unknowns(report)
-        ),
+        "observations.csv": write_table(OBSERVATION_COLUMNS, _observations(report)),
     }
-    if report.network.photos:
-        files["photos.csv"] = write_table(
-            [
-                *("name", "camera", "x", "y", "z", "unit", "omega", "phi", "kappa", "angle_unit"),
-                *sigmas,
-                *(f"sigma_{a}_{small_angle}" for a in ("omega", "phi", "kappa")),
-                *("image_points", "normalised_rms"),
-            ],
-            _photos(report, length, angle),
-        )
+    if not report.singular:
+        files["points.csv"] = _points_table(report)
+        files["unknowns.csv"] = write_table(UNKNOWN_COLUMNS, _unknowns(report))
+        if report.network.photos:
+            files["photos.csv"] = _photos_table(report)
     write_files(folder, files)
 
 
 # -- CSV ------------------------------------------------------------------------------------------
+
+
+def _points_table(report: Report) -> str:
+    small = report.units.sigma_length
+    columns = [
+        *("name", "x", "y", "z", "unit", *(f"sigma_{a}_{small}" for a in "xyz")),
+        *(f"covariance_{p}_{small}2" for p in PAIRS),
+        *(f"check_d{a}_{small}" for a in "xyz"),
+    ]
+    return write_table(columns, _points(report, report.units.length, small))
+
+
+def _photos_table(report: Report) -> str:
+    small, small_angle = report.units.sigma_length, report.units.sigma_angle
+    columns = [
+        *("name", "camera", "x", "y", "z", "unit", "omega", "phi", "kappa", "angle_unit"),
+        *(f"sigma_{a}_{small}" for a in "xyz"),
+        *(f"sigma_{a}_{small_angle}" for a in ("omega", "phi", "kappa")),
+        *("image_points", "normalised_rms"),
+    ]
+    return write_table(columns, _photos(report, report.units.length, report.units.angle))
 
 
 def _points(report: Report, length: str, small: str) -> Iterator[dict[str, str]]:
@@ -229,11 +230,15 @@ def _summary(report: Report) -> dict[str, Any]:
             }
             for g in report.rows.groups()
         ],
+        **({} if report.singular else _unknown_values(report)),
+    }
+
+
+def _unknown_values(report: Report) -> dict[str, Any]:
+    s, network = report.solution, report.network
+    return {
         "points": {
-            name: {
-                "xyz": s.point(name).tolist(),
-                "sigma": list(report.sigmas[name]),
-            }
+            name: {"xyz": s.point(name).tolist(), "sigma": list(report.sigmas[name])}
             for name in network.points
         },
         "photos": {name: _pose(report, name) for name in network.photos},

@@ -44,16 +44,10 @@ def protocol(
 
 def render(report: Report) -> str:
     """Return the protocol of a report."""
+    precise = (points, check_points, photos, calibrations, orientations, others)
     sections = (
-        _overview,
-        _observations,
-        _result,
-        points,
-        check_points,
-        photos,
-        calibrations,
-        orientations,
-        others,
+        *(_overview, _observations, _result),
+        *(() if report.singular else precise),
         _residuals,
     )
     texts = [section(report) for section in sections]
@@ -158,6 +152,9 @@ def _result(report: Report) -> list[str]:
         out.append(f"                        {hint}")
     elif not test.accepted:
         out.append("                        standard deviations stated too large")
+    if report.singular:
+        what = "none: the normal equations are singular where the iteration stopped"
+        return [*out, f"  precision             {what}"]
     a_priori = "all σ of unknowns are a priori: for a standard deviation of unit weight of 1"
     a_posteriori = f"all σ of unknowns are a posteriori: multiplied by σ̂0 = {test.sigma0:.5f}"
     chosen = a_priori if s.variance == "a-priori" else a_posteriori

@@ -21,7 +21,8 @@ from ..models.image import depth
 from ..network import DatumChoice, Network
 from ..quality.solution import Solution
 from ..types import Array, Mask
-from .datum import Defect, FreeDatum, find_defects, minimal_datum
+from .datum import Defect, FreeDatum, find_defects, generators, minimal_datum, transform
+from .inner import follow
 from .linear import ExtraRows
 from .normal import NormalEquations, Solver
 from .rank import describe_defects, undetermined
@@ -35,10 +36,18 @@ Progress = Callable[[int, float, float], None]
 
 FIRST_DAMPING = 1e-4
 """Share of the diagonal of N that is added when an undamped step fails."""
-LEAST_DAMPING = 1e-9
+LEAST_DAMPING = 1e-12
 """Damping below which steps are undamped again."""
 MOST_DAMPING = 1e12
 """Damping at which there is no way on."""
+SMALL_ENOUGH_TO_EXPLAIN = 5000
+"""Columns up to which a vanished pivot is explained at once, not at the end of the iteration."""
+SLOW = 1e-6
+"""Relative decrease of vᵀPv of a step, below which several in a row lead nowhere."""
+MOST_TRANSFORMATIONS = 20
+"""Times that a solution is moved towards inner constraints; two or three suffice as a rule."""
+DOUBTFUL = 0.25
+"""Part of the predicted decrease below which points follow a step of the cameras on their own."""
 WORTHWHILE = 1e-3
 """Part of the predicted decrease of vᵀPv that a damped step must bring."""
 
@@ -122,7 +131,7 @@ def adjust(
     if _incomplete(equations, state):
         from ..approximate import approximate
 
-        state = approximate(equations)
+        state = approximate(equations, datum=choice)
     equations = equations.weighted_at(state)
     run = _Run(
         Solver.of(equations),
@@ -135,6 +144,8 @@ def adjust(
     if extra_factors:
         run.solver = Solver.of(equations, run.extra(state))
     iterations, converged, reason, vtpv = _iterate(run, tolerance, max_iterations, progress)
+    if run.datum is not None:
+        _carry_to_datum_points(run)
     if converged:
         _refuse_points_behind(equations, run.state)
     return Solution(
@@ -163,6 +174,7 @@ def _iterate(
 ) -> tuple[int, bool, str, float]:
     """Step until nothing moves; return iterations, converged, reason, vᵀPv."""
     damping = 0.0
+    resume = FIRST_DAMPING
     growth = 2.0
     vtpv = np.inf
     bound = np.inf
@@ -175,19 +187,26 @@ def _iterate(
         if iteration == 1:
             _settle_datum(run, normal)
         while True:
-            step, decrease, bound = _step(run, normal, damping)
-            moved = run.equations.unknowns.retract(run.state, step)
-            after = np.inf if _passes_a_camera(run, moved) else run.vtpv(moved)
-            gain = (vtpv - after) / decrease if decrease > 0 else 0.0
-            small = damping == 0.0 and bound < tolerance
-            if small or gain > WORTHWHILE:
-                break
-            if damping == 0.0 and decrease < 1e-9 * max(vtpv, 1e-12) and after <= vtpv * (1 + 1e-9):
-                small = True  # the decrease is below what vᵀPv can resolve
-                break
-            damping = FIRST_DAMPING if damping == 0.0 else damping * growth
-            growth = 2.0 if damping == FIRST_DAMPING else growth * 2.0
+            found = _step(run, normal, damping)
+            small = False
+            if found is not None:
+                step, decrease, bound = found
+                moved = _before_the_cameras(run, run.equations.unknowns.retract(run.state, step))
+                after = np.inf if moved is None else run.vtpv(moved)
+                gain = (vtpv - after) / decrease if decrease > 0 else 0.0
+                if gain < DOUBTFUL and bound > 1.0:
+                    plain = run.equations.unknowns.retract(run.state, step)
+                    moved = follow(run.equations, run.solver.plan, run.state, plain)
+                    after = run.vtpv(moved)
+                    gain = (vtpv - after) / decrease if decrease > 0 else 0.0
+                still = decrease < 1e-12 * max(vtpv, 1e-12) and after <= vtpv * (1 + 1e-9)
+                small = damping == 0.0 and (bound < tolerance or still)
+                if moved is not None and (small or gain > WORTHWHILE):
+                    break
+            damping = resume if damping == 0.0 else damping * growth
+            growth *= 2.0
             if damping > MOST_DAMPING:
+                _explain(run, normal)
                 reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
                 return iteration, False, reason, vtpv
         run.state = moved
@@ -195,36 +214,52 @@ def _iterate(
             progress(iteration, after, bound)
         if small:
             return iteration, True, _at_rest(bound), after
-        slow = slow + 1 if vtpv - after < 1e-9 * vtpv else 0
+        slow = slow + 1 if vtpv - after < SLOW * vtpv else 0
         vtpv = after
-        if damping > 0.0:
-            damping *= max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
-            growth = 2.0
-            if damping < LEAST_DAMPING or slow >= 3:
-                damping, slow = 0.0, 0
+        growth = 2.0
+        if slow >= 5:
+            _explain(run, NormalEquations(run.solver, run.state, run.extra(run.state)))
+            return iteration, False, _drifting(run, bound), after
+        damping *= max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
+        if damping < LEAST_DAMPING:
+            damping, resume = 0.0, LEAST_DAMPING
     reason = f"not at rest after {max_iterations} iterations: the last step was {bound:.2g} σ"
     return max_iterations, False, reason, vtpv
+
+
+def _drifting(run: _Run, bound: float) -> str:
+    return (
+        f"vᵀPv hardly decreases any more, yet unknowns still move (by up to {bound:.2g} σ): "
+        "some of them are nearly undetermined"
+    )
 
 
 def _at_rest(bound: float) -> str:
     return f"the last step moved no unknown by more than {bound:.1g} of its σ"
 
 
-def _step(run: _Run, normal: NormalEquations, damping: float) -> tuple[Array, float, float]:
-    """Return step, predicted decrease of vᵀPv, and the bound of the step relative to σ."""
+def _step(
+    run: _Run, normal: NormalEquations, damping: float
+) -> tuple[Array, float, float] | None:
+    """Return step, predicted decrease of vᵀPv, and the bound of the step relative to σ.
+
+    None where undamped normal equations have no answer: damping may lead where they have one. At
+    the end of the way the error says what is missing.
+    """
     weights = normal.diagonal * damping
     try:
-        factor = normal.factorise(run.constraint + weights)
+        # Damping fills the datum too, and without taking sides for the points that are held.
+        factor = normal.factorise(weights if damping > 0.0 else run.constraint)
     except SingularError:
-        _explain(run, normal)
-        raise
+        if damping > 0.0:
+            return None
+        if run.equations.unknowns.n_columns <= SMALL_ENOUGH_TO_EXPLAIN:
+            _explain(run, normal)
+        return None
     y = -normal.gradient[:, None]
     step = factor.solve(y)[:, 0]
     decrease = float(-normal.gradient @ step + step @ (weights * step))
     bound = float(np.sqrt(max(-normal.gradient @ step, 0.0)))
-    if run.datum is not None:
-        moved = _difference(run, run.state) + step
-        step = step + run.datum.motions @ run.datum.project(moved)
     return step, decrease, bound
 
 
@@ -265,9 +300,26 @@ def _settle_datum(run: _Run, normal: NormalEquations) -> None:
         )
     motions = defects[0].motions
     columns = _datum_columns(run.equations, motions)
-    held = minimal_datum(unknowns, motions, columns)
+    held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
     run.constraint[held] = normal.diagonal[held]
-    run.datum = FreeDatum(motions, columns)
+    run.datum = FreeDatum(defects[0].mixture, motions, columns)
+
+
+def _carry_to_datum_points(run: _Run) -> None:
+    """Move the solution onto the inner constraints, and renew them there."""
+    assert run.datum is not None
+    for _ in range(MOST_TRANSFORMATIONS):
+        motions = generators(run.equations, run.state) @ run.datum.mixture
+        run.datum = FreeDatum(run.datum.mixture, motions, run.datum.columns)
+        t = run.datum.project(_difference(run, run.state))
+        run.state = transform(run.equations, run.state, run.datum.mixture @ t)
+        if np.abs(motions @ t).max() < 1e-12 * (1.0 + np.abs(run.state["point"]).max()):
+            break
+    normal = NormalEquations(run.solver, run.state, run.extra(run.state))
+    found = find_defects(normal.system, run.state, normal.diagonal)
+    if len(found) == 1 and found[0].size == run.datum.mixture.shape[1]:
+        run.defects = tuple(found)
+        run.datum = FreeDatum(found[0].mixture, found[0].motions, run.datum.columns)
 
 
 def _datum_columns(equations: Equations, motions: Array) -> Mask:
@@ -298,7 +350,8 @@ def _explain(run: _Run, normal: NormalEquations) -> None:
     if run.datum is not None:
         defects = list(run.defects)
     error = undetermined(normal.system, normal.diagonal, defects)
-    if error is not None:
+    filled = sum(d.size for d in defects) if run.datum is not None else 0
+    if error is not None and error.defect > filled:
         raise error
 
 
@@ -311,7 +364,7 @@ def _name_overflow(run: _Run) -> None:
 
 
 def _behind(equations: Equations, state: State) -> Mask:
-    """Return which image points have their object point behind the camera, all in a row."""
+    """Return which image points have their object point behind the camera, block by block."""
     out = [np.zeros(0, dtype=bool)]
     for block in equations.blocks:
         if block.kind == "image":
@@ -320,21 +373,34 @@ def _behind(equations: Equations, state: State) -> Mask:
     return np.concatenate(out)
 
 
-def _passes_a_camera(run: _Run, moved: State) -> bool:
-    """Return whether a step takes a point from before to behind a camera.
+def _before_the_cameras(run: _Run, moved: State) -> State | None:
+    """Keep points that a step takes from before to behind a camera where they were.
 
     Through the focal plane or infinity there is no descent: such a step only changes sides.
+    None where the cameras themselves pass points.
     """
     now = _behind(run.equations, moved)
     if not now.any():
-        return False
-    return bool(np.any(now & ~_behind(run.equations, run.state)))
+        return moved
+    passes = now & ~_behind(run.equations, run.state)
+    if not passes.any():
+        return moved
+    point = np.concatenate(
+        [b.variables[2][1] for b in run.equations.blocks if b.kind == "image"]
+    )
+    held = np.unique(point[passes])
+    points = moved["point"].copy()
+    points[held] = run.state["point"][held]
+    kept: State = {**moved, "point": points}
+    still = _behind(run.equations, kept) & ~_behind(run.equations, run.state)
+    return None if still.any() else kept
 
 
 def _refuse_points_behind(equations: Equations, state: State) -> None:
     """Raise an error that names image points whose object point lies behind the camera."""
+    images = [b for b in equations.blocks if b.kind == "image"]
     behind = np.flatnonzero(_behind(equations, state))
     if not len(behind):
         return
-    labels = [b.labels(i) for b in equations.blocks if b.kind == "image" for i in range(b.n)]
+    labels = [b.labels(i) for b in images for i in range(b.n)]
     raise InputError([Problem("the adjusted point lies behind the camera", labels[i]) for i in behind])

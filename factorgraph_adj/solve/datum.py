@@ -7,11 +7,16 @@ are found from the linearised observations, not assumed, for each connected part
 A free network is solved with a minimal datum (one held component for each defect, chosen by
 pivoting), and transformed to inner constraints over the datum points by an S-transformation:
 
-    x = x_min + G t,   G_Dᵀ (x − x₀)_D = 0          Q = S Q_min Sᵀ,  S = I − G (G_DᵀG_D)⁻¹ G_Dᵀ.
+    G_Dᵀ (x − x₀)_D = 0          Q = S Q_min Sᵀ,  S = I − G (G_DᵀG_D)⁻¹ G_Dᵀ
+
+with G at the solution. The iteration itself keeps the minimal datum; when it is at rest the
+whole solution is moved onto the inner constraints by a finite similarity transformation, which
+no observation notices (`transform`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +26,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
-from ..rotation import skew
+from ..rotation import exp_rotation, skew
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
 
@@ -39,15 +44,20 @@ UNNOTICED = 1e-9
 GEOMETRIC = ("point", "pose", "orientation", "vertical")
 
 
-def generators(equations: Equations, state: State) -> tuple[Array, Array]:
+def generators(equations: Equations, state: State) -> Array:
     """Return how seven motions of the object move the unknowns.
 
     Columns: shifts along x, y, z (1 m), rotations about axes through the centre of the points
     and scale about it (1 m at the mean distance of the points).
 
     Returns:
-        G (n_columns, 7), and the centre (3,).
+        G, (n_columns, 7).
     """
+    return _generators(equations, state)[0]
+
+
+def _generators(equations: Equations, state: State) -> tuple[Array, Array, float]:
+    """Return G (n_columns, 7), the centre (3,) and the mean distance from it."""
     unknowns = equations.unknowns
     points = state["point"]
     centre = points.mean(axis=0) if len(points) else state["pose"][:, 9:].mean(axis=0)
@@ -77,14 +87,14 @@ def generators(equations: Equations, state: State) -> tuple[Array, Array]:
     on = np.flatnonzero(table.offset >= 0)
     g[table.offset[on], 6] = -(1.0 + state["edm"][on, 0]) / size
     g[~unknowns.free] = 0.0
-    return g, centre
+    return g, centre, size
 
 
 def _turn_stations(
     equations: Equations,
     state: State,
     g: Array,
-    moves,  # noqa: ANN001
+    moves: Callable[[Array], Array],
     size: float,
 ) -> None:
     """Fill in how verticals and orientation unknowns follow."""
@@ -185,7 +195,7 @@ def find_defects(system: LinearSystem, state: State, diagonal: Array) -> list[De
         diagonal: that of N, (n_columns,).
     """
     unknowns = system.unknowns
-    g, _ = generators(system.equations, state)
+    g = generators(system.equations, state)
     label = parts(system.equations)
     observed = diagonal > 0
     geometric = np.zeros(unknowns.n_columns, dtype=bool)
@@ -233,12 +243,12 @@ def _unnoticed(system: LinearSystem, g: Array, diagonal: Array) -> Array | None:
     return mixture / np.linalg.norm(mixture, axis=0)
 
 
-def minimal_datum(unknowns: Unknowns, motions: Array, datum: Mask) -> Index:
+def minimal_datum(motions: Array, datum: Mask) -> Index:
     """Choose one column for each unnoticed motion whose holding removes them all.
 
     Args:
-        unknowns: the unknowns.
-        motions: G (n_columns, d).
+        motions: G (n_columns, d), rows in units of what the observations determine, so that
+            well-observed points are chosen.
         datum: columns to choose from, (n_columns,).
     """
     candidates = np.flatnonzero(datum & np.any(motions != 0, axis=1))
@@ -246,12 +256,42 @@ def minimal_datum(unknowns: Unknowns, motions: Array, datum: Mask) -> Index:
     return np.asarray(candidates[order[: motions.shape[1]]], dtype=np.intp)
 
 
+def transform(equations: Equations, state: State, motion: Array) -> State:
+    """Move the whole object by a finite similarity transformation.
+
+    Points and projection centres: X ← c + e^s R (X − c) + t; attitudes turn with R; orientation
+    unknowns, verticals and scales of distance meters follow as in `generators`.
+
+    Args:
+        equations: the network.
+        state: what is moved.
+        motion: amounts of the seven motions of `generators`, (7,).
+    """
+    g, centre, size = _generators(equations, state)
+    moved = equations.unknowns.retract(state, g @ motion)
+    rotation = exp_rotation(motion[3:6] / size)
+    factor = np.exp(motion[6] / size)
+
+    def place(x: Array) -> Array:
+        return np.asarray(centre + factor * (x - centre) @ rotation.T + motion[:3])
+
+    free = equations.unknowns["point"].free
+    points = np.where(free, place(state["point"]), state["point"])
+    poses = state["pose"].copy()
+    on = equations.unknowns["pose"].offset >= 0
+    poses[on, :9] = (rotation @ poses[on, :9].reshape(-1, 3, 3)).reshape(-1, 9)
+    poses[on, 9:] = place(poses[on, 9:])
+    return {**moved, "point": points, "pose": poses}
+
+
 @dataclass(frozen=True)
 class FreeDatum:
     """Inner constraints over datum points."""
 
+    mixture: Array
+    """The unnoticed motions as combinations of the seven, (7, d)."""
     motions: Array
-    """G, unnoticed motions (n_columns, d)."""
+    """G, the same for every unknown (n_columns, d)."""
     columns: Mask
     """Coordinates of the datum points among the columns, (n_columns,)."""
 

@@ -11,10 +11,6 @@ from .plan import Plan
 from .reduction import Rays, ReducedPoints
 from .tree import Clique, SingularError, TreeFactors
 
-SINGULAR = 1e-14
-"""What is left of a diagonal element, relative, where an unknown counts as undetermined."""
-
-
 class Factor:
     """N + diag(extra) of one linearisation, factorised in the three layers of a `Plan`.
 
@@ -68,23 +64,25 @@ class Factor:
         if info != 0:
             raise SingularError(f"pivot {info} of the cameras' normal equations")
 
-    def pivots(self, diagonal: Array) -> Array:
-        """Return what is left of each diagonal element of N after elimination, relative.
+    def smallest_pivot(self, diagonal: Array, *, tree: float, point: float) -> float:
+        """Return the least that is left of a diagonal element after elimination, relative.
 
         Args:
             diagonal: that of N with what was added, (n_columns,).
+            tree: factor on the pivots of the tree, whose QR resolves more than normal equations.
+            point: factor on those of single points.
         """
-        out = np.ones(len(self.free))
+        free = self.free
         safe = np.maximum(diagonal, np.finfo(float).tiny)
+        out = np.ones(len(free))
         if self.points is not None:
-            out[self.plan.point_columns] = self.points.pivots
+            out[self.plan.point_columns] = self.points.pivots * point
         for c in self.cliques:
-            out[c.frontal] = np.diag(c.r) ** 2 / safe[c.frontal]
+            out[c.frontal] = np.diag(c.r) ** 2 / safe[c.frontal] * tree
         if len(self.border):
             left = (np.diag(self.root) / self.scale) ** 2
             out[self.plan.border] = left / safe[self.plan.border]
-        out[~self.free] = 1.0
-        return out
+        return float(out[free].min()) if free.any() else 1.0
 
     def solve(self, y: Array) -> Array:
         """Return x of (N + diag) x = y for y (n_columns, k); held components are zero."""

@@ -18,11 +18,15 @@ from .tree import SingularError, TreeFactors
 
 LARGEST_QR = 3000
 """Variables in the tree up to which every factorisation is by QR."""
+VANISHED = 1e-14
+"""What is left of a diagonal element of N, relative, below which nothing is left of it."""
 POOR = 1e-10
-"""What is left of a diagonal element, below which normal equations are not trusted and QR of
-everything takes over."""
-SINGULAR_QR = 1e-19
-"""The same in a QR factorisation, below which an unknown counts as undetermined."""
+"""The same for the normal equations of the cameras, below which covariances are not trusted to
+them and QR of everything takes over."""
+POOR_POINT = 1e-12
+"""The same for single points, whose poor pivot is nobody else's."""
+VANISHED_QR = 1e-19
+"""What is left of a diagonal element in a QR factorisation where nothing is left of it."""
 
 
 @dataclass
@@ -74,22 +78,35 @@ class NormalEquations:
 
         Args:
             extra: added to the diagonal, (n_columns,).
-            exact: QR for the tree even where it is large (for covariances).
+            exact: for covariances: QR for the tree even where it is large, and of everything
+                where pivots are poor. A step that is a little wrong is corrected by the next.
 
         Raises:
             SingularError: an unknown is not determined.
         """
         solver = self.solver
         qr = solver.qr_everywhere or exact or len(solver.plan.tree) <= LARGEST_QR
+        if solver.qr_everywhere:
+            factor = self._factorise(extra, qr=True)
+            if factor.smallest_pivot(self.diagonal + extra, tree=1.0, point=1.0) <= VANISHED_QR:
+                raise SingularError("a pivot vanished")
+            return factor
         try:
             factor = self._factorise(extra, qr=qr)
-            if self._smallest(factor, extra) > (SINGULAR_QR if solver.qr_everywhere else POOR):
-                return factor
         except SingularError:
-            if solver.qr_everywhere:
+            if not exact:
                 raise
-        if solver.qr_everywhere:
-            raise SingularError("a pivot vanished")
+        else:
+            # Pivots of the tree's QR are exact far below those of normal equations.
+            worst = factor.smallest_pivot(
+                self.diagonal + extra,
+                tree=VANISHED / VANISHED_QR if qr else 1.0,
+                point=POOR / POOR_POINT if exact else 1.0,
+            )
+            if worst > (POOR if exact else VANISHED):
+                return factor
+            if not exact:
+                raise SingularError("a pivot vanished")
         solver.turn_to_qr()
         self._factors = None
         return self.factorise(extra, exact=exact)
@@ -100,7 +117,3 @@ class NormalEquations:
         return Factor(
             self.solver.plan, self.solver.rays, self.system, self._factors, extra, qr=qr
         )
-
-    def _smallest(self, factor: Factor, extra: Array) -> float:
-        pivots = factor.pivots(self.diagonal + extra)
-        return float(pivots.min()) if len(pivots) else 1.0

@@ -9,7 +9,7 @@ before), 4 (affinity after), −1 (Brown, ideal → measured).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -44,9 +44,7 @@ class Sensor:
     """The camera as its XML describes it."""
 
     pixel: float
-    """Height of a pixel, mm, from the height of the sensor."""
-    values: dict[str, float]
-    """Calibration, mm."""
+    """Height of a pixel, mm, from the height of the sensor; its width differs by b1."""
 
     def image(self, column: Array, row: Array) -> Array:
         """Return image coordinates (n, 2), mm, y up."""
@@ -59,12 +57,17 @@ def read_sxb(folder: Path, *, camera_positions: bool = False) -> Network:
     Args:
         folder: where it lies.
         camera_positions: the variant ``sxb_eo``: every control point is used, every image
-            point has σ = 1 px, and the projection centres of photos 1 to 4 are observed
-            (σ = 0.05 m). Without it, 351 and 410 are check points, and points measured by
-            hand have σ = 0.5 px.
+            point has σ = 1 px, the projection centres of photos 1 to 4 are observed
+            (σ = 0.05 m), and the principal distance is PhotoModeler's, 0.2 µm shorter.
+            Without it, 351 and 410 are check points, and points measured by hand have
+            σ = 0.5 px.
     """
     network = Network("Strasbourg")
-    sensor = _sensor(folder / "sxb.xml", named=CAMERA, into=network, model=3, free=())
+    values = {}
+    if camera_positions:
+        export = folder / "prague2016/pmexports/wsmart-with-orient-pmexport.txt"
+        values["c"] = float(export.read_text().splitlines()[3].split()[0])
+    sensor = _sensor(folder / "sxb.xml", into=network, model=3, values=values)
     check = () if camera_positions else ("351", "410")
     for fields in _table(folder / "reference/sxb-control.txt"):
         name, xyz = fields[0], tuple(map(float, fields[2:5]))
@@ -96,7 +99,7 @@ def read_camcal(
     """Return the calibration of a camera, no approximate values but the nominal focal length."""
     network = Network("camera calibration")
     free = CALIBRATED[model]
-    sensor = _sensor(folder / "camcaldemo.xml", named=CAMERA, into=network, model=model, free=free)
+    sensor = _sensor(folder / "camcaldemo.xml", into=network, model=model, free=free)
     for fields in _table(folder / f"reference/camcal-{control}.txt"):
         name, xyz = fields[0], tuple(map(float, fields[2:5]))
         network.add_point(name, xyz, fixed="xyz" if control == "fixed" else "")
@@ -122,7 +125,7 @@ def read_camcal_export(folder: Path, case: str, *, control: bool = True) -> Netw
     """
     network = Network(f"camera calibration {case}".strip())
     xml = folder / "camcaldemo.xml"
-    sensor = _sensor(xml, named=CAMERA, into=network, model=3, free=CALIBRATED[3])
+    sensor = _sensor(xml, into=network, model=3, free=CALIBRATED[3])
     text = (folder / f"dbat/pmexports/camcal-pmexport{case}.txt").read_text()
     blocks = [[line.split() for line in b.splitlines()] for b in text.split("\n\n") if b.strip()]
     blocks = [[fields for fields in block if fields] for block in blocks]
@@ -155,19 +158,18 @@ def read_roma(
     folder: Path,
     *,
     calibrated: Sequence[str] = ("c", "x0", "y0", "k1", "k2"),
-    points: Array | None = None,
+    values: Mapping[str, float] | None = None,
 ) -> Network:
     """Return the block of 60 photos with DBAT's datum: photo 1 and Y of photo 19 held.
 
     Args:
         folder: where it lies.
         calibrated: which calibration parameters are unknown.
-        points: approximate coordinates of the points in order of their numbers, (n, 3);
-            none: found by intersection.
+        values: calibration that differs from the camera's file.
     """
     network = Network("Roma")
     xml = folder / "cameras/EOS5DMarkII.xml"
-    sensor = _sensor(xml, named=CAMERA, into=network, model=3, free=calibrated)
+    sensor = _sensor(xml, into=network, model=3, free=calibrated, values=values)
     for fields in _table(folder / "prior/initial_eo.txt"):
         x, y, z, *angles = map(float, fields[1:7])
         network.add_photo(
@@ -181,14 +183,18 @@ def read_roma(
         (photo, point, float(x), float(y), 1.0)
         for photo, point, x, y in _table(folder / "measurements/markpts.txt")
     ]
-    if points is not None:
-        names = sorted({r[1] for r in rows}, key=int)
-        network.add_points(names, points)
     _add_image_points(network, sensor, rows)
     return network
 
 
-def _sensor(xml: Path, *, named: str, into: Network, model: int, free: Sequence[str]) -> Sensor:
+def _sensor(
+    xml: Path,
+    *,
+    into: Network,
+    model: int,
+    free: Sequence[str] = (),
+    values: Mapping[str, float] | None = None,
+) -> Sensor:
     """Add the camera of an XML file; absent values are DBAT's defaults."""
     camera = ElementTree.parse(xml).getroot().find(".//camera")
     assert camera is not None
@@ -201,11 +207,11 @@ def _sensor(xml: Path, *, named: str, into: Network, model: int, free: Sequence[
     height = numbers("sensor")[-1]
     pixel = height / lines
     px, py = numbers("pp") or (columns * pixel / 2, height / 2)
-    values = {"c": (numbers("cc") or numbers("focal"))[0], "x0": px, "y0": -py}
-    values |= dict(zip(RADIAL, numbers("K"), strict=False))
-    values |= dict(zip(DECENTRING, numbers("P"), strict=False))
-    into.add_camera(named, LENS[model], values, free=free, unit="mm")
-    return Sensor(pixel, values)
+    start = {"c": (numbers("cc") or numbers("focal"))[0], "x0": px, "y0": -py}
+    start |= dict(zip(RADIAL, numbers("K"), strict=False))
+    start |= dict(zip(DECENTRING, numbers("P"), strict=False))
+    into.add_camera(CAMERA, LENS[model], start | dict(values or {}), free=free, unit="mm")
+    return Sensor(pixel)
 
 
 def _add_image_points(network: Network, sensor: Sensor, rows: Sequence[ImageRow]) -> None:

@@ -1,0 +1,151 @@
+"""Run benchmarks: ``python -m tests.benchmarks [NAME …] [--cores N] [--rounds N]``.
+
+roma      Roma against pycolmap (extra ``bench``), alternating, and our memory
+ladybug   Ladybug 49 of Bundle Adjustment in the Large against pycolmap
+growth    simulated aerial blocks of 10 000 to 1 000 000 image points
+grids     simulated terrestrial networks of 100 to 10 000 points
+
+Every run is a process of its own on the same cores, one thread for each core in numpy, scipy
+and Ceres alike.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import statistics
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+
+from .worker import LADYBUG, ROMA, Measured, data_is_here
+
+ROOT = Path(__file__).resolve().parents[2]
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+GROWTH = (10_000, 30_000, 100_000, 300_000, 1_000_000)
+GRIDS = (100, 1_000, 10_000)
+LONGEST = 1800
+"""Seconds after which a run is given up."""
+
+
+def run(cores: set[int], job: str, *arguments: int) -> Measured | None:
+    """Run a job on ``cores``; none if it failed or took too long, which is printed."""
+    command = [sys.executable, "-m", "tests.benchmarks.worker", job, *map(str, arguments)]
+    env = os.environ | dict.fromkeys(THREADS, str(len(cores)))
+    try:
+        done = subprocess.run(
+            command,
+            cwd=ROOT,
+            env=env,
+            capture_output=True,
+            text=True,
+            timeout=LONGEST,
+            check=False,
+            preexec_fn=lambda: os.sched_setaffinity(0, cores),
+        )
+    except subprocess.TimeoutExpired:
+        print(f"  {job} {arguments}: given up after {LONGEST} s")
+        return None
+    if done.returncode:
+        print(f"  {job} {arguments} failed:\n{done.stderr}")
+        return None
+    return Measured(**json.loads(done.stdout.splitlines()[-1]))
+
+
+def against_colmap(cores: set[int], rounds: int, job: str, data: Path) -> None:
+    """Alternate between us and pycolmap; print every run, medians and ratio."""
+    if not data_is_here(data):
+        print(f"  skipped: {data} is not there (set FACTORGRAPH_ADJ_DATA)")
+        return
+    jobs = [job]
+    if find_spec("pycolmap") is None:
+        print("  pycolmap is not installed (extra bench): our figures only")
+    else:
+        jobs.append(f"{job}-colmap")
+    taken: dict[str, list[Measured]] = {j: [] for j in jobs}
+    for _ in range(rounds):
+        for j in jobs:
+            if (measured := run(cores, j)) is not None:
+                taken[j].append(measured)
+    print(f"  {'':16}{'s':>8}{'CPU s':>8}{'iter.':>7}{'√vᵀPv':>11}  medians; all s; why it ended")
+    for j, runs in taken.items():
+        if runs:
+            seconds, cpu = (_median(runs, what) for what in ("seconds", "cpu"))
+            every = " ".join(f"{m.seconds:.2f}" for m in runs)
+            print(
+                f"  {j:16}{seconds:8.3f}{cpu:8.3f}{runs[0].iterations:7d}"
+                f"{runs[0].vtpv ** 0.5:11.4f}  {every}; {runs[0].how}"
+            )
+    if taken[job]:
+        print(f"  peak memory of our process: {max(m.megabytes for m in taken[job]):.0f} MB")
+    if all(taken.values()) and len(taken) == 2:
+        for what, name in (("seconds", "time"), ("cpu", "CPU time")):
+            a, b = (_median(runs, what) for runs in taken.values())
+            print(f"  ours / pycolmap, {name}: {a / b:.2f}")
+
+
+def _median(runs: Sequence[Measured], what: str) -> float:
+    return statistics.median(getattr(m, what) for m in runs)
+
+
+def table(cores: set[int], job: str, sizes: Sequence[int], what: str) -> None:
+    """Print one line for each size."""
+    print(
+        f"  {what:>12}{'scalar obs.':>13}{'unknowns':>10}{'made s':>9}{'iter.':>7}{'s/iter.':>9}"
+        f"{'total s':>9}{'CPU s':>9}{'MB':>7}{'σ̂0':>8}"
+    )
+    for size in sizes:
+        m = run(cores, job, size)
+        if m is not None:
+            print(
+                f"  {size:12d}{m.observations:13d}{m.unknowns:10d}{m.prepared:9.2f}"
+                f"{m.iterations:7d}{m.seconds / m.iterations:9.3f}{m.seconds:9.2f}"
+                f"{m.cpu:9.2f}{m.megabytes:7.0f}{m.sigma0:8.4f}"
+            )
+
+
+def main() -> None:
+    """Run what the command line asks for."""
+    benchmarks: dict[str, Callable[[set[int], int], None]] = {
+        "roma": lambda cores, rounds: against_colmap(cores, rounds, "roma", ROMA),
+        "ladybug": lambda cores, rounds: against_colmap(cores, rounds, "ladybug", LADYBUG),
+        "growth": lambda cores, _: table(cores, "aerial", GROWTH, "image points"),
+        "grids": lambda cores, _: table(cores, "grid", GRIDS, "points"),
+    }
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.benchmarks",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(benchmarks))
+    parser.add_argument("--cores", type=int, help="how many cores; all that are free by default")
+    parser.add_argument("--rounds", type=int, default=5, help="runs of each program")
+    options = parser.parse_args()
+    unknown = [n for n in options.names if n not in benchmarks]
+    if unknown:
+        parser.error(f"unknown benchmark {', '.join(unknown)}; known: {', '.join(benchmarks)}")
+    available = sorted(os.sched_getaffinity(0))
+    cores = set(available[: options.cores or len(available)])
+    print(f"{len(cores)} of {os.cpu_count()} cores, {platform.machine()}, {_versions()}")
+    for name in options.names or benchmarks:
+        print(f"\n{name}", flush=True)
+        benchmarks[name](cores, options.rounds)
+
+
+def _versions() -> str:
+    listed = [f"Python {platform.python_version()}"]
+    for package in ("gtsam", "numpy", "scipy", "pycolmap"):
+        try:
+            listed.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            listed.append(f"no {package}")
+    return ", ".join(listed)
+
+
+if __name__ == "__main__":
+    main()

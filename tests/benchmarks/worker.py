@@ -1,0 +1,127 @@
+"""One measurement in a process of its own: ``python -m tests.benchmarks.worker JOB [SIZE]``.
+
+Prints one line of JSON. Networks are ready, with approximate values, before the clock starts;
+a small block has been adjusted before, so that nothing is imported while it runs.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from time import perf_counter, process_time
+
+from factorgraph_adj.approximate import approximate
+from factorgraph_adj.experiment.aerial_block import simulate_aerial_block
+from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.io.bal import read_bal
+from factorgraph_adj.network import Network
+from factorgraph_adj.solve.batch import adjust
+
+from ..loaders.dbat import read_roma
+from . import colmap
+from .grids import simulate_grid
+
+DATA = Path(
+    os.environ.get("FACTORGRAPH_ADJ_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")
+)
+"""As in tests/conftest.py, which needs pytest."""
+ROMA = DATA / "dbat_roma"
+LADYBUG = DATA / "bal" / "problem-49-7776-pre.txt"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one run took."""
+
+    seconds: float
+    """From the network to the solution."""
+    cpu: float
+    """The same in seconds of all its threads: fair where others use the machine too."""
+    iterations: int
+    vtpv: float
+    how: str
+    """Why it ended."""
+    megabytes: float
+    """Peak resident memory of the process."""
+    prepared: float = 0.0
+    """Seconds for reading or simulating the network."""
+    observations: int = 0
+    unknowns: int = 0
+    sigma0: float = 0.0
+
+
+def roma() -> Network:
+    """Return Roma with points by intersection."""
+    network = read_roma(ROMA)
+    state = approximate(compile_network(network))
+    network.points = {
+        name: replace(p, coordinates=tuple(at))
+        for (name, p), at in zip(network.points.items(), state["point"].tolist(), strict=True)
+    }
+    return network
+
+
+def ours(make: Callable[[], Network]) -> Measured:
+    """Time `adjust`."""
+    adjust(simulate_aerial_block(0, image_points=2000, points_per_photo=200).network)
+    begin = perf_counter()
+    network = make()
+    prepared = perf_counter() - begin
+    begin, cpu = perf_counter(), process_time()
+    solution = adjust(network)
+    seconds, cpu = perf_counter() - begin, process_time() - cpu
+    return Measured(
+        seconds,
+        cpu,
+        solution.iterations,
+        solution.vtpv,
+        solution.reason,
+        _peak(),
+        prepared,
+        solution.n_observations,
+        solution.n_unknowns,
+        solution.sigma0,
+    )
+
+
+def theirs(make: Callable[[], Network], *, principal_point: bool) -> Measured:
+    """Time pycolmap."""
+    threads = len(os.sched_getaffinity(0))
+    network = make()
+    done = colmap.solve(network, threads=threads, principal_point=principal_point)
+    return Measured(done.seconds, done.cpu, done.iterations, done.vtpv, done.how, _peak())
+
+
+def _peak() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def main(job: str, size: int = 0) -> Measured:
+    """Run one job."""
+    if job == "roma":
+        return ours(roma)
+    if job == "roma-colmap":
+        return theirs(roma, principal_point=True)
+    if job == "ladybug":
+        return ours(lambda: read_bal(LADYBUG))
+    if job == "ladybug-colmap":
+        return theirs(lambda: read_bal(LADYBUG), principal_point=False)
+    if job == "aerial":
+        return ours(lambda: simulate_aerial_block(1, image_points=size).network)
+    if job == "grid":
+        return ours(lambda: simulate_grid(1, points=size).network)
+    raise SystemExit(f"unknown job {job!r}")
+
+
+def data_is_here(path: Path) -> bool:
+    """Return whether measurements are there."""
+    return path.exists()
+
+
+if __name__ == "__main__":
+    print(json.dumps(asdict(main(sys.argv[1], *map(int, sys.argv[2:])))))
