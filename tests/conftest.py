@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 
 DATA = Path(
-    os.environ.get(
-        "FACTORGRAPH_ADJ_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"
-    )
+    os.environ.get("FACTORGRAPH_ADJ_DATA", Path(__file__).resolve().parents[2] / "shared" / "data")
 )
 
 

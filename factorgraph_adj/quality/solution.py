@@ -143,10 +143,7 @@ class ObservationTable(Sequence[ObservationRecord]):
     def ids(self) -> list[str]:
         """Id of each row."""
         return [
-            b.ids[i]
-            for b in self._equations.blocks
-            for i in range(b.n)
-            for _ in range(b.dimension)
+            b.ids[i] for b in self._equations.blocks for i in range(b.n) for _ in range(b.dimension)
         ]
 
     @cached_property
@@ -291,8 +288,8 @@ class Solution:
         columns_b, size_b, rows_b = (columns_a, size_a, rows_a) if b is None else self._columns(*b)
         out = np.zeros((size_a, size_b))
         if len(columns_a) and len(columns_b):
-            if a[0] == "point" and (b is None or a == b):
-                block = self._point_covariance(a[1])
+            if b is None or a == b:
+                block = self._own(a[0], self._number(*a), columns_a)
             else:
                 block = self._cross(columns_a, columns_b)
             out[np.ix_(rows_a, rows_b)] = block * self.variance_factor
@@ -339,10 +336,9 @@ class Solution:
             return np.zeros((0, 3, 3)), place
         return points.covariances(self._factor.border_covariance()), place
 
-    def _point_covariance(self, name: str) -> Array:
-        number = self._number("point", name)
-        columns = self.equations.unknowns.columns("point", number)
-        if self._factor.plan.reduced[number]:
+    def _own(self, kind: VariableKind, number: int, columns: Index) -> Array:
+        """Return the cofactor of one variable: from the selected inverse, no solution needed."""
+        if kind == "point" and self._factor.plan.reduced[number]:
             every, place = self._reduced
             block = every[place[number]]
         else:

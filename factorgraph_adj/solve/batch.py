@@ -48,6 +48,8 @@ MOST_TRANSFORMATIONS = 20
 """Times that a solution is moved towards inner constraints; two or three suffice as a rule."""
 DOUBTFUL = 0.25
 """Part of the predicted decrease below which points follow a step of the cameras on their own."""
+SHRINKING = 0.8
+"""Ratio of a step to the last one, below which the iteration still converges."""
 WORTHWHILE = 1e-3
 """Part of the predicted decrease of vᵀPv that a damped step must bring."""
 
@@ -146,8 +148,7 @@ def adjust(
     iterations, converged, reason, vtpv = _iterate(run, tolerance, max_iterations, progress)
     if run.datum is not None:
         _carry_to_datum_points(run)
-    if converged:
-        _refuse_points_behind(equations, run.state)
+    _refuse_points_behind(equations, run.state)
     return Solution(
         network=network,
         equations=equations,
@@ -177,7 +178,7 @@ def _iterate(
     resume = FIRST_DAMPING
     growth = 2.0
     vtpv = np.inf
-    bound = np.inf
+    bound = last = np.inf
     slow = 0
     for iteration in range(1, max_iterations + 1):
         normal = NormalEquations(run.solver, run.state, run.extra(run.state))
@@ -214,11 +215,13 @@ def _iterate(
             progress(iteration, after, bound)
         if small:
             return iteration, True, _at_rest(bound), after
-        slow = slow + 1 if vtpv - after < SLOW * vtpv else 0
+        slow = slow + 1 if vtpv - after < SLOW * vtpv and bound > SHRINKING * last else 0
+        last = bound
         vtpv = after
         growth = 2.0
         if slow >= 5:
-            _explain(run, NormalEquations(run.solver, run.state, run.extra(run.state)))
+            if run.equations.unknowns.n_columns <= SMALL_ENOUGH_TO_EXPLAIN:
+                _explain(run, NormalEquations(run.solver, run.state, run.extra(run.state)))
             return iteration, False, _drifting(run, bound), after
         damping *= max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
         if damping < LEAST_DAMPING:
@@ -238,9 +241,7 @@ def _at_rest(bound: float) -> str:
     return f"the last step moved no unknown by more than {bound:.1g} of its σ"
 
 
-def _step(
-    run: _Run, normal: NormalEquations, damping: float
-) -> tuple[Array, float, float] | None:
+def _step(run: _Run, normal: NormalEquations, damping: float) -> tuple[Array, float, float] | None:
     """Return step, predicted decrease of vᵀPv, and the bound of the step relative to σ.
 
     None where undamped normal equations have no answer: damping may lead where they have one. At
@@ -344,8 +345,8 @@ def _datum_columns(equations: Equations, motions: Array) -> Mask:
 
 def _explain(run: _Run, normal: NormalEquations) -> None:
     """Raise what is not determined, by name."""
-    defects = [] if run.datum is not None else find_defects(
-        normal.system, run.state, normal.diagonal
+    defects = (
+        [] if run.datum is not None else find_defects(normal.system, run.state, normal.diagonal)
     )
     if run.datum is not None:
         defects = list(run.defects)
@@ -385,9 +386,7 @@ def _before_the_cameras(run: _Run, moved: State) -> State | None:
     passes = now & ~_behind(run.equations, run.state)
     if not passes.any():
         return moved
-    point = np.concatenate(
-        [b.variables[2][1] for b in run.equations.blocks if b.kind == "image"]
-    )
+    point = np.concatenate([b.variables[2][1] for b in run.equations.blocks if b.kind == "image"])
     held = np.unique(point[passes])
     points = moved["point"].copy()
     points[held] = run.state["point"][held]
@@ -403,4 +402,6 @@ def _refuse_points_behind(equations: Equations, state: State) -> None:
     if not len(behind):
         return
     labels = [b.labels(i) for b in images for i in range(b.n)]
-    raise InputError([Problem("the adjusted point lies behind the camera", labels[i]) for i in behind])
+    raise InputError(
+        [Problem("the adjusted point lies behind the camera", labels[i]) for i in behind]
+    )

@@ -25,7 +25,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..graph.equations import Equations
-from ..graph.variables import State, Unknowns
+from ..graph.variables import State
 from ..rotation import exp_rotation, skew
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
@@ -307,6 +307,4 @@ class FreeDatum:
 
     def project(self, moved: Array) -> Array:
         """Return t such that G_Dᵀ (moved + G t)_D = 0, for moved = x − x₀ (n_columns,)."""
-        return np.asarray(
-            -self.inverse @ (self.motions[self.columns].T @ moved[self.columns])
-        )
+        return np.asarray(-self.inverse @ (self.motions[self.columns].T @ moved[self.columns]))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import lapack, solve_triangular
+from scipy.linalg import lapack
 
 from ..types import Array, Index
 from .linear import LinearSystem
 from .plan import Plan
 from .reduction import Rays, ReducedPoints
 from .tree import Clique, SingularError, TreeFactors
+from .triangular import lower_solve, upper_solve, upper_transposed_solve
+
 
 class Factor:
     """N + diag(extra) of one linearisation, factorised in the three layers of a `Plan`.
@@ -73,12 +75,13 @@ class Factor:
             point: factor on those of single points.
         """
         free = self.free
-        safe = np.maximum(diagonal, np.finfo(float).tiny)
+        safe = np.where(free, np.maximum(diagonal, np.finfo(float).tiny), 1.0)
         out = np.ones(len(free))
         if self.points is not None:
             out[self.plan.point_columns] = self.points.pivots * point
         for c in self.cliques:
-            out[c.frontal] = np.diag(c.r) ** 2 / safe[c.frontal] * tree
+            out[c.frontal] = np.diag(c.r) ** 2 / safe[c.frontal]
+            out[c.frontal] *= np.where(free[c.frontal], tree, 1.0)
         if len(self.border):
             left = (np.diag(self.root) / self.scale) ** 2
             out[self.plan.border] = left / safe[self.plan.border]
@@ -95,18 +98,17 @@ class Factor:
         y[self.plan.border] = border
         halves = []
         for c in reversed(self.cliques):
-            half = solve_triangular(c.r, y[c.frontal], trans="T", check_finite=False)
+            half = upper_transposed_solve(c.r, y[c.frontal])
             halves.append(half)
             if len(c.separator):
                 # Sᵀ R⁻ᵀ y = Tᵀ y
                 y[c.separator] -= c.t.T @ y[c.frontal]
         if len(self.plan.border):
             b = self.scale[:, None] * y[self.plan.border]
-            half = solve_triangular(self.root, b, lower=True, check_finite=False)
-            solved = solve_triangular(self.root, half, lower=True, trans="T", check_finite=False)
+            solved = lower_solve(self.root, lower_solve(self.root, b), transposed=True)
             x[self.plan.border] = self.scale[:, None] * solved
         for c, half in zip(self.cliques, reversed(halves), strict=True):
-            x[c.frontal] = solve_triangular(c.r, half, check_finite=False)
+            x[c.frontal] = upper_solve(c.r, half)
             if len(c.separator):
                 x[c.frontal] -= c.t @ x[c.separator]
         if self.points is not None and z is not None:
@@ -136,7 +138,7 @@ class Factor:
         for number, c in enumerate(self.cliques):
             f, s = len(c.frontal), len(c.separator)
             joint = np.empty((f + s, f + s))
-            inverse = solve_triangular(c.r, np.eye(f), check_finite=False)
+            inverse = upper_solve(c.r, np.eye(f))
             own = inverse @ inverse.T
             if s:
                 sss = self._separator(c, where, out, outer)

@@ -45,9 +45,7 @@ class LinearBlock:
 class LinearSystem:
     """Whitened residuals v and partials A of all observations at one state."""
 
-    def __init__(
-        self, equations: Equations, state: State, extra: Sequence[ExtraRows] = ()
-    ) -> None:
+    def __init__(self, equations: Equations, state: State, extra: Sequence[ExtraRows] = ()) -> None:
         """Linearise all observations at ``state``.
 
         Raises:

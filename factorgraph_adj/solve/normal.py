@@ -63,9 +63,7 @@ class Solver:
 class NormalEquations:
     """N and the right side at one state."""
 
-    def __init__(
-        self, solver: Solver, state: State, extra: Sequence[ExtraRows] = ()
-    ) -> None:
+    def __init__(self, solver: Solver, state: State, extra: Sequence[ExtraRows] = ()) -> None:
         """Linearise at ``state``."""
         self.solver = solver
         self.system = LinearSystem(solver.equations, state, extra)
@@ -114,6 +112,4 @@ class NormalEquations:
     def _factorise(self, extra: Array, *, qr: bool) -> Factor:
         if self._factors is None:
             self._factors = TreeFactors(self.solver.plan, self.system)
-        return Factor(
-            self.solver.plan, self.solver.rays, self.system, self._factors, extra, qr=qr
-        )
+        return Factor(self.solver.plan, self.solver.rays, self.system, self._factors, extra, qr=qr)

@@ -164,5 +164,3 @@ def _support(system: LinearSystem, kind: str, number: int, diagonal: Array) -> s
     return ", ".join(
         f"{n} {words.get(k, k.replace('_', ' '))}{'s' * (n > 1)}" for k, n in counts.items()
     )
-
-

@@ -110,9 +110,7 @@ class Rays:
             self.shared_rays.append(rays)
             self.shared_points.append(points)
             self.shared_place.append(place.astype(np.intp))
-            self.shared_columns.append(
-                plan.in_border[lens.offset[k] + np.arange(lens.size[k])]
-            )
+            self.shared_columns.append(plan.in_border[lens.offset[k] + np.arange(lens.size[k])])
 
     def _find_pairs(self) -> None:
         """List, for every pair of photos, the rays to their common points."""
@@ -152,8 +150,7 @@ class ReducedPoints:
         """
         self.rays = rays
         j_pose, j_lens, j_point = (
-            _joined([system.blocks[i].a[slot] for i in rays.places], rays)
-            for slot in range(3)
+            _joined([system.blocks[i].a[slot] for i in rays.places], rays) for slot in range(3)
         )
         h = self._point_blocks(system, j_point, extra)
         self._cholesky(h)
@@ -203,9 +200,7 @@ class ReducedPoints:
 
     def _lower(self, b: Array, at: Index | None = None) -> Array:
         """Return L⁻¹ b for b (m, 3, k); ``at`` gives the point of each row."""
-        l11, l21, l31, l22, l32, l33 = (
-            (x if at is None else x[at])[:, None] for x in self.l
-        )
+        l11, l21, l31, l22, l32, l33 = ((x if at is None else x[at])[:, None] for x in self.l)
         out = np.empty_like(b)
         np.divide(b[:, 0], l11, out=out[:, 0])
         out[:, 1] = (b[:, 1] - l21 * out[:, 0]) / l22
@@ -228,8 +223,7 @@ class ReducedPoints:
         w = np.zeros((m, 3, rays.width)) if rays.width > 6 else np.empty((m, 3, 6))
         for axis in range(3):
             w[:, axis, :6] = (
-                j_point[:, 0, axis, None] * j_pose[:, 0]
-                + j_point[:, 1, axis, None] * j_pose[:, 1]
+                j_point[:, 0, axis, None] * j_pose[:, 0] + j_point[:, 1, axis, None] * j_pose[:, 1]
             )
         if rays.width > 6:
             own = rays.own_rays
@@ -395,9 +389,7 @@ class ReducedPoints:
         shared = np.zeros((n, 3, sum(len(c) for c in rays.shared_columns)))
         all_shared = np.concatenate([*rays.shared_columns, np.zeros(0, dtype=np.intp)])
         at = 0
-        for ws, points, c in zip(
-            self.shared, rays.shared_points, rays.shared_columns, strict=True
-        ):
+        for ws, points, c in zip(self.shared, rays.shared_points, rays.shared_columns, strict=True):
             shared[points, :, at : at + len(c)] = ws
             at += len(c)
         for count in np.unique(counts[counts > 0]):

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from ..types import Array, Index
 from .linear import LinearSystem
 from .plan import Plan
+from .triangular import upper_solve
 
 UNIT = {d: gtsam.noiseModel.Unit.Create(d) for d in range(1, 7)}
 MOST_KEYS = 3
@@ -92,7 +92,10 @@ class TreeFactors:
             chosen = [j for bit, j in enumerate(slots) if code >> bit & 1]
             at = rows[pattern == code]
             keys = [offsets[j][at].tolist() for j in chosen]
-            a = [list(np.asfortranarray(arrays[j][at].transpose(1, 2, 0)).transpose(2, 0, 1)) for j in chosen]
+            a = [
+                list(np.asfortranarray(arrays[j][at].transpose(1, 2, 0)).transpose(2, 0, 1))
+                for j in chosen
+            ]
             if len(chosen) == 1:
                 for k1, a1 in zip(keys[0], a[0], strict=True):
                     graph.add(gtsam.JacobianFactor(k1, a1, zero, unit))
@@ -234,14 +237,14 @@ class TreeFactors:
         while stack:
             clique = stack.pop()
             conditional = clique.conditional()
-            r = np.array(conditional.R())
+            r = np.array(conditional.R(), order="F")
             keys = list(conditional.keys())
             columns = np.concatenate([k + np.arange(self.size[k]) for k in keys])
             f = r.shape[1]
             s = np.array(conditional.S()).reshape(f, len(columns) - f)
             if not np.all(np.isfinite(r)) or np.any(np.diag(r) == 0):
                 raise SingularError("a pivot vanished")
-            t = solve_triangular(r, s, check_finite=False) if s.size else s
+            t = upper_solve(r, s) if s.size else s
             out.append(Clique(columns[:f], columns[f:], r, t))
             stack.extend(clique[i] for i in range(clique.nrChildren()))
         return out
