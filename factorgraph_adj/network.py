@@ -7,159 +7,31 @@ Names are checked as they are added, so that an error stands where it was made.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import numpy as np
 
+from .entities import (
+    FREE_ORIENTATION,
+    REFRACTION_OF_THE_NETWORK,
+    Camera,
+    ImageTable,
+    Parameter,
+    Photo,
+    Point,
+    parameter,
+    sigmas,
+    triple,
+)
 from .errors import InputError, Problem, known
 from .frames import Frame, LocalFrame
 from .models.lens import Lens
 from .observations import AnyObservation, Correlated, Direction, ImagePoint, Observation
 from .rotation import world_R_camera
-from .types import Array, Index, Mask
+from .types import Array, Mask
 
 DatumChoice: TypeAlias = Literal["given", "free"]
 """Datum from what is given (control, fixed, weighted), or a free network."""
-
-REFRACTION_OF_THE_NETWORK = ""
-"""Name of the refraction group of observations that name none."""
-
-
-@dataclass(frozen=True)
-class Point:
-    """An object point."""
-
-    name: str
-    """Name."""
-    coordinates: tuple[float, float, float]
-    """Given or approximate coordinates, metres; NaN where unknown."""
-    fixed: tuple[bool, bool, bool] = (False, False, False)
-    """Which components are held."""
-    sigma: tuple[float, float, float] | None = None
-    """Standard deviations of weighted components, metres; infinite for free ones."""
-    datum: bool = False
-    """Whether the point carries the datum of a free network."""
-    check: tuple[float, float, float] | None = None
-    """Coordinates known from elsewhere and not used, for comparison; NaN where unknown."""
-
-
-@dataclass(frozen=True)
-class Camera:
-    """A camera: lens model, calibration values and what is asked of them."""
-
-    name: str
-    """Name."""
-    lens: Lens
-    """Lens model."""
-    values: tuple[float, ...]
-    """Calibration parameters in the order of ``lens.names``, image units."""
-    fixed: tuple[bool, ...]
-    """Which are held."""
-    sigma: tuple[float, ...]
-    """Standard deviations of weighted ones; infinite for free ones."""
-    unit: str = "mm"
-    """Unit of image coordinates, for reports: mm, px …"""
-    per_photo: bool = False
-    """Whether every photo has a calibration of its own."""
-
-
-@dataclass(frozen=True)
-class Photo:
-    """A photo: its camera and its exterior orientation."""
-
-    name: str
-    """Name."""
-    camera: str
-    """Name of its camera."""
-    position: tuple[float, float, float] | None = None
-    """Approximate, weighted or fixed projection centre, metres."""
-    rotation: Array | None = None
-    """world_R_camera (3, 3), axes of the camera x right, y down, z forward."""
-    fixed: tuple[bool, ...] = (False,) * 6
-    """Held: rotations about the camera's axes and X, Y, Z of the centre (all six or none, or
-    one component of the centre at a time with the rotation free)."""
-    sigma_position: tuple[float, float, float] | None = None
-    """Standard deviations of a weighted projection centre, metres."""
-    sigma_attitude: float | None = None
-    """Standard deviation of a weighted attitude about each axis, radians."""
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A small vector unknown: orientation, refraction, vertical, distance meter."""
-
-    values: tuple[float, ...]
-    """Start or given values; NaN: unknown."""
-    fixed: tuple[bool, ...]
-    """Which are held."""
-    sigma: tuple[float, ...]
-    """Standard deviations of weighted components; infinite for free ones."""
-
-
-@dataclass
-class ImageTable:
-    """Image coordinates in columns: many of them are the rule."""
-
-    photo: list[Index] = field(default_factory=list)
-    """Number of the photo."""
-    point: list[Index] = field(default_factory=list)
-    """Number of the point."""
-    xy: list[Array] = field(default_factory=list)
-    """Measured coordinates (n, 2)."""
-    sigma: list[Array] = field(default_factory=list)
-    """Standard deviations (n, 2)."""
-    ids: dict[int, str] = field(default_factory=dict)
-    """Ids that differ from photo/point, by row."""
-    sources: dict[int, str] = field(default_factory=dict)
-    """Sources by row."""
-    size: int = 0
-    """Number of rows."""
-
-    def append(self, photo: Index, point: Index, xy: Array, sigma: Array) -> None:
-        """Add rows."""
-        self.photo.append(photo)
-        self.point.append(point)
-        self.xy.append(xy)
-        self.sigma.append(sigma)
-        self.size += len(photo)
-
-    def columns(self) -> tuple[Index, Index, Array, Array]:
-        """Return photo (n,), point (n,), coordinates (n, 2) and sigma (n, 2)."""
-        if not self.photo:
-            none = np.zeros(0, dtype=np.intp)
-            return none, none, np.zeros((0, 2)), np.zeros((0, 2))
-        if len(self.photo) > 1:
-            self.photo = [np.concatenate(self.photo)]
-            self.point = [np.concatenate(self.point)]
-            self.xy = [np.concatenate(self.xy)]
-            self.sigma = [np.concatenate(self.sigma)]
-        return self.photo[0], self.point[0], self.xy[0], self.sigma[0]
-
-
-def _triple(value: object, what: str, where: str) -> tuple[float, float, float]:
-    """Return three floats; NaN allowed for unknown components."""
-    try:
-        out = tuple(float(v) for v in value)  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        raise InputError(Problem(f"{what} must be three numbers, not {value!r}", where)) from None
-    if len(out) != 3:
-        raise InputError(Problem(f"{what} must be three numbers, not {len(out)}", where))
-    if any(np.isinf(v) for v in out):
-        raise InputError(Problem(f"{what} must be finite, not {out}", where))
-    return out
-
-
-def _sigmas(value: float | Iterable[float] | None, size: int, where: str) -> tuple[float, ...]:
-    """Return ``size`` standard deviations > 0; infinite: no weight."""
-    if value is None:
-        return (np.inf,) * size
-    given = np.asarray(value if np.ndim(value) else [value] * size, dtype=float)  # type: ignore[arg-type]
-    if given.shape != (size,) or np.any(np.isnan(given)) or np.any(given <= 0):
-        raise InputError(
-            Problem(f"standard deviations must be {size} numbers > 0, not {value}", where)
-        )
-    return tuple(given.tolist())
 
 
 class Network:
@@ -228,9 +100,9 @@ class Network:
         self._new(name, self.points, "point")
         if not set(fixed) <= set("xyz"):
             raise InputError(Problem(f"fixed must be some of x, y, z, not {fixed!r}", where))
-        xyz = (np.nan,) * 3 if coordinates is None else _triple(coordinates, "coordinates", where)
+        xyz = (np.nan,) * 3 if coordinates is None else triple(coordinates, "coordinates", where)
         held = ("x" in fixed, "y" in fixed, "z" in fixed)
-        weights = None if sigma is None else _sigmas(sigma, 3, where)
+        weights = None if sigma is None else sigmas(sigma, 3, where)
         for i, axis in enumerate("xyz"):
             if np.isnan(xyz[i]) and (held[i] or (weights is not None and weights[i] < np.inf)):
                 raise InputError(Problem(f"{axis} is held or weighted but has no value", where))
@@ -240,7 +112,7 @@ class Network:
             held,
             weights,  # type: ignore[arg-type]
             datum,
-            None if check is None else _triple(check, "check coordinates", where),
+            None if check is None else triple(check, "check coordinates", where),
         )
         self._point_number[name] = len(self._point_number)
 
@@ -356,9 +228,9 @@ class Network:
             raise InputError(
                 Problem("photos need a right-handed frame: choose axes en, nw, ws or se", where)
             )
-        at = None if position is None else _triple(position, "position", where)
+        at = None if position is None else triple(position, "position", where)
         if rotation is None and omega_phi_kappa is not None:
-            rotation = world_R_camera(*_triple(omega_phi_kappa, "omega_phi_kappa", where))
+            rotation = world_R_camera(*triple(omega_phi_kappa, "omega_phi_kappa", where))
         if rotation is not None:
             rotation = np.asarray(rotation, dtype=float)
             if (
@@ -385,7 +257,7 @@ class Network:
             at,
             rotation,
             held,
-            None if sigma_position is None else _sigmas(sigma_position, 3, where),  # type: ignore[arg-type]
+            None if sigma_position is None else sigmas(sigma_position, 3, where),  # type: ignore[arg-type]
             sigma_attitude,
         )
         self._photo_number[name] = len(self._photo_number)
@@ -406,7 +278,7 @@ class Network:
         Without this call it is free and found from the directions.
         """
         self._known(station, self.points, "point", "orientation")
-        self.orientations[station, set] = _parameter((value,), fixed, sigma, f"set {station}/{set}")
+        self.orientations[station, set] = parameter((value,), fixed, sigma, f"set {station}/{set}")
 
     def set_refraction(
         self,
@@ -420,7 +292,7 @@ class Network:
 
         The group of observations that name none is the network's, held at 0 until this call.
         """
-        self.refractions[group] = _parameter((value,), fixed, sigma, f"refraction {group!r}")
+        self.refractions[group] = parameter((value,), fixed, sigma, f"refraction {group!r}")
 
     def set_vertical(
         self,
@@ -441,7 +313,7 @@ class Network:
             fixed: hold it. Stations without this call have ξ = η = 0, held.
         """
         self._known(station, self.points, "point", "vertical")
-        self.verticals[station] = _parameter((xi, eta), fixed, sigma, f"vertical of {station!r}")
+        self.verticals[station] = parameter((xi, eta), fixed, sigma, f"vertical of {station!r}")
 
     def set_distance_meter(
         self,
@@ -467,7 +339,8 @@ class Network:
         asked = set(free)
         if not asked <= {"scale", "zero"}:
             raise InputError(Problem(f"free must be some of scale, zero, not {asked}", where))
-        sigma = _sigmas([sigma_scale or np.inf, sigma_zero or np.inf], 2, where)
+        given = [np.inf if s is None else s for s in (sigma_scale, sigma_zero)]
+        sigma = sigmas(given, 2, where)
         self.distance_meters[name] = Parameter(
             (float(scale), float(zero)),
             tuple(n not in asked and s == np.inf for n, s in zip(("scale", "zero"), sigma)),
@@ -641,21 +514,3 @@ class Network:
             f"<Network {self.name!r}: {len(self.points)} points, {len(self.photos)} photos, "
             f"{self.n_image_points} image points, {len(self.observations)} other observations>"
         )
-
-
-def _parameter(
-    values: tuple[float, ...],
-    fixed: bool,
-    sigma: float | Sequence[float] | None,
-    where: str,
-) -> Parameter:
-    if not np.all(np.isfinite(values)):
-        raise InputError(Problem(f"values must be finite, not {values}", where))
-    if fixed and sigma is not None:
-        raise InputError(Problem("either fixed or sigma, not both", where))
-    size = len(values)
-    return Parameter(tuple(float(v) for v in values), (fixed,) * size, _sigmas(sigma, size, where))
-
-
-FREE_ORIENTATION = Parameter((np.nan,), (False,), (np.inf,))
-"""An orientation unknown that is found from its directions."""

@@ -372,6 +372,11 @@ def test_a_vector_with_a_covariance_cannot_join_a_point_to_itself_either():
         GnssVector("A", "A", (0.0, 0.0, 0.0), covariance=np.eye(3))
 
 
+def test_a_distance_meter_with_a_standard_deviation_of_zero_is_not_free():
+    with pytest.raises(InputError, match="standard deviations must be 2 numbers > 0"):
+        Network().set_distance_meter("EDM", sigma_scale=0.0)
+
+
 # -- structure and geometry -----------------------------------------------------------------------
 
 LOOSE = POINTS + "G,1,2,3,\nH,2,2,3,\nI,4,5,6,\nJ,3,5,2,\n"

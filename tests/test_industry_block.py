@@ -244,6 +244,7 @@ def test_cases_of_one_seed_share_their_measurements() -> None:
     assert np.array_equal(all_xy[: len(some_xy)], some_xy)
     assert len(some_xy) < len(all_xy)
     fewer = simulate_industry_block(3, distances=40).network
+    assert len(_distances(fewer)) == 40
     few, many = _distances(fewer), _distances(whole)
     assert [o.value for o in few] == [o.value for o in many[: len(few)]]
 

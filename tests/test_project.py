@@ -20,10 +20,11 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io import numbers
+from factorgraph_adj.io.context import ImageAxes, RecordContext
 from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.project import AdjustOptions, load_project, read_project
-from factorgraph_adj.io.records import ImageAxes, RecordContext, observation, record
+from factorgraph_adj.io.records import observation, record
 from factorgraph_adj.io.write_project import exact_angles, write_project
 from factorgraph_adj.models import lens
 from factorgraph_adj.network import Network

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from ..entities import Camera, ImageTable, Parameter, Photo
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
 from ..models.registry import VariableKind
-from ..network import Camera, ImageTable, Network, Parameter, Photo
+from ..network import Network
 from ..observations import (
     OBSERVATIONS,
     Azimuth,
@@ -87,14 +88,15 @@ class SimulatedNetwork:
 def measure(plan: Network, *, seed: Seed) -> Network:
     """Return ``plan`` with every observation measured: its true value plus a drawn error.
 
-    Errors are normal with the standard deviations and covariances of the observations; those
-    of image coordinates are added to what is measured. (Lens models from measured to ideal
-    coordinates adjust the corrected ones with the same weights: where distortion changes
-    distances by some per cent, so does σ̂0.) Every
+    Errors are normal with the standard deviations and covariances of the observations. Every
     kind of observation draws from a stream of its own, in the order of the plan: two plans
     that begin with the same observations of a kind measure them with the same errors. Weighted
     unknowns are observations too: their given values are drawn, but for cameras with a
     calibration for each photo.
+
+    Errors of image coordinates are added to what is measured. Lens models from measured to
+    ideal coordinates adjust corrected coordinates with the same weights: where distortion
+    stretches the image by a per cent, so it does σ̂0.
 
     Args:
         plan: a network with true values everywhere, the orientation unknowns among them.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -106,5 +107,12 @@ class Block:
             if a.ndim == 2:
                 return np.asarray(np.einsum("nij,nj->ni", self.whitener, a))
             return self.whitener @ a
+        if self.equal_sigma:
+            return a * (1.0 / self.sigma[0, 0])
         scale = 1.0 / self.sigma
         return a * (scale if a.ndim == 2 else scale[:, :, None])
+
+    @cached_property
+    def equal_sigma(self) -> bool:
+        """Whether one standard deviation holds for all."""
+        return bool(np.all(self.sigma == self.sigma[0, 0]))

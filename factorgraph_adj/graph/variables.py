@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 
+from ..entities import REFRACTION_OF_THE_NETWORK, Parameter
 from ..models.registry import VariableKind
-from ..network import REFRACTION_OF_THE_NETWORK, Network, Parameter
+from ..network import Network
 from ..rotation import retract_poses
 from ..types import Array, Index, Mask
 
@@ -95,6 +97,16 @@ class Unknowns:
                 rows = (table.offset >= 0) & (column < table.size)
                 self.free[table.offset[rows] + column] = table.free[rows, column]
         self.n_unknowns = int(self.free.sum())
+
+    @cached_property
+    def size_at(self) -> dict[int, int]:
+        """Number of columns of each variable, by its first column."""
+        return {
+            first: size
+            for table in self.tables.values()
+            for first, size in zip(table.offset.tolist(), table.size.tolist(), strict=True)
+            if first >= 0
+        }
 
     def __getitem__(self, kind: VariableKind) -> Variables:
         """Return the variables of one kind."""

@@ -16,17 +16,18 @@ from typing import Any, Literal, cast
 
 from ..check import check
 from ..ellipsoid import ELLIPSOIDS
+from ..entities import Camera
 from ..errors import InputError, Problem
 from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ..models.lens import LENSES, Lens
-from ..network import Camera, Network
+from ..network import Network
 from ..observations import OBSERVATIONS
 from ..units import LENGTH
+from .context import ImageAxes, RecordContext
 from .fields import sigma_fields, stand_in_sigma, unknown_field
 from .numbers import Units
 from .read_observations import ObservationsReader
 from .read_unknowns import Dimension, UnknownsReader
-from .records import ImageAxes, RecordContext
 from .tables import Row, Table, read_table
 
 TABLES = (

@@ -15,9 +15,9 @@ from ..observations import OBSERVATIONS, ControlPoint, Correlated, ImagePoint, O
 from ..types import Array
 from ..units import LENGTH
 from . import records
+from .context import ImageAxes, RecordContext
 from .fields import is_angle, known_fields, sigma_fields, stand_in_sigma
 from .read_unknowns import check_columns
-from .records import ImageAxes, RecordContext
 from .tables import Row, Table
 
 IMAGE_COLUMNS = ("photo", "point", "x", "y", "id", *sigma_fields("image"))

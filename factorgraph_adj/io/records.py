@@ -14,7 +14,6 @@ Lines. A record fills the fields of its kind:
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from itertools import product
 from typing import Any, cast
 
@@ -26,6 +25,7 @@ from ..stochastic import StandardDeviation
 from ..types import Array
 from ..units import ANGLE, LENGTH
 from . import numbers
+from .context import ImageAxes, RecordContext
 from .fields import (
     HEIGHTS,
     LEVER_ARM,
@@ -42,31 +42,6 @@ from .fields import (
 )
 from .numbers import Units
 from .tables import Row
-
-
-@dataclass(frozen=True)
-class ImageAxes:
-    """How image coordinates of one camera stand in files."""
-
-    unit: str = "mm"
-    """Unit: px or a length."""
-    y_down: bool = False
-    """Whether y points down (pixels from the upper left corner); inside it points up."""
-    sigma: Mapping[str, object] = field(default_factory=dict)
-    """Fields of the standard deviation where a record has none."""
-
-
-@dataclass(frozen=True)
-class RecordContext:
-    """What a record need not say itself."""
-
-    units: Units = field(default_factory=Units)
-    """Units of values."""
-    sigma: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
-    """Fields of the standard deviation by kind, where a record has none."""
-    images: Mapping[str, ImageAxes] = field(default_factory=dict)
-    """Axes of image coordinates by photo."""
-
 
 # -- record → observation -------------------------------------------------------------------------
 

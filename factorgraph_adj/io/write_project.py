@@ -10,15 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
+from ..entities import Camera, Parameter
 from ..errors import InputError, Problem
 from ..frames import Frame, GeocentricFrame, LocalFrame
-from ..network import Camera, Network, Parameter
+from ..network import Network
 from ..observations import ControlPoint, Observation
 from ..rotation import TURN_ABOUT_X, omega_phi_kappa, world_R_camera
 from ..types import Array
 from ..units import LENGTH
 from . import numbers, records
 from .atomic import write_files
+from .context import ImageAxes
 from .fields import COLUMNS
 from .numbers import Units
 from .read_observations import COVARIANCE_COLUMNS, IMAGE_COLUMNS
@@ -34,7 +36,6 @@ from .read_unknowns import (
     ROTATION,
     VERTICAL_COLUMNS,
 )
-from .records import ImageAxes
 from .tables import write_table
 
 Records = Iterator[dict[str, str]]

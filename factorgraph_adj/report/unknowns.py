@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 
+from ..entities import Camera
 from ..models.registry import VariableKind
-from ..network import Camera
 from ..quality.solution import CalibrationEstimate
 from ..units import format_angle
 from .context import Report

@@ -48,6 +48,10 @@ MOST_TRANSFORMATIONS = 20
 """Times that a solution is moved towards inner constraints; two or three suffice as a rule."""
 DOUBTFUL = 0.25
 """Part of the predicted decrease below which points follow a step of the cameras on their own."""
+FAST = 0.1
+"""Ratio of a step to the last one, below which it tells how far the next one will be."""
+CLOSE = 0.1
+"""Step relative to σ below which that is trusted, and no point passes a camera."""
 SHRINKING = 0.8
 """Ratio of a step to the last one, below which the iteration still converges."""
 WORTHWHILE = 1e-3
@@ -95,7 +99,7 @@ def adjust(
     *,
     datum: DatumChoice | None = None,
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
-    tolerance: float = 1e-4,
+    tolerance: float = 1e-5,
     max_iterations: int = 100,
     extra_factors: Sequence[gtsam.NonlinearFactor] = (),
     progress: Progress | None = None,
@@ -192,7 +196,9 @@ def _iterate(
             small = False
             if found is not None:
                 step, decrease, bound = found
-                moved = _before_the_cameras(run, run.equations.unknowns.retract(run.state, step))
+                moved = run.equations.unknowns.retract(run.state, step)
+                if bound > CLOSE:
+                    moved = _before_the_cameras(run, moved)
                 after = np.inf if moved is None else run.vtpv(moved)
                 gain = (vtpv - after) / decrease if decrease > 0 else 0.0
                 if gain < DOUBTFUL and bound > 1.0:
@@ -201,7 +207,10 @@ def _iterate(
                     after = run.vtpv(moved)
                     gain = (vtpv - after) / decrease if decrease > 0 else 0.0
                 still = decrease < 1e-12 * max(vtpv, 1e-12) and after <= vtpv * (1 + 1e-9)
-                small = damping == 0.0 and (bound < tolerance or still)
+                # What is left after this step, by the rate of convergence so far.
+                fast = np.isfinite(last) and bound < FAST * last and bound < CLOSE
+                left = bound * bound / last if fast else bound
+                small = damping == 0.0 and (left < tolerance or still)
                 if moved is not None and (small or gain > WORTHWHILE):
                     break
             damping = resume if damping == 0.0 else damping * growth
@@ -214,7 +223,7 @@ def _iterate(
         if progress is not None:
             progress(iteration, after, bound)
         if small:
-            return iteration, True, _at_rest(bound), after
+            return iteration, True, _at_rest(left), after
         slow = slow + 1 if vtpv - after < SLOW * vtpv and bound > SHRINKING * last else 0
         last = bound
         vtpv = after
@@ -238,7 +247,7 @@ def _drifting(run: _Run, bound: float) -> str:
 
 
 def _at_rest(bound: float) -> str:
-    return f"the last step moved no unknown by more than {bound:.1g} of its σ"
+    return f"at rest: no unknown is further than {bound:.1g} of its σ from the minimum"
 
 
 def _step(run: _Run, normal: NormalEquations, damping: float) -> tuple[Array, float, float] | None:

@@ -177,12 +177,7 @@ class Factor:
     def variances_of_blocks(self) -> dict[int, Array]:
         """Return the covariance of every variable of tree and border, by its first column."""
         out: dict[int, Array] = {}
-        unknowns = self.plan.unknowns
-        sizes = {
-            int(t.offset[i]): int(t.size[i])
-            for t in unknowns.tables.values()
-            for i in np.flatnonzero(t.offset >= 0)
-        }
+        sizes = self.plan.unknowns.size_at
         for (_, joint), c in zip(self.clique_covariances(), self.cliques, strict=True):
             at = 0
             while at < len(c.frontal):

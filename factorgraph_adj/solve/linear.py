@@ -14,7 +14,7 @@ import numpy as np
 
 from ..graph.blocks import Block
 from ..graph.equations import Equations
-from ..graph.variables import State, Unknowns
+from ..graph.variables import State, Unknowns, Variables
 from ..types import Array, Index
 
 
@@ -75,9 +75,7 @@ class LinearSystem:
                 a = block.whiten(jacobian)
                 if clustered is not None:
                     a[clustered] = jacobian[clustered]
-                k = a.shape[2]
-                if not table.free[:, :k].all():
-                    a = a * table.free[index, None, :k]
+                _mask(a, table, index)
                 whitened.append(a)
             self.blocks.append(LinearBlock(block, tuple(offsets), tuple(whitened)))
         if raw is not None:
@@ -133,9 +131,7 @@ class LinearSystem:
             rows = np.zeros((*lb.block.observed.shape, g.shape[1]))
             for offset, a in zip(lb.offsets, lb.a, strict=True):
                 if len(a):
-                    on = np.flatnonzero(offset >= 0)
-                    columns = offset[on, None] + np.arange(a.shape[2])
-                    rows[on] += a[on] @ g[columns]
+                    _add_product(rows, a, offset, g)
             out[lb.block.rows] = rows.reshape(-1, g.shape[1])
         for c in self.equations.clusters:
             out[c.rows] = c.whitener @ out[c.rows]
@@ -167,10 +163,50 @@ class LinearSystem:
         return out
 
 
+def _mask(a: Array, table: Variables, index: Index) -> None:
+    """Set the partials (n, d, k) by held components of variables with free ones to zero."""
+    active = table.offset >= 0
+    for j in range(a.shape[2]):
+        held = active & ~table.free[:, j]
+        if not held.any():
+            continue
+        if held.sum() == active.sum():
+            a[:, :, j] = 0.0
+        else:
+            a[held[index], :, j] = 0.0
+
+
+def _add_product(rows: Array, a: Array, offset: Index, g: Array) -> None:
+    """Add A G to rows (n, d, k), for partials (n, d, j) by the variable at each offset."""
+    starts = _runs(offset)
+    if len(starts) < len(offset) / 8:
+        # One photo or camera after the other: its part of G is the same in all its rows.
+        for start, stop in zip(starts, np.r_[starts[1:], len(offset)], strict=True):
+            first = offset[start]
+            if first >= 0:
+                rows[start:stop] += a[start:stop] @ g[first : first + a.shape[2]]
+        return
+    on = offset >= 0
+    for j in range(a.shape[2]):
+        rows += a[:, :, j, None] * np.where(on[:, None], g[np.maximum(offset + j, 0)], 0.0)[:, None]
+
+
+def _runs(offset: Index) -> Index:
+    """Return where runs of equal offsets start."""
+    return np.flatnonzero(np.r_[True, offset[1:] != offset[:-1]])
+
+
 def _add(out: Array, offset: Index, values: Array) -> None:
     """Add values (n, k) to the k columns from each offset; −1: nowhere."""
     on = offset >= 0
     if not on.all():
         offset, values = offset[on], values[on]
+    if not len(offset):
+        return
+    starts = _runs(offset)
+    if len(starts) < len(offset) / 8:
+        # Rows of one photo or camera lie together: sum them in one go.
+        values = np.add.reduceat(values, starts, axis=0)
+        offset = offset[starts]
     for j in range(values.shape[1]):
         out += np.bincount(offset + j, weights=values[:, j], minlength=len(out))

@@ -82,14 +82,14 @@ def make_plan(equations: Equations, *, reduce_points: bool, touched: Mask) -> Pl
         return make_plan(equations, reduce_points=False, touched=touched)
     in_border = np.full(unknowns.n_columns, -1, dtype=np.intp)
     in_border[border] = np.arange(len(border))
-    tree = tuple(
-        (kind, number)
-        for kind in ORDER
-        for number in np.flatnonzero(unknowns[kind].offset >= 0).tolist()
-        if in_border[unknowns[kind].offset[number]] < 0
-        and not (kind == "point" and reduced[number])
-    )
-    return Plan(unknowns, reduced, border, in_border, tree)
+    tree: list[tuple[VariableKind, int]] = []
+    for kind in ORDER:
+        offset = unknowns[kind].offset
+        inside = (offset >= 0) & (in_border[np.maximum(offset, 0)] < 0)
+        if kind == "point":
+            inside &= ~reduced
+        tree += [(kind, number) for number in np.flatnonzero(inside).tolist()]
+    return Plan(unknowns, reduced, border, in_border, tuple(tree))
 
 
 def _rays(block: Block, reduced: Mask) -> tuple[Index, Index]:

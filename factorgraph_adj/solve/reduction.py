@@ -220,20 +220,22 @@ class ReducedPoints:
         """Compute W of every ray (m, 3, width), and of every point and shared calibration."""
         rays = self.rays
         m = len(rays.point)
-        w = np.zeros((m, 3, rays.width)) if rays.width > 6 else np.empty((m, 3, 6))
+        # L⁻¹Jₚᵀ first: it is small, and W is its product with any other partials.
+        half = self._lower(j_point.transpose(0, 2, 1), rays.point)
+        self.w = np.zeros((m, 3, rays.width)) if rays.width > 6 else np.empty((m, 3, 6))
+        other = np.empty((m, 6))
         for axis in range(3):
-            w[:, axis, :6] = (
-                j_point[:, 0, axis, None] * j_pose[:, 0] + j_point[:, 1, axis, None] * j_pose[:, 1]
-            )
+            own = self.w[:, axis, :6]
+            np.multiply(half[:, axis, 0, None], j_pose[:, 0], out=own)
+            np.multiply(half[:, axis, 1, None], j_pose[:, 1], out=other)
+            own += other
         if rays.width > 6:
-            own = rays.own_rays
+            on = rays.own_rays
             k = j_lens.shape[2]
-            for axis in range(3):
-                w[own, axis, 6 : 6 + k] = (
-                    j_point[own, 0, axis, None] * j_lens[own, 0]
-                    + j_point[own, 1, axis, None] * j_lens[own, 1]
-                )
-        self.w = self._lower(w, rays.point)
+            self.w[on, :, 6 : 6 + k] = (
+                half[on, :, 0, None] * j_lens[on, 0, None]
+                + half[on, :, 1, None] * j_lens[on, 1, None]
+            )
         self.shared: list[Array] = []
         for r, points, place, columns in zip(
             rays.shared_rays,
@@ -246,11 +248,10 @@ class ReducedPoints:
             for axis in range(3):
                 for c in range(len(columns)):
                     product = (
-                        j_point[r, 0, axis] * j_lens[r, 0, c]
-                        + j_point[r, 1, axis] * j_lens[r, 1, c]
+                        half[r, axis, 0] * j_lens[r, 0, c] + half[r, axis, 1] * j_lens[r, 1, c]
                     )
                     e[:, axis, c] = np.bincount(place, weights=product, minlength=len(points))
-            self.shared.append(self._lower(e, points))
+            self.shared.append(e)
 
     def _normal(self, j_pose: Array, j_lens: Array, extra: Array) -> Array:
         """Return S (border, border)."""
@@ -279,7 +280,6 @@ class ReducedPoints:
                 block = -self._across(r, at, ws)
                 if rays.calibration[r.start] == which:
                     block += a.T @ b[:, : len(columns)]
-                    _scatter(s, columns, columns, b[:, : len(columns)].T @ b[:, : len(columns)])
                 _scatter(s, photo.columns, columns, block)
                 _scatter(s, columns, photo.columns, block.T)
         self._pairs(s)
@@ -287,7 +287,8 @@ class ReducedPoints:
             zip(self.shared, rays.shared_points, rays.shared_columns, strict=True)
         ):
             flat = ws.reshape(-1, ws.shape[2])
-            _scatter(s, columns, columns, -flat.T @ flat)
+            own = j_lens[rays.shared_rays[i], :, : len(columns)].reshape(-1, len(columns))
+            _scatter(s, columns, columns, own.T @ own - flat.T @ flat)
             for j in range(i):
                 at = shared_at[j][points]
                 on = at >= 0

@@ -49,13 +49,8 @@ class TreeFactors:
         """Turn the rows outside the first layer into GTSAM's Jacobian factors."""
         self.plan = plan
         self.system = system
-        unknowns = plan.unknowns
         # GTSAM's keys are first columns: they sort, and give the place of a block at once.
-        self.size = {
-            int(table.offset[i]): int(table.size[i])
-            for table in unknowns.tables.values()
-            for i in np.flatnonzero(table.offset >= 0)
-        }
+        self.size = plan.unknowns.size_at
         graph = gtsam.GaussianFactorGraph()
         clustered = system.equations.in_cluster
         for place, lb in enumerate(system.blocks):
