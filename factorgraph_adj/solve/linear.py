@@ -102,7 +102,7 @@ class LinearSystem:
             w = v[lb.block.rows].reshape(lb.block.observed.shape)
             for offset, a in zip(lb.offsets, lb.a, strict=True):
                 if len(a):
-                    _add(out, offset, np.einsum("ndk,nd->nk", a, w))
+                    _add(out, offset, (w[:, None, :] @ a)[:, 0])
         for e in self.extra:
             np.add.at(out, e.columns, e.a.T @ e.residual)
         return out

@@ -219,23 +219,15 @@ class ReducedPoints:
     def _rays(self, j_pose: Array, j_lens: Array, j_point: Array) -> None:
         """Compute W of every ray (m, 3, width), and of every point and shared calibration."""
         rays = self.rays
-        m = len(rays.point)
         # L⁻¹Jₚᵀ first: it is small, and W is its product with any other partials.
         half = self._lower(j_point.transpose(0, 2, 1), rays.point)
-        self.w = np.zeros((m, 3, rays.width)) if rays.width > 6 else np.empty((m, 3, 6))
-        other = np.empty((m, 6))
-        for axis in range(3):
-            own = self.w[:, axis, :6]
-            np.multiply(half[:, axis, 0, None], j_pose[:, 0], out=own)
-            np.multiply(half[:, axis, 1, None], j_pose[:, 1], out=other)
-            own += other
-        if rays.width > 6:
+        if rays.width == 6:
+            self.w = half @ j_pose
+        else:
+            self.w = np.zeros((len(half), 3, rays.width))
+            self.w[:, :, :6] = half @ j_pose
             on = rays.own_rays
-            k = j_lens.shape[2]
-            self.w[on, :, 6 : 6 + k] = (
-                half[on, :, 0, None] * j_lens[on, 0, None]
-                + half[on, :, 1, None] * j_lens[on, 1, None]
-            )
+            self.w[on, :, 6 : 6 + j_lens.shape[2]] = half[on] @ j_lens[on]
         self.shared: list[Array] = []
         for r, points, place, columns in zip(
             rays.shared_rays,
@@ -244,9 +236,9 @@ class ReducedPoints:
             rays.shared_columns,
             strict=True,
         ):
-            e = np.empty((len(points), 3, len(columns)))
+            e = np.zeros((len(points), 3, len(columns)))
             for axis in range(3):
-                for c in range(len(columns)):
+                for c in np.flatnonzero(rays.plan.unknowns.free[rays.plan.border[columns]]):
                     product = (
                         half[r, axis, 0] * j_lens[r, 0, c] + half[r, axis, 1] * j_lens[r, 1, c]
                     )

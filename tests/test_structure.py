@@ -1,0 +1,208 @@
+"""The package keeps its order: imports point one way, and only to what is declared."""
+
+from __future__ import annotations
+
+import ast
+import graphlib
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+PACKAGE = "factorgraph_adj"
+ROOT = Path(__file__).parent.parent / PACKAGE
+
+LAYERS: tuple[tuple[str, ...], ...] = (
+    ("errors", "types"),
+    ("units", "rotation", "ellipsoid"),
+    ("frames", "stochastic"),
+    ("models",),
+    ("observations", "entities"),
+    ("network",),
+    # The equations in arrays, which know nothing of GTSAM.
+    (
+        "graph.variables",
+        "graph.blocks",
+        "graph.weights",
+        "graph.make_blocks",
+        "graph.image_blocks",
+        "graph.equations",
+    ),
+    ("approximate",),
+    # The same equations as factors of GTSAM, which start at approximate values.
+    ("graph",),
+    # What a solve returns; it holds parts of the solver and names them for type checks only.
+    ("quality.solution",),
+    ("solve",),
+    ("quality",),
+    ("check",),
+    ("io",),
+    ("report", "experiment"),
+    ("cli",),
+)
+"""From the bottom up; the longest entry that a module's name starts with is its place. Modules
+of one entry may import one another, those of two entries of a line may not."""
+
+DECLARED = {"gtsam", "numpy", "scipy"}
+EXTRAS = {"rich", "matplotlib"}
+"""Optional; imported when they are needed."""
+
+
+@dataclass(frozen=True)
+class Import:
+    """One imported module, where it stands and whether only type checkers see it."""
+
+    module: str
+    line: int
+    in_function: bool
+    for_types: bool
+
+
+def _name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {_name(path): path for path in sorted(ROOT.rglob("*.py"))}
+SUBPACKAGES = {name for name, path in MODULES.items() if path.name == "__init__.py"}
+
+
+def _walk(
+    node: ast.AST, in_function: bool = False, for_types: bool = False
+) -> Iterator[tuple[ast.Import | ast.ImportFrom, bool, bool]]:
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.Import | ast.ImportFrom):
+            yield child, in_function, for_types
+        elif isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
+            for inner in child.body:
+                yield from _walk(ast.Module([inner], []), in_function, True)
+            yield from _walk(ast.Module(child.orelse, []), in_function, for_types)
+        else:
+            function = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+            yield from _walk(child, in_function or function, for_types)
+
+
+def _imports(name: str) -> list[Import]:
+    """Return what a module imports, with full names."""
+    found = []
+    for node, *where in _walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found += [Import(alias.name, node.lineno, *where) for alias in node.names]
+            continue
+        base = node.module or ""
+        if node.level:
+            here = [PACKAGE, *(name.split(".") if name else [])]
+            if name not in SUBPACKAGES:
+                here.pop()
+            here = here[: len(here) - (node.level - 1)]
+            base = ".".join([*here, base] if base else here)
+        for alias in node.names:
+            # `from ..models import position` imports a module, other names are of their module.
+            inner = f"{base}.{alias.name}".removeprefix(f"{PACKAGE}.")
+            full = f"{PACKAGE}.{inner}" if base.startswith(PACKAGE) and inner in MODULES else base
+            found.append(Import(full, node.lineno, *where))
+    return found
+
+
+def _inside(imported: Import) -> str | None:
+    """Return the name of a module of the package, none for others."""
+    if imported.module == PACKAGE:
+        return ""
+    if imported.module.startswith(f"{PACKAGE}."):
+        return imported.module.removeprefix(f"{PACKAGE}.")
+    return None
+
+
+def _place(module: str) -> tuple[int, str]:
+    """Return the layer of a module and the entry that puts it there."""
+    fitting = [
+        (len(entry), number, entry)
+        for number, entries in enumerate(LAYERS)
+        for entry in entries
+        if module == entry or module.startswith(f"{entry}.")
+    ]
+    assert fitting, f"{module} has no place in LAYERS"
+    _, number, entry = max(fitting)
+    return number, entry
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if name])
+def test_imports_point_one_way(name):
+    layer, entry = _place(name)
+    wrong = []
+    for imported in _imports(name):
+        inner = _inside(imported)
+        if inner is None or imported.for_types:
+            continue
+        assert inner in MODULES, f"line {imported.line} imports {imported.module}"
+        other, other_entry = _place(inner) if inner else (len(LAYERS), "")
+        same = entry == other_entry or (layer == other and name.split(".")[0] == "graph")
+        if other > layer or (other == layer and not same):
+            wrong.append(f"line {imported.line} imports {inner or PACKAGE}")
+    assert not wrong
+
+
+def test_no_modules_import_one_another_in_a_circle():
+    graph = {
+        name: {
+            inner
+            for imported in _imports(name)
+            if not imported.for_types and (inner := _inside(imported)) is not None
+        }
+        for name in MODULES
+    }
+    assert len(list(graphlib.TopologicalSorter(graph).static_order())) == len(MODULES)
+
+
+def test_every_entry_of_the_layers_is_a_module():
+    assert {entry for entries in LAYERS for entry in entries} <= set(MODULES)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_a_module_imports_only_what_is_declared(name):
+    for imported in _imports(name):
+        top = imported.module.split(".")[0]
+        if top in EXTRAS:
+            assert name.split(".")[0] in ("cli", "report"), f"line {imported.line}: {top}"
+            assert imported.in_function or imported.for_types, f"line {imported.line}: {top}"
+        else:
+            allowed = top == PACKAGE or top in DECLARED or top in sys.stdlib_module_names
+            assert allowed, f"line {imported.line}: {top}"
+
+
+def test_only_graph_and_solve_know_gtsam():
+    users = {n for n in MODULES for i in _imports(n) if i.module.split(".")[0] == "gtsam"}
+    assert users
+    assert {name.split(".")[0] for name in users} <= {"graph", "solve"}
+
+
+def test_only_one_module_makes_custom_factors():
+    text = {name: path.read_text(encoding="utf-8") for name, path in MODULES.items()}
+    assert [name for name in MODULES if "CustomFactor" in text[name]] == ["graph.factors"]
+
+
+ALONE = """
+import importlib, sys
+for name in sys.argv[2:]:
+    for loaded in [m for m in sys.modules if m.split(".")[0] == sys.argv[1]]:
+        del sys.modules[loaded]
+    importlib.import_module(name)
+package = importlib.import_module(sys.argv[1])
+for public in getattr(package, "__all__", ()):
+    getattr(package, public)
+"""
+
+
+def test_every_module_can_be_imported_alone_and_every_public_name_resolves():
+    names = [f"{PACKAGE}.{name}" if name else PACKAGE for name in MODULES]
+    ran = subprocess.run(
+        [sys.executable, "-c", ALONE, PACKAGE, *names],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT.parent,
+    )
+    assert ran.returncode == 0, ran.stderr
