@@ -5,8 +5,9 @@ A `Network` holds them by name; names that refer to another entity are checked t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -69,8 +70,7 @@ class Photo:
     rotation: Array | None = None
     """world_R_camera (3, 3), axes of the camera x right, y down, z forward."""
     fixed: tuple[bool, ...] = (False,) * 6
-    """Held: rotations about the camera's axes and X, Y, Z of the centre (all six or none, or
-    one component of the centre at a time with the rotation free)."""
+    """Held: the three rotations (together), and X, Y, Z of the centre (each by itself)."""
     sigma_position: tuple[float, float, float] | None = None
     """Standard deviations of a weighted projection centre, metres."""
     sigma_attitude: float | None = None
@@ -129,10 +129,10 @@ class ImageTable:
         return self.photo[0], self.point[0], self.xy[0], self.sigma[0]
 
 
-def triple(value: object, what: str, where: str) -> tuple[float, float, float]:
+def triple(value: Any, what: str, where: str) -> tuple[float, float, float]:
     """Return three floats; NaN allowed for unknown components."""
     try:
-        out = tuple(float(v) for v in value)  # type: ignore[attr-defined]
+        out = tuple(float(v) for v in value)
     except (TypeError, ValueError):
         raise InputError(Problem(f"{what} must be three numbers, not {value!r}", where)) from None
     if len(out) != 3:
@@ -142,11 +142,11 @@ def triple(value: object, what: str, where: str) -> tuple[float, float, float]:
     return out
 
 
-def sigmas(value: float | Iterable[float] | None, size: int, where: str) -> tuple[float, ...]:
+def sigmas(value: Any, size: int, where: str) -> tuple[float, ...]:
     """Return ``size`` standard deviations > 0; infinite: no weight."""
     if value is None:
         return (np.inf,) * size
-    given = np.asarray(value if np.ndim(value) else [value] * size, dtype=float)  # type: ignore[arg-type]
+    given = np.asarray(value if np.ndim(value) else [value] * size, dtype=float)
     if given.shape != (size,) or np.any(np.isnan(given)) or np.any(given <= 0):
         raise InputError(
             Problem(f"standard deviations must be {size} numbers > 0, not {value}", where)
@@ -160,6 +160,7 @@ def parameter(
     sigma: float | Sequence[float] | None,
     where: str,
 ) -> Parameter:
+    """Check and return a small unknown, all of it held, weighted or free."""
     if not np.all(np.isfinite(values)):
         raise InputError(Problem(f"values must be finite, not {values}", where))
     if fixed and sigma is not None:

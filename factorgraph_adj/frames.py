@@ -8,8 +8,8 @@ the position X of the station and on its deflections (ξ, η) from the normal of
     n = (−sinΦ cosΛ, −sinΦ sinΛ, cosΦ)
     u = ( cosΦ cosΛ,  cosΦ sinΛ, sinΦ)
 
-Geocentric and topocentric: Φ₀, Λ₀ are geodetic latitude and longitude. Local: the frame is laid where
-Φ₀ = Λ₀ = 0, so that e, n, u are its axes, tilted by 1/R per metre where the curvature of the
+Geocentric and topocentric: Φ₀, Λ₀ are geodetic latitude and longitude. Local: the frame is laid
+where Φ₀ = Λ₀ = 0, so that e, n, u are its axes, tilted by 1/R per metre where the curvature of the
 Earth is switched on; there is then no singularity and no convergence of meridians.
 A rotation of (e, n, u) with the station is part of the model, so that results do not
 depend on approximate coordinates.

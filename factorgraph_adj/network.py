@@ -100,7 +100,8 @@ class Network:
         self._new(name, self.points, "point")
         if not set(fixed) <= set("xyz"):
             raise InputError(Problem(f"fixed must be some of x, y, z, not {fixed!r}", where))
-        xyz = (np.nan,) * 3 if coordinates is None else triple(coordinates, "coordinates", where)
+        unknown = (np.nan, np.nan, np.nan)
+        xyz = unknown if coordinates is None else triple(coordinates, "coordinates", where)
         held = ("x" in fixed, "y" in fixed, "z" in fixed)
         weights = None if sigma is None else sigmas(sigma, 3, where)
         for i, axis in enumerate("xyz"):
@@ -108,7 +109,7 @@ class Network:
                 raise InputError(Problem(f"{axis} is held or weighted but has no value", where))
         self.points[name] = Point(
             name,
-            xyz,  # type: ignore[arg-type]
+            xyz,
             held,
             weights,  # type: ignore[arg-type]
             datum,
@@ -217,7 +218,7 @@ class Network:
             position: projection centre, metres; none: found by resection.
             omega_phi_kappa: ω, φ, κ, radians, R = R1(ω) R2(φ) R3(κ) photogrammetric → object.
             rotation: instead, world_R_camera (3, 3) with x right, y down, z forward.
-            fixed: hold all of it, or six flags (rotation about three axes, X, Y, Z).
+            fixed: hold all of it, or six flags (the three rotations together, X, Y, Z).
             sigma_position: standard deviation of a weighted centre, metres.
             sigma_attitude: standard deviation of a weighted attitude, radians.
         """
@@ -246,6 +247,10 @@ class Network:
         held = (bool(fixed),) * 6 if isinstance(fixed, bool) else tuple(map(bool, fixed))
         if len(held) != 6:
             raise InputError(Problem("fixed must be true, false or six flags", where))
+        if any(held[:3]) != all(held[:3]):
+            raise InputError(
+                Problem("hold all three rotations of a photo or none: they do not commute", where)
+            )
         weighted = sigma_position is not None or sigma_attitude is not None
         if (any(held) or weighted) and (at is None or rotation is None):
             raise InputError(Problem("a held or weighted photo needs its orientation", where))
@@ -343,7 +348,10 @@ class Network:
         sigma = sigmas(given, 2, where)
         self.distance_meters[name] = Parameter(
             (float(scale), float(zero)),
-            tuple(n not in asked and s == np.inf for n, s in zip(("scale", "zero"), sigma)),
+            tuple(
+                n not in asked and s == np.inf
+                for n, s in zip(("scale", "zero"), sigma, strict=True)
+            ),
             sigma,
         )
 
@@ -410,7 +418,8 @@ class Network:
             (~np.isfinite(weights).all(axis=1), "sigma must be a finite number"),
         ):
             problems += [
-                Problem(what, f"image point {photo}/{points[i]}") for i in np.flatnonzero(bad)
+                Problem(what, f"image point {photo}/{points[i]}")
+                for i in np.flatnonzero(bad).tolist()
             ]
         if problems:
             raise InputError(problems)
@@ -504,8 +513,8 @@ class Network:
         if name in names:
             raise InputError(Problem(f"duplicate name of a {what}", f"{what} {name!r}"))
 
-    def _known(self, name: str, names: Iterable[str], what: str, where: str) -> None:
-        if name not in names:  # type: ignore[operator]
+    def _known(self, name: str, names: Mapping[str, object], what: str, where: str) -> None:
+        if name not in names:
             raise InputError(Problem(f"unknown {what} {name!r}; known: {known(names)}", where))
 
     def __repr__(self) -> str:

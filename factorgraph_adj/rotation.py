@@ -103,7 +103,7 @@ def log_rotation(r: Array) -> Array:
 
 
 def right_jacobian_inverse(w: Array) -> Array:
-    """Return J_r⁻¹(w) (n, 3, 3): Log(Exp(w) Exp(δ)) = w + J_r⁻¹(w) δ + …"""
+    """Return J_r⁻¹(w) (n, 3, 3): Log(Exp(w) Exp(δ)) = w + J_r⁻¹(w) δ + ⋯."""
     angle2 = np.sum(w * w, axis=-1)
     small = angle2 < 1e-8
     safe = np.where(small, 1.0, angle2)

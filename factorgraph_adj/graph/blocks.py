@@ -106,7 +106,7 @@ class Block:
         if self.whitener is not None:
             if a.ndim == 2:
                 return np.asarray(np.einsum("nij,nj->ni", self.whitener, a))
-            return self.whitener @ a
+            return np.asarray(self.whitener @ a)
         if self.equal_sigma:
             return a * (1.0 / self.sigma[0, 0])
         scale = 1.0 / self.sigma

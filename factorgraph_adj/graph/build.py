@@ -11,10 +11,11 @@ import numpy as np
 from ..network import Network
 from ..types import Array
 from .blocks import Block
-from .equations import Cluster, Equations, compile_network
+from .equations import Equations, compile_network
 from .factors import Part, held_factor, observation_factor
 from .keys import KeyMap, values_of
 from .variables import State
+from .weights import Cluster
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ class _ImageIds:
 
 
 def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
+    """Image coordinates, photo by photo within a lens model."""
     photo, point, xy, sigma = network.images.columns()
     if not len(photo):
         return

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
+from typing import Any, cast
 
 import numpy as np
 
@@ -41,6 +43,7 @@ def _by_kind(network: Network) -> dict[str, list[tuple[str, Observation]]]:
 
 
 def plain_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
+    """Observations of the kinds that have a model of their own."""
     for name, group in _by_kind(network).items():
         kind = KINDS.get(name)
         if kind is None:
@@ -67,7 +70,7 @@ def plain_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
             name,
             kind.unit,
             variables,
-            np.array([o.value for o in observations], dtype=float).reshape(n, d),  # type: ignore[attr-defined]
+            np.array([o.value for o in cast(Any, observations)], dtype=np.float64).reshape(n, d),
             sigma,
             [ident for ident, _ in group],
             observations[0].components,
@@ -156,18 +159,22 @@ def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
                 [f"weighted {i}" for i in ids],
             )
             continue
-        yield Block(
-            f"weighted_{kind}",
-            "mixed",
-            ((kind, numbers.astype(np.intp)),),
-            values[:, None],
-            sigma[:, None],
-            ids,
-            ("",),
-            [f"weighted {i}" for i in ids].__getitem__,
-            model=position.component,
-            constants={"which": which.astype(float)},
-        )
+        # Variables of one size at a time: calibrations of different lens models are not alike.
+        for size in np.unique(table.size[numbers]):
+            at = np.flatnonzero(table.size[numbers] == size)
+            chosen = [ids[i] for i in at]
+            yield Block(
+                f"weighted_{kind}",
+                "mixed",
+                ((kind, numbers[at].astype(np.intp)),),
+                values[at, None],
+                sigma[at, None],
+                chosen,
+                ("",),
+                [f"weighted {i}" for i in chosen].__getitem__,
+                model=partial(position.component, size=int(size)),
+                constants={"which": which[at].astype(float)},
+            )
 
 
 def _weighted_poses(unknowns: Unknowns, weighted: Mask) -> Iterable[Block]:

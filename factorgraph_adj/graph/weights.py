@@ -52,12 +52,19 @@ def weigh(network: Network, block: Block, state: State) -> Block:
     if block.kind not in KINDS or block.whitener is not None or block.dimension > 1:
         return block
     observations = [network.observations[i] for i in block.ids]
+    # The standard deviation of a clustered observation is that of its cluster.
+    clustered = {ident for ids, _ in network.clusters for ident in ids}
     sigmas = [
         None if isinstance(o, AstronomicLatitude) else o.sigma  # type: ignore[attr-defined]
         for o in observations
     ]
     rows = np.array(
-        [i for i, s in enumerate(sigmas) if isinstance(s, StandardDeviation)], dtype=np.intp
+        [
+            i
+            for i, s in enumerate(sigmas)
+            if isinstance(s, StandardDeviation) and block.ids[i] not in clustered
+        ],
+        dtype=np.intp,
     )
     if not len(rows):
         return block
@@ -112,7 +119,7 @@ def weigh(network: Network, block: Block, state: State) -> Block:
         variance = constant**2 + (ci**2 + ct**2) / level**2
     problems = [
         Problem("the standard deviation is zero here: none of its parts applies", part.labels(i))
-        for i in np.flatnonzero(~(variance > 0))
+        for i in np.flatnonzero(~(variance > 0)).tolist()
     ]
     if problems:
         raise InputError(problems)

@@ -50,7 +50,7 @@ def image(
         DegenerateError: a point lies in the focal plane. Points behind the camera are computed
             (an iteration may pass there); `depth` tells.
     """
-    rotation, centre = split_pose(pose)
+    _, centre = split_pose(pose)
     d = point - centre
     r = [[pose[:, 3 * i + j] for j in range(3)] for i in range(3)]
     px, py, pz = (d[:, 0] * r[0][j] + d[:, 1] * r[1][j] + d[:, 2] * r[2][j] for j in range(3))

@@ -101,9 +101,14 @@ def photo_attitude(frame: Frame, pose: Array, *, observed: Array, reference: Arr
     return Linearised(w - observed, (jacobian,))
 
 
-def component(frame: Frame, value: Array, *, observed: Array, which: Array) -> Linearised:
-    """Compute value[which] − observed: a weighted component of a vector variable, (n, 1)."""
-    one = np.zeros((len(value), 1, value.shape[1]))
+def component(
+    frame: Frame, value: Array, *, observed: Array, which: Array, size: int
+) -> Linearised:
+    """Compute value[which] − observed: a weighted component of a vector variable, (n, 1).
+
+    ``size`` is the number of components of the variable; stored values may be wider.
+    """
+    one = np.zeros((len(value), 1, size))
     rows = np.arange(len(value))
     index = which.astype(int)
     one[rows, 0, index] = 1.0

@@ -22,7 +22,7 @@ _STEEPEST = 1e-9
 
 
 def _length(q: Array) -> Array:
-    s = np.sqrt(np.sum(q * q, axis=1))
+    s: Array = np.sqrt(np.sum(q * q, axis=1))
     require(s > _SHORTEST, NO_LENGTH)
     return s
 

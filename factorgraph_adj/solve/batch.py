@@ -21,7 +21,7 @@ from ..models.image import depth
 from ..network import DatumChoice, Network
 from ..quality.solution import Solution
 from ..types import Array, Mask
-from .datum import Defect, FreeDatum, find_defects, generators, minimal_datum, transform
+from .datum import Defect, FreeDatum, find_defects, minimal_datum, transform
 from .inner import follow
 from .linear import ExtraRows
 from .normal import NormalEquations, Solver
@@ -46,6 +46,8 @@ SLOW = 1e-6
 """Relative decrease of vᵀPv of a step, below which several in a row lead nowhere."""
 MOST_TRANSFORMATIONS = 20
 """Times that a solution is moved towards inner constraints; two or three suffice as a rule."""
+CARRIED = 1e-12
+"""Motion that is left, relative to the coordinates, where a solution is on its constraints."""
 DOUBTFUL = 0.25
 """Part of the predicted decrease below which points follow a step of the cameras on their own."""
 FAST = 0.1
@@ -70,6 +72,7 @@ class _Run:
     constraint: Array
     datum: FreeDatum | None = None
     defects: tuple[Defect, ...] = ()
+    at_solution: NormalEquations | None = None
 
     @property
     def equations(self) -> Equations:
@@ -83,6 +86,12 @@ class _Run:
             ExtraRows(columns, a, residual)
             for columns, a, residual in linearise_extra(self.factors, self.equations, state)
         ]
+
+    def normal(self) -> NormalEquations:
+        """Return the normal equations at the solution."""
+        if self.at_solution is None:
+            self.at_solution = NormalEquations(self.solver, self.state, self.extra(self.state))
+        return self.at_solution
 
     def vtpv(self, state: State) -> float:
         """Return vᵀPv; infinite where a sight has no answer."""
@@ -151,7 +160,7 @@ def adjust(
         run.solver = Solver.of(equations, run.extra(state))
     iterations, converged, reason, vtpv = _iterate(run, tolerance, max_iterations, progress)
     if run.datum is not None:
-        _carry_to_datum_points(run)
+        vtpv = _carry_to_datum_points(run, tolerance, converged)
     _refuse_points_behind(equations, run.state)
     return Solution(
         network=network,
@@ -165,7 +174,7 @@ def adjust(
         defects=run.defects,
         variance=variance,
         n_extra=sum(len(e.residual) for e in run.extra(run.state)),
-        normal=lambda: NormalEquations(run.solver, run.state, run.extra(run.state)),
+        normal=run.normal,
         constraint=run.constraint,
     )
 
@@ -216,6 +225,10 @@ def _iterate(
             damping = resume if damping == 0.0 else damping * growth
             growth *= 2.0
             if damping > MOST_DAMPING:
+                # No step can be told from rounding: at rest, if the undamped one is small.
+                found = _step(run, normal, 0.0)
+                if found is not None and found[2] < tolerance:
+                    return iteration, True, _at_rest(found[2]), vtpv
                 _explain(run, normal)
                 reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
                 return iteration, False, reason, vtpv
@@ -312,24 +325,36 @@ def _settle_datum(run: _Run, normal: NormalEquations) -> None:
     columns = _datum_columns(run.equations, motions)
     held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
     run.constraint[held] = normal.diagonal[held]
-    run.datum = FreeDatum(defects[0].mixture, motions, columns)
+    run.datum = FreeDatum(motions, columns)
 
 
-def _carry_to_datum_points(run: _Run) -> None:
-    """Move the solution onto the inner constraints, and renew them there."""
+def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> float:
+    """Move the solution onto the inner constraints, at rest there too; return vᵀPv.
+
+    The motions of the defect are renewed at every state: inner constraints and covariances
+    belong to those at the solution.
+    """
     assert run.datum is not None
     for _ in range(MOST_TRANSFORMATIONS):
-        motions = generators(run.equations, run.state) @ run.datum.mixture
-        run.datum = FreeDatum(run.datum.mixture, motions, run.datum.columns)
-        t = run.datum.project(_difference(run, run.state))
-        run.state = transform(run.equations, run.state, run.datum.mixture @ t)
-        if np.abs(motions @ t).max() < 1e-12 * (1.0 + np.abs(run.state["point"]).max()):
+        normal = NormalEquations(run.solver, run.state, run.extra(run.state))
+        run.at_solution = normal
+        found = find_defects(normal.system, run.state, normal.diagonal)
+        if len(found) != 1 or found[0].size != run.datum.motions.shape[1]:
             break
-    normal = NormalEquations(run.solver, run.state, run.extra(run.state))
-    found = find_defects(normal.system, run.state, normal.diagonal)
-    if len(found) == 1 and found[0].size == run.datum.mixture.shape[1]:
         run.defects = tuple(found)
-        run.datum = FreeDatum(found[0].mixture, found[0].motions, run.datum.columns)
+        run.datum = FreeDatum(found[0].motions, run.datum.columns)
+        if at_rest:
+            step = _step(run, normal, 0.0)
+            if step is not None and step[2] > tolerance:
+                run.state = run.equations.unknowns.retract(run.state, step[0])
+                continue
+        amounts = run.datum.project(_difference(run, run.state))
+        shift = float(np.abs(run.datum.motions @ amounts).max())
+        if shift < CARRIED * (1.0 + float(np.abs(run.state["point"]).max())):
+            break
+        run.state = transform(run.equations, run.state, found[0], amounts)
+        run.at_solution = None
+    return run.vtpv(run.state)
 
 
 def _datum_columns(equations: Equations, motions: Array) -> Mask:

@@ -39,7 +39,7 @@ MOTIONS = (
     "rotation about z",
     "scale",
 )
-UNNOTICED = 1e-9
+UNNOTICED = 1e-7
 """|A g| relative to that of independent unknowns, below which a motion goes unnoticed."""
 GEOMETRIC = ("point", "pose", "orientation", "vertical")
 
@@ -256,31 +256,39 @@ def minimal_datum(motions: Array, datum: Mask) -> Index:
     return np.asarray(candidates[order[: motions.shape[1]]], dtype=np.intp)
 
 
-def transform(equations: Equations, state: State, motion: Array) -> State:
-    """Move the whole object by a finite similarity transformation.
+def transform(equations: Equations, state: State, defect: Defect, amounts: Array) -> State:
+    """Move the part of a defect by a finite similarity transformation.
 
-    Points and projection centres: X ← c + e^s R (X − c) + t; attitudes turn with R; orientation
-    unknowns, verticals and scales of distance meters follow as in `generators`.
+    Points and projection centres: X ← c + e^s R (X − c) + t; attitudes turn with R. Orientation
+    unknowns, verticals and scales of distance meters follow linearly; what is then left to do
+    for them, and where a mixture of motions does not commute, is for the next step.
 
     Args:
         equations: the network.
         state: what is moved.
-        motion: amounts of the seven motions of `generators`, (7,).
+        defect: the motions that may be used, found at ``state``.
+        amounts: how far along each of them, (d,).
     """
-    g, centre, size = _generators(equations, state)
-    moved = equations.unknowns.retract(state, g @ motion)
+    _, centre, size = _generators(equations, state)
+    motion = defect.mixture @ amounts
+    moved = equations.unknowns.retract(state, defect.motions @ amounts)
     rotation = exp_rotation(motion[3:6] / size)
     factor = np.exp(motion[6] / size)
+    inside = np.zeros(equations.unknowns.n_columns + 1, dtype=bool)
+    inside[defect.part] = True
 
     def place(x: Array) -> Array:
         return np.asarray(centre + factor * (x - centre) @ rotation.T + motion[:3])
 
-    free = equations.unknowns["point"].free
-    points = np.where(free, place(state["point"]), state["point"])
-    poses = state["pose"].copy()
-    on = equations.unknowns["pose"].offset >= 0
-    poses[on, :9] = (rotation @ poses[on, :9].reshape(-1, 3, 3)).reshape(-1, 9)
-    poses[on, 9:] = place(poses[on, 9:])
+    table = equations.unknowns["point"]
+    on = inside[table.offset] & (table.offset >= 0)
+    points = np.where(on[:, None] & table.free, place(state["point"]), moved["point"])
+    table = equations.unknowns["pose"]
+    on = inside[table.offset] & (table.offset >= 0) & table.free.all(axis=1)
+    poses = moved["pose"].copy()
+    turned = rotation @ state["pose"][on, :9].reshape(-1, 3, 3)
+    poses[on, :9] = turned.reshape(-1, 9)
+    poses[on, 9:] = place(state["pose"][on, 9:])
     return {**moved, "point": points, "pose": poses}
 
 
@@ -288,10 +296,8 @@ def transform(equations: Equations, state: State, motion: Array) -> State:
 class FreeDatum:
     """Inner constraints over datum points."""
 
-    mixture: Array
-    """The unnoticed motions as combinations of the seven, (7, d)."""
     motions: Array
-    """G, the same for every unknown (n_columns, d)."""
+    """G, unnoticed motions (n_columns, d)."""
     columns: Mask
     """Coordinates of the datum points among the columns, (n_columns,)."""
 

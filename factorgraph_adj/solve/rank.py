@@ -14,7 +14,7 @@ from .factor import Factor
 from .linear import LinearSystem
 from .plan import make_plan
 from .reduction import Rays
-from .tree import TreeFactors
+from .tree import SingularError, TreeFactors
 
 REGULARISED = 1e-10
 """Share of its diagonal added to N to make it invertible for the search."""
@@ -77,7 +77,10 @@ def undetermined(
         diagonal: that of N, (n_columns,).
         defects: its datum defects.
     """
-    z = null_space(system, diagonal)
+    try:
+        z = null_space(system, diagonal)
+    except SingularError:  # nothing more is to be learnt than the defects of datum
+        z = np.zeros((len(diagonal), 0))
     if z.shape[1] == 0 and not defects:
         return None
     unknowns = system.unknowns
@@ -119,7 +122,8 @@ def describe_defects(unknowns: Unknowns, defects: Sequence[Defect]) -> list[str]
     for d in defects:
         found = dict.fromkeys(_names_in(unknowns, d.part))
         some = ", ".join(list(found)[:6]) + (" …" if len(found) > 6 else "")
-        which = f" of the part with {some}" if len(defects) > 1 else ""
+        whole = len(found) == len(_names_in(unknowns, np.arange(unknowns.n_columns)))
+        which = "" if whole else f" of the part with {some}"
         lines.append(f"datum defect {d.size}{which}: missing {', '.join(d.names())}")
     return lines
 

@@ -23,12 +23,12 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 
-from .worker import LADYBUG, ROMA, Measured, data_is_here
+from .worker import LADYBUG, ROMA, Measured
 
 ROOT = Path(__file__).resolve().parents[2]
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 GROWTH = (10_000, 30_000, 100_000, 300_000, 1_000_000)
-GRIDS = (100, 1_000, 10_000)
+GRIDS = (100, 1_024, 10_000)
 LONGEST = 1800
 """Seconds after which a run is given up."""
 
@@ -59,7 +59,7 @@ def run(cores: set[int], job: str, *arguments: int) -> Measured | None:
 
 def against_colmap(cores: set[int], rounds: int, job: str, data: Path) -> None:
     """Alternate between us and pycolmap; print every run, medians and ratio."""
-    if not data_is_here(data):
+    if not data.exists():
         print(f"  skipped: {data} is not there (set FACTORGRAPH_ADJ_DATA)")
         return
     jobs = [job]

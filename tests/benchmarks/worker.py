@@ -118,10 +118,5 @@ def main(job: str, size: int = 0) -> Measured:
     raise SystemExit(f"unknown job {job!r}")
 
 
-def data_is_here(path: Path) -> bool:
-    """Return whether measurements are there."""
-    return path.exists()
-
-
 if __name__ == "__main__":
     print(json.dumps(asdict(main(sys.argv[1], *map(int, sys.argv[2:])))))
