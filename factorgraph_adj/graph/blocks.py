@@ -108,9 +108,9 @@ class Block:
                 return np.asarray(np.einsum("nij,nj->ni", self.whitener, a))
             return np.asarray(self.whitener @ a)
         if self.equal_sigma:
-            return a * (1.0 / self.sigma[0, 0])
+            return np.asarray(a * (1.0 / self.sigma[0, 0]))
         scale = 1.0 / self.sigma
-        return a * (scale if a.ndim == 2 else scale[:, :, None])
+        return np.asarray(a * (scale if a.ndim == 2 else scale[:, :, None]))
 
     @cached_property
     def equal_sigma(self) -> bool:

@@ -77,7 +77,7 @@ class Unknowns:
             names, values, sizes, free, sigma = _RAW[kind](network)
             active = free.any(axis=1)
             columns = np.where(active, sizes, 0)
-            offset = first + np.concatenate([[0], np.cumsum(columns)[:-1]]) if len(names) else []
+            offset = first + np.cumsum(columns) - columns
             tables[kind] = Variables(
                 kind,
                 tuple(names),
@@ -145,7 +145,7 @@ class Unknowns:
         table = self.tables[kind]
         if table.offset[number] < 0:
             return np.zeros(0, dtype=np.intp)
-        return table.offset[number] + np.arange(table.size[number])
+        return np.asarray(table.offset[number] + np.arange(table.size[number]), dtype=np.intp)
 
     def component_names(self, kind: VariableKind, number: int) -> tuple[str, ...]:
         """Return the names of the components of one variable."""

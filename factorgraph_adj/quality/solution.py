@@ -221,7 +221,7 @@ class Solution:
 
     def point(self, name: str) -> Array:
         """Return the adjusted coordinates of a point, (3,) metres."""
-        return self.state["point"][self._number("point", name)].copy()
+        return np.array(self.state["point"][self._number("point", name)])
 
     def pose(self, photo: str) -> PoseEstimate:
         """Return the adjusted exterior orientation of a photo."""

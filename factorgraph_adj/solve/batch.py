@@ -205,21 +205,14 @@ def _iterate(
             small = False
             if found is not None:
                 step, decrease, bound = found
-                moved = run.equations.unknowns.retract(run.state, step)
-                if bound > CLOSE:
-                    moved = _before_the_cameras(run, moved)
-                after = np.inf if moved is None else run.vtpv(moved)
+                moved, after = _moved(run, step, bound, vtpv - DOUBTFUL * decrease)
                 gain = (vtpv - after) / decrease if decrease > 0 else 0.0
-                if gain < DOUBTFUL and bound > 1.0:
-                    plain = run.equations.unknowns.retract(run.state, step)
-                    moved = follow(run.equations, run.solver.plan, run.state, plain)
-                    after = run.vtpv(moved)
-                    gain = (vtpv - after) / decrease if decrease > 0 else 0.0
                 still = decrease < 1e-12 * max(vtpv, 1e-12) and after <= vtpv * (1 + 1e-9)
                 # What is left after this step, by the rate of convergence so far.
                 fast = np.isfinite(last) and bound < FAST * last and bound < CLOSE
                 left = bound * bound / last if fast else bound
-                small = damping == 0.0 and (left < tolerance or still)
+                no_worse = after <= vtpv + 1e-6 * (1.0 + vtpv)
+                small = damping == 0.0 and (still or (left < tolerance and no_worse))
                 if moved is not None and (small or gain > WORTHWHILE):
                     break
             damping = resume if damping == 0.0 else damping * growth
@@ -282,8 +275,23 @@ def _step(run: _Run, normal: NormalEquations, damping: float) -> tuple[Array, fl
     y = -normal.gradient[:, None]
     step = factor.solve(y)[:, 0]
     decrease = float(-normal.gradient @ step + step @ (weights * step))
-    bound = float(np.sqrt(max(-normal.gradient @ step, 0.0)))
+    bound = float(np.sqrt(max(float(-normal.gradient @ step), 0.0)))
     return step, decrease, bound
+
+
+def _moved(run: _Run, step: Array, bound: float, expected: float) -> tuple[State | None, float]:
+    """Return the state after a step, and its vᵀPv; none and infinite where there is none.
+
+    Where vᵀPv is not below what is ``expected``, points follow the cameras on their own.
+    """
+    plain = run.equations.unknowns.retract(run.state, step)
+    moved = _before_the_cameras(run, plain) if bound > CLOSE else plain
+    after = np.inf if moved is None else run.vtpv(moved)
+    if after > expected and bound > 1.0 and run.solver.plan.reduced.any():
+        moved = follow(run.equations, run.solver.plan, run.state, plain)
+        moved = _before_the_cameras(run, moved)
+        after = np.inf if moved is None else run.vtpv(moved)
+    return moved, after
 
 
 def _difference(run: _Run, state: State) -> Array:
@@ -367,7 +375,7 @@ def _datum_columns(equations: Equations, motions: Array) -> Mask:
     for axis in range(3):
         chosen[table.offset[on] + axis] = True
     chosen &= unknowns.free
-    if np.linalg.matrix_rank(motions[chosen]) < motions.shape[1]:
+    if int(np.linalg.matrix_rank(motions[chosen])) < motions.shape[1]:
         raise DatumError(
             f"the datum points ({int(on.sum())}) cannot carry a datum with "
             f"{motions.shape[1]} defects: flag more points, not on one line",

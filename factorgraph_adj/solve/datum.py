@@ -117,11 +117,11 @@ def _turn_stations(
         np.einsum("ni,nij->nj", enu[:, 0], turned) / np.maximum(basis.cos_latitude, 1e-12)[:, None]
     )
     by_position = basis.angles_by_position @ dx
-    free = verticals.free[which].any(axis=1)
+    free: Mask = np.any(verticals.free[which], axis=1)
     angles = np.where(free[:, None, None], wanted, by_position)
     deflections = np.linalg.solve(basis.angles_by_vertical, wanted - by_position)
     handed = np.linalg.det(enu)
-    for i, name in enumerate(names):
+    for i in range(len(names)):
         if free[i]:
             offset = verticals.offset[which[i]]
             g[offset : offset + 2] = deflections[i]
@@ -224,7 +224,7 @@ def _unnoticed(system: LinearSystem, g: Array, diagonal: Array) -> Array | None:
     if not real.any():
         return None
     # An orthonormal basis of the motions in the norm of the diagonal of N.
-    u, s, vt = np.linalg.svd(weighted[:, real] / length[real], full_matrices=False)
+    _, s, vt = np.linalg.svd(weighted[:, real] / length[real], full_matrices=False)
     keep = s > 1e-9 * s[0]
     basis = (vt[keep].T / s[keep]) / length[real][:, None]
     noticed = system.times(g[:, real] @ basis)
@@ -240,7 +240,7 @@ def _unnoticed(system: LinearSystem, g: Array, diagonal: Array) -> Array | None:
         return None
     mixture = np.zeros((7, null.shape[1]))
     mixture[real] = basis @ null
-    return mixture / np.linalg.norm(mixture, axis=0)
+    return np.asarray(mixture / np.linalg.norm(mixture, axis=0))
 
 
 def minimal_datum(motions: Array, datum: Mask) -> Index:

@@ -19,7 +19,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import ORDER, Unknowns
 from ..models.registry import VariableKind
-from ..types import Array, Index, Mask
+from ..types import Index, Mask
 
 LARGEST_BORDER = 9000
 """Columns above which a dense border costs more memory and time than a sparse elimination."""
@@ -41,10 +41,10 @@ class Plan:
     """Variables of the second layer."""
 
     @property
-    def point_columns(self) -> Array:
+    def point_columns(self) -> Index:
         """Columns of the points of the first layer, (p, 3)."""
         first = self.unknowns["point"].offset[self.reduced]
-        return first[:, None] + np.arange(3)
+        return np.asarray(first[:, None] + np.arange(3), dtype=np.intp)
 
 
 def make_plan(equations: Equations, *, reduce_points: bool, touched: Mask) -> Plan:
@@ -112,9 +112,9 @@ def _border(unknowns: Unknowns, rays: list[tuple[Index, Index]]) -> Index:
         of_photo |= dict(zip(numbers.tolist(), calibration[first].tolist(), strict=True))
     users = np.bincount(list(of_photo.values()) or [0])
     columns: list[Index] = [np.zeros(0, dtype=np.intp)]
-    for photo, calibration in sorted(of_photo.items()):
-        columns.append(unknowns.columns("pose", photo))
-        if users[calibration] == 1:
-            columns.append(unknowns.columns("calibration", calibration))
+    for number, camera in sorted(of_photo.items()):
+        columns.append(unknowns.columns("pose", number))
+        if users[camera] == 1:
+            columns.append(unknowns.columns("calibration", camera))
     columns += [unknowns.columns("calibration", int(k)) for k in np.flatnonzero(users > 1)]
     return np.concatenate(columns)

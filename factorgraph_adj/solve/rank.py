@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import DatumError
 from ..graph.variables import Unknowns
+from ..models.registry import VariableKind
 from ..types import Array, Index
 from .datum import Defect
 from .factor import Factor
@@ -133,13 +134,13 @@ def _names_in(unknowns: Unknowns, columns: Index) -> list[str]:
     inside[columns] = True
     out = []
     for kind in ("point", "pose"):
-        table = unknowns[kind]  # type: ignore[index]
+        table = unknowns[kind]
         on = np.flatnonzero((table.offset >= 0) & inside[np.maximum(table.offset, 0)])
         out += [table.names[i] if kind == "point" else f"photo {table.names[i]}" for i in on]
     return out
 
 
-def _shares(unknowns: Unknowns, z: Array):  # noqa: ANN202
+def _shares(unknowns: Unknowns, z: Array) -> list[tuple[VariableKind, int, float, str]]:
     """Return kind, number, share and weakest component of the variables in z, largest first."""
     leverage = np.sum(z * z, axis=1)
     out = []

@@ -128,8 +128,8 @@ class Rays:
         code = self.ray_photo[a].astype(np.int64) * n_photos + self.ray_photo[b]
         by_pair = np.argsort(code, kind="stable")
         code, a, b = code[by_pair], a[by_pair], b[by_pair]
-        cuts = np.flatnonzero(np.r_[True, code[1:] != code[:-1]]) if len(code) else []
-        stops = np.r_[cuts[1:], len(code)] if len(code) else []
+        cuts: Index = np.flatnonzero(np.diff(code, prepend=-1))
+        stops = np.append(cuts[1:], len(code))[: len(cuts)]
         self.left, self.right = a, b
         self.pairs = [
             (int(code[s]) // n_photos, int(code[s]) % n_photos, int(s), int(t))

@@ -9,11 +9,13 @@ memory) and serve every right side and the selected inverse:
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 
+from ..errors import AdjustmentError
 from ..types import Array, Index
 from .linear import LinearSystem
 from .plan import Plan
@@ -24,7 +26,7 @@ MOST_KEYS = 3
 """Keys that the JacobianFactor constructor takes in Python."""
 
 
-class SingularError(Exception):
+class SingularError(AdjustmentError):
     """GTSAM met a pivot of zero; the caller finds out which unknowns are concerned."""
 
 
@@ -125,7 +127,8 @@ class TreeFactors:
         zero = np.zeros(len(a))
         if len(terms) <= MOST_KEYS:
             flat = [x for term in terms for x in term]
-            graph.add(gtsam.JacobianFactor(*flat, zero, unit))
+            make: Callable[..., gtsam.JacobianFactor] = gtsam.JacobianFactor
+            graph.add(make(*flat, zero, unit))
         else:
             graph.add(gtsam.GaussianConditional(terms, 1, zero, unit))
 
