@@ -310,7 +310,7 @@ def _settle_datum(run: _Run, normal: NormalEquations) -> None:
     unknowns = run.equations.unknowns
     if np.any(unknowns.free & (normal.diagonal <= 0)):
         _explain(run, normal)
-    defects = find_defects(normal.system, run.state, normal.diagonal)
+    defects = find_defects(normal.system, run.state, normal.diagonal, free=run.free)
     run.defects = tuple(defects)
     if not defects:
         return
@@ -343,10 +343,11 @@ def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> float:
     belong to those at the solution.
     """
     assert run.datum is not None
-    for _ in range(MOST_TRANSFORMATIONS):
+    # A solution that is not at rest may have points on their way to infinity: once is enough.
+    for _ in range(MOST_TRANSFORMATIONS if at_rest else 1):
         normal = NormalEquations(run.solver, run.state, run.extra(run.state))
         run.at_solution = normal
-        found = find_defects(normal.system, run.state, normal.diagonal)
+        found = find_defects(normal.system, run.state, normal.diagonal, free=run.free)
         if len(found) != 1 or found[0].size != run.datum.motions.shape[1]:
             break
         run.defects = tuple(found)
@@ -388,7 +389,9 @@ def _datum_columns(equations: Equations, motions: Array) -> Mask:
 def _explain(run: _Run, normal: NormalEquations) -> None:
     """Raise what is not determined, by name."""
     defects = (
-        [] if run.datum is not None else find_defects(normal.system, run.state, normal.diagonal)
+        []
+        if run.datum is not None
+        else find_defects(normal.system, run.state, normal.diagonal, free=run.free)
     )
     if run.datum is not None:
         defects = list(run.defects)

@@ -39,8 +39,11 @@ MOTIONS = (
     "rotation about z",
     "scale",
 )
-UNNOTICED = 1e-7
+UNNOTICED = 1e-9
 """|A g| relative to that of independent unknowns, below which a motion goes unnoticed."""
+UNNOTICED_IF_FREE = 1e-7
+"""The same where a free network is asked for: a rotation that only the heights of antennas on
+the curved Earth notice, or the like, is no datum."""
 GEOMETRIC = ("point", "pose", "orientation", "vertical")
 
 
@@ -186,13 +189,16 @@ class Defect:
         return [MOTIONS[i] for i in sorted(np.argsort(-share)[: self.size].tolist())]
 
 
-def find_defects(system: LinearSystem, state: State, diagonal: Array) -> list[Defect]:
+def find_defects(
+    system: LinearSystem, state: State, diagonal: Array, *, free: bool
+) -> list[Defect]:
     """Return the datum defects of each connected part.
 
     Args:
         system: the linearised network.
         state: where it was linearised.
         diagonal: that of N, (n_columns,).
+        free: whether a free network is asked for.
     """
     unknowns = system.unknowns
     g = generators(system.equations, state)
@@ -210,13 +216,13 @@ def find_defects(system: LinearSystem, state: State, diagonal: Array) -> list[De
     for part in found:
         inside = (label == part) | (shared & (len(found) == 1))
         part_g = np.where(inside[:, None], g, 0.0)
-        defect = _unnoticed(system, part_g, diagonal)
+        defect = _unnoticed(system, part_g, diagonal, UNNOTICED_IF_FREE if free else UNNOTICED)
         if defect is not None:
             out.append(Defect(np.flatnonzero(label == part), part_g @ defect, defect))
     return out
 
 
-def _unnoticed(system: LinearSystem, g: Array, diagonal: Array) -> Array | None:
+def _unnoticed(system: LinearSystem, g: Array, diagonal: Array, threshold: float) -> Array | None:
     """Return the mixtures (7, d) of motions that no observation notices."""
     weighted = np.sqrt(diagonal)[:, None] * g
     length = np.linalg.norm(weighted, axis=0)
@@ -229,13 +235,13 @@ def _unnoticed(system: LinearSystem, g: Array, diagonal: Array) -> Array | None:
     basis = (vt[keep].T / s[keep]) / length[real][:, None]
     noticed = system.times(g[:, real] @ basis)
     _, values, right = np.linalg.svd(noticed, full_matrices=False)
-    null = right[values < UNNOTICED].T
+    null = right[values < threshold].T
     # Fewer rows than motions leave the rest unnoticed too.
     if len(values) < basis.shape[1]:
         _, values, right = np.linalg.svd(noticed, full_matrices=True)
         padded = np.zeros(basis.shape[1])
         padded[: len(values)] = values
-        null = right[padded < UNNOTICED].T
+        null = right[padded < threshold].T
     if null.shape[1] == 0:
         return None
     mixture = np.zeros((7, null.shape[1]))
