@@ -77,6 +77,8 @@ class Observation:
                     self._fail(f"{f.name} must be a finite number, not {value}")
             if f.name == "sigma" and not _positive(value):
                 self._fail(f"sigma must be greater than zero, not {value}")
+        if self.kind.endswith("_distance") and getattr(self, "value", 0.0) < 0:
+            self._fail(f"a distance cannot be negative: {getattr(self, 'value', None)}")
         names = self.names()
         for name in names:
             if not isinstance(name, str) or name == "":

@@ -314,6 +314,8 @@ def any_observation(draw):
             arguments["covariance"] = np.diag([draw(SIGMA) for _ in axes])
         return cls(**arguments)
     arguments["value"] = draw(VALUE)
+    if kind.endswith("_distance"):
+        arguments["value"] = abs(arguments["value"])
     arguments["sigma"] = draw(SIGMA)
     if kind in ("slope_distance", "horizontal_distance") and draw(st.booleans()):
         arguments["sigma"] = StandardDeviation(draw(PART), ppm=draw(SIGMA))

@@ -221,7 +221,7 @@ def _iterate(
                 # No step can be told from rounding: at rest, if the undamped one is small.
                 found = _step(run, normal, 0.0)
                 if found is not None and found[2] < tolerance:
-                    return iteration, True, _at_rest(found[2]), vtpv
+                    return iteration, True, _at_rest(found[2], tolerance), vtpv
                 _explain(run, normal)
                 reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
                 return iteration, False, reason, vtpv
@@ -229,7 +229,7 @@ def _iterate(
         if progress is not None:
             progress(iteration, after, bound)
         if small:
-            return iteration, True, _at_rest(left), after
+            return iteration, True, _at_rest(left, tolerance), after
         slow = slow + 1 if vtpv - after < SLOW * vtpv and bound > SHRINKING * last else 0
         last = bound
         vtpv = after
@@ -252,8 +252,10 @@ def _drifting(run: _Run, bound: float) -> str:
     )
 
 
-def _at_rest(bound: float) -> str:
-    return f"at rest: no unknown is further than {bound:.1g} of its σ from the minimum"
+def _at_rest(left: float, tolerance: float) -> str:
+    if left < tolerance:
+        return f"at rest: no unknown is further than {left:.1g} of its σ from the minimum"
+    return f"at rest: vᵀPv cannot tell any more; the last step was at most {left:.1g} σ"
 
 
 def _step(run: _Run, normal: NormalEquations, damping: float) -> tuple[Array, float, float] | None:
@@ -319,7 +321,7 @@ def _settle_datum(run: _Run, normal: NormalEquations) -> None:
         if error is not None:
             raise DatumError(
                 f"{error}\n  give control (fixed or weighted coordinates), or ask for a free "
-                "network (datum = free)",
+                'network (datum = "free")',
                 defect=error.defect,
                 names=error.names,
             )
@@ -388,17 +390,15 @@ def _datum_columns(equations: Equations, motions: Array) -> Mask:
 
 def _explain(run: _Run, normal: NormalEquations) -> None:
     """Raise what is not determined, by name."""
+    free = run.datum is not None
     defects = (
-        []
-        if run.datum is not None
+        run.defects
+        if free
         else find_defects(normal.system, run.state, normal.diagonal, free=run.free)
     )
-    if run.datum is not None:
-        defects = list(run.defects)
-    error = undetermined(normal.system, normal.diagonal, defects)
-    filled = sum(d.size for d in defects) if run.datum is not None else 0
-    if error is not None and error.defect > filled:
-        raise error
+    error = undetermined(normal.system, normal.diagonal, defects, free=free)
+    if error is not None:
+        raise error from None
 
 
 def _name_overflow(run: _Run) -> None:
@@ -442,11 +442,27 @@ def _before_the_cameras(run: _Run, moved: State) -> State | None:
 
 def _refuse_points_behind(equations: Equations, state: State) -> None:
     """Raise an error that names image points whose object point lies behind the camera."""
-    images = [b for b in equations.blocks if b.kind == "image"]
-    behind = np.flatnonzero(_behind(equations, state))
-    if not len(behind):
-        return
-    labels = [b.labels(i) for b in images for i in range(b.n)]
-    raise InputError(
-        [Problem("the adjusted point lies behind the camera", labels[i]) for i in behind]
-    )
+    problems = []
+    for block in equations.blocks:
+        if block.kind != "image":
+            continue
+        photo, point = block.variables[0][1], block.variables[2][1]
+        behind = depth(state["pose"][photo], state["point"][point]) <= 0
+        for number in np.unique(photo[behind]).tolist():
+            rows = np.flatnonzero(photo == number)
+            name = equations.unknowns["pose"].names[number]
+            if behind[rows].all():
+                problems.append(
+                    Problem(
+                        f"all {len(rows)} points lie behind it: is its attitude, or the direction"
+                        " of the camera's axes, as it should be?",
+                        f"photo {name!r}",
+                    )
+                )
+                continue
+            problems += [
+                Problem("the adjusted point lies behind the camera", block.labels(int(i)))
+                for i in rows[behind[rows]]
+            ]
+    if problems:
+        raise InputError(problems)

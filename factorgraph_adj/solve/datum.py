@@ -167,6 +167,15 @@ def parts(equations: Equations) -> Index:
     return np.asarray(label, dtype=np.intp)
 
 
+def in_part(table: Variables, inside: Mask) -> Mask:
+    """Return which variables have a column ``inside`` (n_columns,); held components have none."""
+    out = np.zeros(len(table.offset), dtype=bool)
+    for j in range(table.free.shape[1]):
+        on = (table.offset >= 0) & (j < table.size)
+        out[on] |= inside[table.offset[on] + j]
+    return out
+
+
 @dataclass(frozen=True)
 class Defect:
     """Motions of one part that no observation notices."""
@@ -280,17 +289,17 @@ def transform(equations: Equations, state: State, defect: Defect, amounts: Array
     moved = equations.unknowns.retract(state, defect.motions @ amounts)
     rotation = exp_rotation(motion[3:6] / size)
     factor = np.exp(motion[6] / size)
-    inside = np.zeros(equations.unknowns.n_columns + 1, dtype=bool)
+    inside = np.zeros(equations.unknowns.n_columns, dtype=bool)
     inside[defect.part] = True
 
     def place(x: Array) -> Array:
         return np.asarray(centre + factor * (x - centre) @ rotation.T + motion[:3])
 
     table = equations.unknowns["point"]
-    on = inside[table.offset] & (table.offset >= 0)
+    on = in_part(table, inside)
     points = np.where(on[:, None] & table.free, place(state["point"]), moved["point"])
     table = equations.unknowns["pose"]
-    on = inside[table.offset] & (table.offset >= 0) & table.free.all(axis=1)
+    on = in_part(table, inside) & table.free.all(axis=1)
     poses = moved["pose"].copy()
     turned = rotation @ state["pose"][on, :9].reshape(-1, 3, 3)
     poses[on, :9] = turned.reshape(-1, 9)

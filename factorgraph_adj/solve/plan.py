@@ -12,6 +12,8 @@ Where there are no such points, or the border would be too large, GTSAM has ever
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,11 +23,14 @@ from ..graph.variables import ORDER, Unknowns
 from ..models.registry import VariableKind
 from ..types import Index, Mask
 
+if TYPE_CHECKING:
+    import gtsam
+
 LARGEST_BORDER = 9000
 """Columns above which a dense border costs more memory and time than a sparse elimination."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Plan:
     """Columns of the three layers, and index lists that every iteration uses."""
 
@@ -39,6 +44,13 @@ class Plan:
     """Place of each column in the border, −1 elsewhere, (n_columns,)."""
     tree: tuple[tuple[VariableKind, int], ...]
     """Variables of the second layer."""
+    ordering: gtsam.Ordering | None = None
+    """Their order of elimination, once it has been found."""
+
+    @cached_property
+    def columns_at(self) -> dict[int, Index]:
+        """Columns of each variable, by its first column."""
+        return {k: np.arange(k, k + size) for k, size in self.unknowns.size_at.items()}
 
     @property
     def point_columns(self) -> Index:

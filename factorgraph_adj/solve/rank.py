@@ -10,7 +10,7 @@ from ..errors import DatumError
 from ..graph.variables import Unknowns
 from ..models.registry import VariableKind
 from ..types import Array, Index
-from .datum import Defect
+from .datum import Defect, in_part
 from .factor import Factor
 from .linear import LinearSystem
 from .plan import make_plan
@@ -69,7 +69,7 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
 
 
 def undetermined(
-    system: LinearSystem, diagonal: Array, defects: Sequence[Defect]
+    system: LinearSystem, diagonal: Array, defects: Sequence[Defect], *, free: bool = False
 ) -> DatumError | None:
     """Return an error that names everything that is not determined, or none.
 
@@ -77,6 +77,7 @@ def undetermined(
         system: the linearised network.
         diagonal: that of N, (n_columns,).
         defects: its datum defects.
+        free: whether inner constraints fill them, so that they are no fault.
     """
     try:
         z = null_space(system, diagonal)
@@ -93,8 +94,9 @@ def undetermined(
         z = z - basis @ (basis.T @ z)
         u, s, _ = np.linalg.svd(z, full_matrices=False)
         z = u[:, s > 0.5]
-        lines += describe_defects(unknowns, defects)
-    n_datum = sum(d.size for d in defects)
+        if not free:
+            lines += describe_defects(unknowns, defects)
+    n_datum = 0 if free else sum(d.size for d in defects)
     if z.shape[1]:
         shares = _shares(unknowns, z)
         for kind, number, share, weakest in shares[:LISTED]:
@@ -135,7 +137,7 @@ def _names_in(unknowns: Unknowns, columns: Index) -> list[str]:
     out = []
     for kind in ("point", "pose"):
         table = unknowns[kind]
-        on = np.flatnonzero((table.offset >= 0) & inside[np.maximum(table.offset, 0)])
+        on = np.flatnonzero(in_part(table, inside))
         out += [table.names[i] if kind == "point" else f"photo {table.names[i]}" for i in on]
     return out
 

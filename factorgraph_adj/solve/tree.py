@@ -53,6 +53,7 @@ class TreeFactors:
         self.system = system
         # GTSAM's keys are first columns: they sort, and give the place of a block at once.
         self.size = plan.unknowns.size_at
+        self.columns = plan.columns_at
         graph = gtsam.GaussianFactorGraph()
         clustered = system.equations.in_cluster
         for place, lb in enumerate(system.blocks):
@@ -167,7 +168,7 @@ class TreeFactors:
             return [], border
         try:
             if len(plan.border):
-                ordering = self._ordering(graph, first)
+                ordering = self._ordering_of(graph, first)
                 tree, rest = (
                     graph.eliminatePartialMultifrontal(ordering, gtsam.EliminateQR)
                     if qr
@@ -175,7 +176,7 @@ class TreeFactors:
                 )
                 self._collect(rest, border)
             else:
-                ordering = self._ordering(graph, first)
+                ordering = self._ordering_of(graph, first)
                 tree = (
                     graph.eliminateMultifrontal(ordering, gtsam.EliminateQR)
                     if qr
@@ -184,6 +185,12 @@ class TreeFactors:
         except RuntimeError as error:
             raise SingularError(str(error)) from None
         return self._cliques(tree), border
+
+    def _ordering_of(self, graph: gtsam.GaussianFactorGraph, first: list[int]) -> gtsam.Ordering:
+        """Return the ordering, found once for a plan: all its graphs have one structure."""
+        if self.plan.ordering is None:
+            self.plan.ordering = self._ordering(graph, first)
+        return self.plan.ordering
 
     def _ordering(self, graph: gtsam.GaussianFactorGraph, first: list[int]) -> gtsam.Ordering:
         """Order the tree's variables: calibrations and then poses late, others by COLAMD."""
@@ -237,7 +244,7 @@ class TreeFactors:
             conditional = clique.conditional()
             r = np.array(conditional.R(), order="F")
             keys = list(conditional.keys())
-            columns = np.concatenate([k + np.arange(self.size[k]) for k in keys])
+            columns = np.concatenate([self.columns[k] for k in keys])
             f = r.shape[1]
             s = np.array(conditional.S()).reshape(f, len(columns) - f)
             if not np.all(np.isfinite(r)) or np.any(np.diag(r) == 0):
