@@ -25,7 +25,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..graph.equations import Equations
-from ..graph.variables import State
+from ..graph.variables import State, Variables
 from ..rotation import exp_rotation, skew
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
