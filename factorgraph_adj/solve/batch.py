@@ -254,7 +254,7 @@ def _drifting(run: _Run, bound: float) -> str:
 
 def _at_rest(left: float, tolerance: float) -> str:
     if left < tolerance:
-        return f"at rest: no unknown is further than {left:.1g} of its σ from the minimum"
+        return f"at rest: no unknown is further than {tolerance:.0e} of its σ from the minimum"
     return f"at rest: vᵀPv cannot tell any more; the last step was at most {left:.1g} σ"
 
 
