@@ -54,6 +54,8 @@ FAST = 0.1
 """Ratio of a step to the last one, below which it tells how far the next one will be."""
 CLOSE = 0.1
 """Step relative to σ below which that is trusted, and no point passes a camera."""
+SUSPICIOUS = 1e-11
+"""What is left of a diagonal element of N, relative, below which datum defects are looked for."""
 SHRINKING = 0.8
 """Ratio of a step to the last one, below which the iteration still converges."""
 WORTHWHILE = 1e-3
@@ -86,6 +88,10 @@ class _Run:
             ExtraRows(columns, a, residual)
             for columns, a, residual in linearise_extra(self.factors, self.equations, state)
         ]
+
+    def unobserved(self, normal: NormalEquations) -> Mask:
+        """Return the free components that no observation touches, (n_columns,)."""
+        return self.equations.unknowns.free & (normal.diagonal <= 0)
 
     def normal(self) -> NormalEquations:
         """Return the normal equations at the solution."""
@@ -198,10 +204,15 @@ def _iterate(
         vtpv = normal.system.vtpv
         if not np.isfinite(vtpv):
             _name_overflow(run)
-        if iteration == 1:
+        if iteration == 1 and (run.free or bool(np.any(run.unobserved(normal)))):
             _settle_datum(run, normal)
         while True:
             found = _step(run, normal, damping)
+            if iteration == 1 and damping == 0.0 and run.datum is None:
+                # A defect of datum leaves a pivot without anything: no need to search without.
+                suspicious = found is None or normal.smallest_pivot < SUSPICIOUS
+                if suspicious:
+                    _settle_datum(run, normal)
             small = False
             if found is not None:
                 step, decrease, bound = found
@@ -310,7 +321,7 @@ def _difference(run: _Run, state: State) -> Array:
 def _settle_datum(run: _Run, normal: NormalEquations) -> None:
     """Find the datum defects; hold what a free network needs, or say what is missing."""
     unknowns = run.equations.unknowns
-    if np.any(unknowns.free & (normal.diagonal <= 0)):
+    if np.any(run.unobserved(normal)):
         _explain(run, normal)
     defects = find_defects(normal.system, run.state, normal.diagonal, free=run.free)
     run.defects = tuple(defects)
@@ -319,12 +330,7 @@ def _settle_datum(run: _Run, normal: NormalEquations) -> None:
     if not run.free:
         error = undetermined(normal.system, normal.diagonal, defects)
         if error is not None:
-            raise DatumError(
-                f"{error}\n  give control (fixed or weighted coordinates), or ask for a free "
-                'network (datum = "free")',
-                defect=error.defect,
-                names=error.names,
-            )
+            raise error
     if len(defects) > 1:
         lines = describe_defects(unknowns, defects)
         raise DatumError(

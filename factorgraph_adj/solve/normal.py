@@ -70,6 +70,8 @@ class NormalEquations:
         self.gradient = self.system.gradient()
         self.diagonal = self.system.diagonal()
         self._factors: TreeFactors | None = None
+        self.smallest_pivot = 0.0
+        """What was left of the weakest diagonal element in the last factorisation."""
 
     def factorise(self, extra: Array, *, exact: bool = False) -> Factor:
         """Factorise N + diag(extra).
@@ -101,6 +103,7 @@ class NormalEquations:
                 tree=VANISHED / VANISHED_QR if qr else 1.0,
                 point=POOR / POOR_POINT if exact else 1.0,
             )
+            self.smallest_pivot = worst
             if worst > (POOR if exact else VANISHED):
                 return factor
             if not exact:

@@ -109,6 +109,11 @@ def undetermined(
             )
         if len(shares) > LISTED:
             lines.append(f"… and {len(shares) - LISTED} more")
+    if n_datum:
+        lines.append(
+            "give control (fixed or weighted coordinates), or ask for a free network "
+            '(datum = "free")'
+        )
     total = n_datum + z.shape[1]
     if total == 0:
         return None
