@@ -17,7 +17,7 @@ from ..models.image import depth
 from ..types import Array
 from .plan import Plan
 
-STEPS = 3
+STEPS = 2
 """Steps for each point."""
 
 
