@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.experiment.aerial_block import simulate_aerial_block
 from factorgraph_adj.models.lens import BrownLens, Lens
 from factorgraph_adj.observations import (
     ControlPoint,
@@ -251,3 +252,20 @@ def test_two_parts_without_datum_are_told_apart() -> None:
     )
     with pytest.raises(fga.DatumError, match=r"2 unconnected parts(.|\n)*A, B(.|\n)*C, D"):
         fga.adjust(network)
+
+
+def test_a_large_block_without_datum_is_refused_by_its_defects_alone() -> None:
+    """The search for what is missing must not need memory for the square of the unknowns."""
+    block = simulate_aerial_block(seed=1, image_points=12_000)
+    network = block.network
+    for name, photo in network.photos.items():
+        network.photos[name] = replace(
+            photo, fixed=(False,) * 6, sigma_position=None, sigma_attitude=None
+        )
+    for name, point in network.points.items():
+        network.points[name] = replace(point, fixed=(False,) * 3, sigma=None)
+    for ident in list(network.observations):
+        del network.observations[ident]
+    with pytest.raises(fga.DatumError, match="scale") as error:
+        fga.adjust(network, datum="given")
+    assert error.value.defect >= 7

@@ -23,6 +23,8 @@ NULL = 1e-7
 """|A z| relative to independent unknowns, below which z counts as undetermined."""
 MOST = 40
 """Largest number of undetermined combinations that are looked for."""
+MOST_UNOBSERVED = 400
+"""The same for unknowns without any observation."""
 LISTED = 12
 """Unknowns that a message names."""
 NOUN = {
@@ -64,7 +66,9 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
         noticed = system.times(z / scale[:, None])
         values, right = np.linalg.eigh(noticed.T @ noticed)
         found = z @ right[:, np.sqrt(np.maximum(values, 0)) < NULL]
-    units = np.eye(len(diagonal))[:, empty] if empty.sum() <= 10_000 else np.zeros((len(empty), 0))
+    unobserved = np.flatnonzero(empty)[:MOST_UNOBSERVED]
+    units = np.zeros((len(diagonal), len(unobserved)))
+    units[unobserved, np.arange(len(unobserved))] = 1.0
     return np.concatenate([units, found], axis=1)
 
 
