@@ -166,7 +166,10 @@ def adjust(
         run.solver = Solver.of(equations, run.extra(state))
     iterations, converged, reason, vtpv = _iterate(run, tolerance, max_iterations, progress)
     if run.datum is not None:
-        vtpv = _carry_to_datum_points(run, tolerance, converged)
+        arrived = _carry_to_datum_points(run, tolerance, converged)
+        vtpv = run.vtpv(run.state)
+        if converged and not arrived:
+            converged, reason = False, "not at rest on the inner constraints of the free network"
     _refuse_points_behind(equations, run.state)
     return Solution(
         network=network,
@@ -344,8 +347,8 @@ def _settle_datum(run: _Run, normal: NormalEquations) -> None:
     run.datum = FreeDatum(motions, columns)
 
 
-def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> float:
-    """Move the solution onto the inner constraints, at rest there too; return vᵀPv.
+def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> bool:
+    """Move the solution onto the inner constraints; return whether it is at rest there too.
 
     The motions of the defect are renewed at every state: inner constraints and covariances
     belong to those at the solution.
@@ -364,14 +367,15 @@ def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> float:
             step = _step(run, normal, 0.0)
             if step is not None and step[2] > tolerance:
                 run.state = run.equations.unknowns.retract(run.state, step[0])
+                run.at_solution = None
                 continue
         amounts = run.datum.project(_difference(run, run.state))
         shift = float(np.abs(run.datum.motions @ amounts).max())
         if shift < CARRIED * (1.0 + float(np.abs(run.state["point"]).max())):
-            break
+            return at_rest
         run.state = transform(run.equations, run.state, found[0], amounts)
         run.at_solution = None
-    return run.vtpv(run.state)
+    return False
 
 
 def _datum_columns(equations: Equations, motions: Array) -> Mask:
