@@ -22,6 +22,8 @@ from ..types import Array, Index, Mask
 
 State: TypeAlias = dict[VariableKind, Array]
 """Values of all variables: (n, width) for each kind; poses are 9 of rotation and 3 of centre."""
+MaskState: TypeAlias = dict[VariableKind, Mask]
+"""Which of them; arrays like those of a state."""
 
 ORDER: tuple[VariableKind, ...] = (
     "point",
@@ -115,6 +117,39 @@ class Unknowns:
     def start(self) -> State:
         """Return the start values, NaN where unknown."""
         return {kind: table.values.copy() for kind, table in self.tables.items()}
+
+    def carried(self, into: State, source: Unknowns, values: State, *, where: MaskState) -> State:
+        """Return a state with the values of another network's state, by name.
+
+        Args:
+            into: the state that is filled; it stays as it is.
+            source: the other network's unknowns.
+            values: their values.
+            where: which values are taken over, arrays like those of ``into``.
+        """
+        out = dict(into)
+        for kind, table in self.tables.items():
+            other = source[kind]
+            width = min(into[kind].shape[1], values[kind].shape[1])
+            if table.names == other.names:
+                mine = theirs = np.arange(len(table.names))
+            else:
+                common = [n for n in table.names if n in other.number]
+                mine = np.array([table.number[n] for n in common], dtype=np.intp)
+                theirs = np.array([other.number[n] for n in common], dtype=np.intp)
+            filled = into[kind].copy()
+            take = where[kind][mine, :width]
+            taken = np.where(take, values[kind][theirs, :width], filled[mine, :width])
+            filled[mine, :width] = taken
+            out[kind] = filled
+        return out
+
+    def moving(self) -> MaskState:
+        """Return which values of a state an adjustment may change."""
+        out: MaskState = {kind: table.free.copy() for kind, table in self.tables.items()}
+        free = self.tables["pose"].free
+        out["pose"] = np.repeat(free, [3, 3, 3, 1, 1, 1], axis=1)
+        return out
 
     def retract(self, state: State, step: Array) -> State:
         """Move a state by a step (n_columns,)."""

@@ -162,6 +162,8 @@ class Solution:
     """Its observation equations, weights evaluated."""
     state: State
     """Values of all variables."""
+    start: State
+    """Given or approximate values x₀: what the inner constraints of a free network refer to."""
     converged: bool
     """Whether the iteration came to rest."""
     reason: str

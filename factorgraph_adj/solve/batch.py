@@ -114,6 +114,7 @@ def adjust(
     *,
     datum: DatumChoice | None = None,
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
+    start: Solution | None = None,
     tolerance: float = 1e-5,
     max_iterations: int = 100,
     extra_factors: Sequence[gtsam.NonlinearFactor] = (),
@@ -126,6 +127,8 @@ def adjust(
         datum: ``given`` (control, fixed, weighted) or ``free`` (inner constraints over the datum
             points); none: as the network says.
         variance: whether covariances are scaled by 1 or by σ̂0².
+        start: start from the values of an earlier solution, by name; a few observations more or
+            less need a step or two. Inner constraints refer to the same coordinates as there.
         tolerance: bound on the last step of every unknown, relative to its own σ.
         max_iterations: after as many the solution says that it has not converged.
         extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`; they take
@@ -148,17 +151,13 @@ def adjust(
     if variance not in ("a-priori", "a-posteriori"):
         raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
     equations = compile_network(network)
-    state = equations.unknowns.start()
-    if _incomplete(equations, state):
-        from ..approximate import approximate
-
-        state = approximate(equations, datum=choice)
+    origin, state = _start(equations, choice, start)
     equations = equations.weighted_at(state)
     run = _Run(
         Solver.of(equations),
         tuple(extra_factors),
         state,
-        state,
+        origin,
         choice == "free",
         np.zeros(equations.unknowns.n_columns),
     )
@@ -175,6 +174,7 @@ def adjust(
         network=network,
         equations=equations,
         state=run.state,
+        start=run.start,
         converged=converged,
         reason=reason,
         iterations=iterations,
@@ -188,7 +188,29 @@ def adjust(
     )
 
 
-def _incomplete(equations: Equations, state: State) -> bool:
+def _start(
+    equations: Equations, datum: DatumChoice, earlier: Solution | None
+) -> tuple[State, State]:
+    """Return x₀, which inner constraints refer to, and the values to start from."""
+    unknowns = equations.unknowns
+    origin = unknowns.start()
+    if earlier is not None:
+        missing = {kind: np.isnan(values) for kind, values in origin.items()}
+        known = unknowns.carried(
+            origin, earlier.equations.unknowns, earlier.start, where=missing
+        )
+        if not _incomplete(known):
+            return known, unknowns.carried(
+                known, earlier.equations.unknowns, earlier.state, where=unknowns.moving()
+            )
+    if _incomplete(origin):
+        from ..approximate import approximate
+
+        origin = approximate(equations, datum=datum)
+    return origin, origin
+
+
+def _incomplete(state: State) -> bool:
     return any(bool(np.isnan(values).any()) for values in state.values())
 
 
