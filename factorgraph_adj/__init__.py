@@ -12,6 +12,7 @@ from .io.gama import read_gama
 from .io.project import read_project
 from .io.write_project import write_project
 from .network import Network
+from .quality.reliability import reliability
 from .quality.solution import Solution
 from .report.text import protocol
 from .solve.batch import adjust
@@ -34,5 +35,6 @@ __all__ = [
     "read_bal",
     "read_gama",
     "read_project",
+    "reliability",
     "write_project",
 ]

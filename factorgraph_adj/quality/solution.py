@@ -134,6 +134,32 @@ class ObservationTable(Sequence[ObservationRecord]):
     def __iter__(self) -> Iterator[ObservationRecord]:
         return (self[i] for i in range(len(self)))
 
+    def row(self, id: str, component: str | None = None) -> int:
+        """Return the row of an observation by its id.
+
+        Args:
+            id: its id; ``photo/point`` for image points.
+            component: such as ``x``; needed where it has several.
+
+        Raises:
+            InputError: there is none, or several components and none was named.
+        """
+        rows = self._rows.get(id, [])
+        if not rows:
+            raise InputError(f"unknown observation {id!r}; known: {known(self._rows)}")
+        found = [r for r in rows if component is None or self[r].component == component]
+        if len(found) != 1:
+            names = ", ".join(self[r].component or f"row {r}" for r in rows)
+            raise InputError(f"observation {id!r} has the components {names}: name one of them")
+        return found[0]
+
+    @cached_property
+    def _rows(self) -> dict[str, list[int]]:
+        out: dict[str, list[int]] = {}
+        for row, ident in enumerate(self.ids):
+            out.setdefault(ident, []).append(row)
+        return out
+
     @cached_property
     def kinds(self) -> list[str]:
         """Kind of each row."""
@@ -223,11 +249,11 @@ class Solution:
 
     def point(self, name: str) -> Array:
         """Return the adjusted coordinates of a point, (3,) metres."""
-        return np.array(self.state["point"][self._number("point", name)])
+        return np.array(self.state["point"][self.number("point", name)])
 
     def pose(self, photo: str) -> PoseEstimate:
         """Return the adjusted exterior orientation of a photo."""
-        stored = self.state["pose"][self._number("pose", photo)]
+        stored = self.state["pose"][self.number("pose", photo)]
         sigmas = np.sqrt(np.diag(self.pose_covariance(photo)))
         return PoseEstimate(stored[9:].copy(), stored[:9].reshape(3, 3).copy(), sigmas)
 
@@ -291,56 +317,66 @@ class Solution:
         out = np.zeros((size_a, size_b))
         if len(columns_a) and len(columns_b):
             if b is None or a == b:
-                block = self._own(a[0], self._number(*a), columns_a)
+                block = self._own(a[0], self.number(*a), columns_a)
             else:
                 block = self._cross(columns_a, columns_b)
             out[np.ix_(rows_a, rows_b)] = block * self.variance_factor
         return out
 
     @cached_property
-    def _factor(self) -> Factor:
+    def factor(self) -> Factor:
+        """The normal equations at the solution, factorised; with a minimal datum if free."""
         return self.normal().factorise(self.constraint, exact=True)
 
     @cached_property
-    def _transform(self) -> tuple[Array, Array] | None:
-        """F = Q_min G_D (n_columns, d) and E = G_Dᵀ F of the S-transformation."""
+    def datum_cross(self) -> tuple[Array, Array] | None:
+        """F = Q_min G_D (n_columns, d) and E = G_Dᵀ F of the S-transformation to the datum."""
         if self.datum is None:
             return None
         masked = np.where(self.datum.columns[:, None], self.datum.motions, 0.0)
-        f = self._factor.solve(masked)
+        f = self.factor.solve(masked)
         return f, masked.T @ f
 
     def _free(self, block: Array, a: Index, b: Index) -> Array:
         """S-transform the cofactor block between columns a and b."""
-        if self.datum is None or self._transform is None:
+        if self.datum is None or self.datum_cross is None:
             return block
-        f, e = self._transform
+        f, e = self.datum_cross
         ga = self.datum.motions[a] @ self.datum.inverse
         gb = self.datum.motions[b] @ self.datum.inverse
         return np.asarray(block - ga @ f[b].T - f[a] @ gb.T + ga @ e @ gb.T)
 
+    def cofactor_times(self, y: Array) -> Array:
+        """Return Q y for y (n_columns, k), Q on the inner constraints if the network is free.
+
+        Q = S Q_min Sᵀ with S = I − G (G_DᵀG_D)⁻¹ G_Dᵀ.
+        """
+        if self.datum is None:
+            return self.factor.solve(y)
+        g, inverse = self.datum.motions, self.datum.inverse
+        masked = np.where(self.datum.columns[:, None], g, 0.0)
+        x = self.factor.solve(y - masked @ (inverse @ (g.T @ y)))
+        return np.asarray(x - g @ (inverse @ (masked.T @ x)))
+
     def _cross(self, a: Index, b: Index) -> Array:
         unit = np.zeros((self.equations.unknowns.n_columns, len(b)))
         unit[b, np.arange(len(b))] = 1.0
-        return self._free(self._factor.solve(unit)[a], a, b)
+        return self.cofactor_times(unit)[a]
 
     @cached_property
     def _blocks(self) -> dict[int, Array]:
         """Cofactors of the variables outside the first layer, by first column."""
-        return self._factor.variances_of_blocks()
+        return self.factor.variances_of_blocks()
 
     @cached_property
     def _reduced(self) -> tuple[Array, Index]:
         """Cofactors of the points of the first layer, and their place by number of point."""
-        points = self._factor.points
-        place = np.cumsum(self._factor.plan.reduced) - 1
-        if points is None:
-            return np.zeros((0, 3, 3)), place
-        return points.covariances(self._factor.border_covariance()), place
+        place = np.cumsum(self.factor.plan.reduced) - 1
+        return self.factor.point_covariances(), place
 
     def _own(self, kind: VariableKind, number: int, columns: Index) -> Array:
         """Return the cofactor of one variable: from the selected inverse, no solution needed."""
-        if kind == "point" and self._factor.plan.reduced[number]:
+        if kind == "point" and self.factor.plan.reduced[number]:
             every, place = self._reduced
             block = every[place[number]]
         else:
@@ -350,7 +386,12 @@ class Solution:
 
     # -- helpers ------------------------------------------------------------------------------
 
-    def _number(self, kind: VariableKind, name: str) -> int:
+    def number(self, kind: VariableKind, name: str) -> int:
+        """Return the number of a variable.
+
+        Raises:
+            InputError: there is none of that name; lists what there is.
+        """
         table = self.equations.unknowns[kind]
         if name not in table.number:
             noun = {"pose": "photo", "calibration": "camera", "edm": "distance meter"}
@@ -360,13 +401,13 @@ class Solution:
         return table.number[name]
 
     def _columns(self, kind: VariableKind, name: str) -> tuple[Index, int, Index]:
-        number = self._number(kind, name)
+        number = self.number(kind, name)
         columns = self.equations.unknowns.columns(kind, number)
         size = int(self.equations.unknowns[kind].size[number])
         return columns, size, np.arange(size) if len(columns) else np.zeros(0, dtype=np.intp)
 
     def _estimate(self, kind: VariableKind, name: str) -> Estimate:
-        number = self._number(kind, name)
+        number = self.number(kind, name)
         names = self.equations.unknowns.component_names(kind, number)
         covariance = self.variable_covariance((kind, name))
         sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))

@@ -196,9 +196,7 @@ def _start(
     origin = unknowns.start()
     if earlier is not None:
         missing = {kind: np.isnan(values) for kind, values in origin.items()}
-        known = unknowns.carried(
-            origin, earlier.equations.unknowns, earlier.start, where=missing
-        )
+        known = unknowns.carried(origin, earlier.equations.unknowns, earlier.start, where=missing)
         if not _incomplete(known):
             return known, unknowns.carried(
                 known, earlier.equations.unknowns, earlier.state, where=unknowns.moving()

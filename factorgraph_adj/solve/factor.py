@@ -8,7 +8,7 @@ from scipy.linalg import lapack
 from ..types import Array, Index
 from .linear import LinearSystem
 from .plan import Plan
-from .reduction import Rays, ReducedPoints
+from .reduction import RayCovariances, Rays, ReducedPoints
 from .tree import Clique, SingularError, TreeFactors
 from .triangular import lower_solve, upper_solve, upper_transposed_solve
 
@@ -53,7 +53,7 @@ class Factor:
         self.border = border
         self._factor_border()
         self._border_covariance: Array | None = None
-        self._cliques_of: dict[int, Array] | None = None
+        self._inner: Array | None = None
 
     def _factor_border(self) -> None:
         n = len(self.border)
@@ -129,6 +129,22 @@ class Factor:
             else:
                 self._border_covariance = np.zeros((0, 0))
         return self._border_covariance
+
+    def ray_covariances(self) -> RayCovariances | None:
+        """Return the joint covariances of the first layer with the border; none without it."""
+        if self.points is None:
+            return None
+        joint = self.points.joint(self.border_covariance())
+        self._inner = joint.inner
+        return joint
+
+    def point_covariances(self) -> Array:
+        """Return the covariance of every point of the first layer, (p, 3, 3)."""
+        if self.points is None:
+            return np.zeros((0, 3, 3))
+        if self._inner is None:
+            self._inner = self.points.joint(self.border_covariance()).inner
+        return self.points.covariances(self._inner)
 
     def clique_covariances(self) -> list[tuple[Index, Array]]:
         """Return columns and joint covariance of every clique: the selected inverse."""

@@ -7,7 +7,8 @@ and is applied where rows are used.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns, Variables
+from ..models.registry import VariableKind
 from ..types import Array, Index
 
 
@@ -83,6 +85,32 @@ class LinearSystem:
                 v[c.rows] = c.whitener @ raw[c.rows]
         self.residual = v
 
+    def only(self, kinds: Collection[VariableKind]) -> LinearSystem:
+        """Return the system with the other kinds of variables held."""
+        out = copy(self)
+        out.blocks = [
+            LinearBlock(
+                lb.block,
+                lb.offsets,
+                tuple(
+                    a if kind in kinds else a[:0]
+                    for (kind, _), a in zip(lb.block.variables, lb.a, strict=True)
+                ),
+            )
+            for lb in self.blocks
+        ]
+        kept = np.zeros(self.unknowns.n_columns, dtype=bool)
+        for kind in kinds:
+            table = self.unknowns[kind]
+            for j in range(table.free.shape[1]):
+                on = (table.offset >= 0) & (j < table.size)
+                kept[table.offset[on] + j] = True
+        out.extra = tuple(
+            ExtraRows(e.columns[kept[e.columns]], e.a[:, kept[e.columns]], e.residual)
+            for e in self.extra
+        )
+        return out
+
     @property
     def vtpv(self) -> float:
         """VᵀPv."""
@@ -92,19 +120,25 @@ class LinearSystem:
 
     def gradient(self) -> Array:
         """Return AᵀPv, (n_columns,)."""
-        v = self.residual
+        return self.transposed(np.concatenate([self.residual, *(e.residual for e in self.extra)]))
+
+    def transposed(self, z: Array) -> Array:
+        """Return Aᵀ z (n_columns,), A whitened, for z (rows,) with extra rows at the end."""
+        v = z
         if self.equations.clusters:
-            v = v.copy()
+            v = z.copy()
             for c in self.equations.clusters:
-                v[c.rows] = c.whitener.T @ self.residual[c.rows]
+                v[c.rows] = c.whitener.T @ z[c.rows]
         out = np.zeros(self.unknowns.n_columns)
         for lb in self.blocks:
             w = v[lb.block.rows].reshape(lb.block.observed.shape)
             for offset, a in zip(lb.offsets, lb.a, strict=True):
                 if len(a):
                     _add(out, offset, (w[:, None, :] @ a)[:, 0])
+        first = self.equations.n_rows
         for e in self.extra:
-            np.add.at(out, e.columns, e.a.T @ e.residual)
+            np.add.at(out, e.columns, e.a.T @ z[first : first + len(e.a)])
+            first += len(e.a)
         return out
 
     def diagonal(self) -> Array:

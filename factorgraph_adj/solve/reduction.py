@@ -150,7 +150,7 @@ class ReducedPoints:
         """
         self.rays = rays
         j_pose, j_lens, j_point = (
-            _joined([system.blocks[i].a[slot] for i in rays.places], rays) for slot in range(3)
+            joined([system.blocks[i].a[slot] for i in rays.places], rays) for slot in range(3)
         )
         h = self._point_blocks(system, j_point, extra)
         self._cholesky(h)
@@ -198,7 +198,7 @@ class ReducedPoints:
             self.pivots = np.stack([(xx > 0) * 1.0, left22 / yy, left33 / zz], 1)
         np.nan_to_num(self.pivots, copy=False, nan=0.0)
 
-    def _lower(self, b: Array, at: Index | None = None) -> Array:
+    def lower(self, b: Array, at: Index | None = None) -> Array:
         """Return L⁻¹ b for b (m, 3, k); ``at`` gives the point of each row."""
         l11, l21, l31, l22, l32, l33 = ((x if at is None else x[at])[:, None] for x in self.l)
         out = np.empty_like(b)
@@ -207,9 +207,9 @@ class ReducedPoints:
         out[:, 2] = (b[:, 2] - l31 * out[:, 0] - l32 * out[:, 1]) / l33
         return out
 
-    def _upper(self, b: Array) -> Array:
-        """Return L⁻ᵀ b for b (p, 3, k)."""
-        l11, l21, l31, l22, l32, l33 = (x[:, None] for x in self.l)
+    def upper(self, b: Array, at: Index | None = None) -> Array:
+        """Return L⁻ᵀ b for b (m, 3, k); ``at`` gives the point of each row."""
+        l11, l21, l31, l22, l32, l33 = ((x if at is None else x[at])[:, None] for x in self.l)
         out = np.empty_like(b)
         out[:, 2] = b[:, 2] / l33
         out[:, 1] = (b[:, 1] - l32 * out[:, 2]) / l22
@@ -220,7 +220,7 @@ class ReducedPoints:
         """Compute W of every ray (m, 3, width), and of every point and shared calibration."""
         rays = self.rays
         # L⁻¹Jₚᵀ first: it is small, and W is its product with any other partials.
-        half = self._lower(j_point.transpose(0, 2, 1), rays.point)
+        half = self.lower(j_point.transpose(0, 2, 1), rays.point)
         if rays.width == 6:
             self.w = half @ j_pose
         else:
@@ -331,7 +331,7 @@ class ReducedPoints:
             border: right sides of the border (b, k), changed.
         """
         rays = self.rays
-        z = self._lower(y[rays.plan.point_columns])
+        z = self.lower(y[rays.plan.point_columns])
         part = np.einsum("mic,mik->mck", self.w, z[rays.point])
         by_photo = np.add.reduceat(part, rays.starts, axis=0)
         for number, photo in enumerate(rays.photos):
@@ -362,56 +362,79 @@ class ReducedPoints:
             self.shared, rays.shared_points, rays.shared_columns, strict=True
         ):
             t[points] -= np.einsum("pic,ck->pik", ws, border[columns])
-        return self._upper(t)
+        return self.upper(t)
 
-    def covariances(self, border: Array) -> Array:
-        """Return the covariance (p, 3, 3) of every point from that of the border (b, b).
+    def joint(self, border: Array) -> RayCovariances:
+        """Return what the covariance of the border (b, b) makes of the points'.
 
-        Σ = L⁻ᵀ (I + W Σ_b Wᵀ) L⁻¹, with W over all rays of the point and its shared
-        calibrations; vectorised over the points with the same number of rays.
+        With W over all rays of a point and its shared calibrations, and L of its own block:
+        Q_pp = L⁻ᵀ (I + W Σ_b Wᵀ) L⁻¹ and Q_pb = −L⁻ᵀ W Σ_b. Vectorised over the points with
+        the same number of rays.
         """
-        rays = self.rays
+        rays, d = self.rays, self.rays.width
         n = rays.n_points
-        inner = np.tile(np.eye(3), (n, 1, 1))
         order = np.argsort(rays.point, kind="stable")
         counts = np.bincount(rays.point, minlength=n)
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
         padded = np.zeros((len(border) + 1, len(border) + 1))
         padded[:-1, :-1] = border  # the last row serves components that are not unknown
         columns = np.array([p.columns for p in rays.photos])
-        shared = np.zeros((n, 3, sum(len(c) for c in rays.shared_columns)))
         all_shared = np.concatenate([*rays.shared_columns, np.zeros(0, dtype=np.intp)])
+        width = len(all_shared)
+        blocks = padded[columns[:, None, :, None], columns[None, :, None, :]]
+        photo_shared = padded[columns[:, :, None], all_shared]
+        shared_photo = np.ascontiguousarray(photo_shared.transpose(0, 2, 1))
+        shared_shared = border[np.ix_(all_shared, all_shared)]
+        shared = np.zeros((n, 3, width))
         at = 0
         for ws, points, c in zip(self.shared, rays.shared_points, rays.shared_columns, strict=True):
             shared[points, :, at : at + len(c)] = ws
             at += len(c)
-        for count in np.unique(counts[counts > 0]):
-            at_once = max(1, 20_000_000 // (rays.width * int(count) + at) ** 2)
+        out_shared = shared @ shared_shared
+        of_rays = np.empty((len(rays.point), 3, d))
+        inner = np.tile(np.eye(3), (n, 1, 1))
+        for count in np.unique(counts[counts > 0]).tolist():
+            at_once = max(1, 4_000_000 // (d * count * max(d, width)))
             every = np.flatnonzero(counts == count)
             for start in range(0, len(every), at_once):
                 points = every[start : start + at_once]
                 r = order[first[points][:, None] + np.arange(count)]
-                w = np.concatenate(
-                    [
-                        self.w[r].transpose(0, 2, 1, 3).reshape(len(points), 3, -1),
-                        shared[points],
-                    ],
-                    axis=2,
-                )
-                c = np.concatenate(
-                    [
-                        columns[rays.ray_photo[r]].reshape(len(points), -1),
-                        np.broadcast_to(all_shared, (len(points), len(all_shared))),
-                    ],
-                    axis=1,
-                )
-                sigma = padded[c[:, :, None], c[:, None, :]]
-                inner[points] += w @ sigma @ w.transpose(0, 2, 1)
-        half = self._upper(inner)
-        return self._upper(np.ascontiguousarray(half.transpose(0, 2, 1)))
+                photo = rays.ray_photo[r]
+                w = self.w[r]
+                flat = w.transpose(0, 2, 1, 3).reshape(len(points), 3, -1)
+                if width:
+                    between = photo_shared[photo].reshape(len(points), count * d, width)
+                    out_shared[points] += flat @ between
+                for i in range(count):
+                    block = blocks[photo, photo[:, i, None]].reshape(len(points), count * d, d)
+                    m = flat @ block
+                    if width:
+                        m += shared[points] @ shared_photo[photo[:, i]]
+                    of_rays[r[:, i]] = m
+                    inner[points] += m @ w[:, i].transpose(0, 2, 1)
+        if width:
+            inner += out_shared @ shared.transpose(0, 2, 1)
+        return RayCovariances(of_rays, out_shared, inner)
+
+    def covariances(self, inner: Array) -> Array:
+        """Return the covariance L⁻ᵀ inner L⁻¹ (p, 3, 3) of every point."""
+        half = self.upper(inner)
+        return self.upper(np.ascontiguousarray(half.transpose(0, 2, 1)))
 
 
-def _joined(parts: list[Array], rays: Rays) -> Array:
+@dataclass(frozen=True)
+class RayCovariances:
+    """W Σ_b of points with the border, see `ReducedPoints.joint`."""
+
+    rays: Array
+    """Its columns of the photo of each ray, (m, 3, width)."""
+    shared: Array
+    """Its columns of the shared calibrations, one after the other, (p, 3, k)."""
+    inner: Array
+    """I + W Σ_b Wᵀ, (p, 3, 3)."""
+
+
+def joined(parts: list[Array], rays: Rays) -> Array:
     """Join partials of several image blocks; missing ones (held variables) are zero."""
     width = max(p.shape[2] for p in parts)
     chosen = []

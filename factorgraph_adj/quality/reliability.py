@@ -1,0 +1,320 @@
+"""Reliability: what each observation can prove about itself, and what slips through.
+
+With P the weight matrix, Q the cofactors of the unknowns and Q_vv = P⁻¹ − A Q Aᵀ those of the
+residuals v = computed − observed (MODEL.md §4; Baarda 1968; El-Hakim 1986, eqs. 3 to 8):
+
+    redundancy number        r_i = (Q_vv P)_ii,   Σ r_i = redundancy,   r + e1 + e2 + e12 = 1
+    test of Baarda           w_i = (Pv)_i / √(P Q_vv P)_ii              = v_i / (σ_i √r_i)
+    test of Pope             τ_i = w_i / σ̂0
+    smallest detectable      ∇_i = δ0 / √(P Q_vv P)_ii                  = δ0 σ_i / √r_i
+    its effect on unknowns   ∇x  = Q AᵀP e_i ∇_i
+    external reliability     δ̄_i = √(∇xᵀ N ∇x)                          = δ0 √((1 − r_i)/r_i)
+
+The right column holds for observations without correlation, the left one always.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from ..errors import AdjustmentError, InputError
+from ..solve.leverage import Leverages, STransform, leverages, point_leverages
+from ..solve.tree import SingularError
+from ..types import Array, Index, Mask
+from .effects import Effect, Unknown, effect_of, response
+from .groups import GroupReliability, group_reliabilities
+from .rows import largest_shift, share_diagonal, weighted, weighted_diagonal, weights
+from .solution import Solution
+
+UNCONTROLLED = 1e-6
+"""Share of an error that must show in the residuals for the observation to count as controlled:
+below it, the smallest detectable error is more than 4000 σ, and rounding can tell nothing."""
+TRUSTED = 1e-3
+"""Largest difference of Σr from the redundancy with which the figures are given out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reliability:
+    """Reliability of every scalar observation; arrays (n,) like ``solution.observations``.
+
+    Residuals, errors and σ are in SI or image units. Where an observation is not controlled by
+    any other (r = 0) its tests are NaN and its smallest detectable error is infinite.
+    """
+
+    solution: Solution
+    """The adjustment."""
+    alpha: float
+    """Probability α0 of a false alarm of one test."""
+    power: float
+    """Probability 1 − β0 with which an error of the smallest detectable size is found."""
+    redundancy_numbers: Array
+    """r; from 0 to 1 without correlation, Σ over the observations = redundancy."""
+    e1: Array
+    """Part of an error that goes into all unknowns but the object points (El-Hakim 1986, eq. 6).
+    In a free network e1 and e12 belong to its datum; r, e2 and e1 + e12 do not."""
+    w: Array
+    """Test values of Baarda, a-priori σ0 = 1, with the sign of the residual."""
+    mdb: Array
+    """Smallest detectable error ∇ > 0, for σ0 = 1, or σ̂0 in an a-posteriori solution."""
+    delta_bar: Array
+    """External reliability δ̄: no function of the unknowns is moved by ∇ by more than δ̄ times its
+    own standard deviation."""
+    largest_effect: Array
+    """Largest effect of ∇ on a coordinate of the observation's own points, metres; NaN where it
+    has none."""
+    estimated_errors: Array
+    """Estimated error observed − true = −(Pv)_i / (P Q_vv P)_ii if the observation alone is
+    wrong; NaN where it is not controlled."""
+    controlled: Mask
+    """Whether other observations control it."""
+    redundancy_of_extra_factors: float
+    """Σ r of the factors that the user added; the rest of the redundancy."""
+    precision: Array
+    """(P Q_vv P)_ii, the inverse variance of an estimated error; 1/unit²."""
+    _leverages: Leverages
+
+    # -- parts --------------------------------------------------------------------------------
+
+    @property
+    def delta0(self) -> float:
+        """δ0 = Φ⁻¹(1 − α0/2) + Φ⁻¹(power); 4.13 for 0.1 % and 80 %."""
+        return noncentrality(self.alpha, self.power)
+
+    @property
+    def critical_w(self) -> float:
+        """Critical value of |w|."""
+        return float(norm.ppf(1.0 - self.alpha / 2.0))
+
+    @property
+    def critical_tau(self) -> float:
+        """Critical value of |τ|; NaN with less than two redundant observations."""
+        return critical_tau(self.alpha, self.solution.redundancy)
+
+    @cached_property
+    def tau(self) -> Array:
+        """Test values of Pope, (n,); |τ| ≤ √redundancy. NaN where vᵀPv vanishes."""
+        sigma0 = self.solution.sigma0
+        return self.w / sigma0 if sigma0 > 0 else np.full(len(self.w), np.nan)
+
+    @cached_property
+    def e2(self) -> Array:
+        """Part of an error that goes into the object points, others held (eq. 6), (n,)."""
+        s = self.solution
+        system = s.normal().system
+        blocks, clusters = point_leverages(system, s.factor, s.datum)
+        return share_diagonal(s.equations, blocks, clusters)
+
+    @cached_property
+    def e12(self) -> Array:
+        """Interaction of the two, the rest of A Q AᵀP (eq. 4), (n,)."""
+        return 1.0 - self.redundancy_numbers - self.e1 - self.e2
+
+    @cached_property
+    def groups(self) -> tuple[GroupReliability, ...]:
+        """Tests of the correlated groups as such: observations with a covariance, clusters."""
+        return group_reliabilities(
+            self.solution,
+            self._leverages.hats,
+            (self.alpha, self.power),
+            np.sqrt(self.solution.variance_factor),
+        )
+
+    # -- of single observations ---------------------------------------------------------------
+
+    def row(self, observation: int | str, component: str | None = None) -> int:
+        """Return the row of an observation by its id, and its component where it has several.
+
+        Raises:
+            InputError: unknown or ambiguous.
+        """
+        table = self.solution.observations
+        if not isinstance(observation, str):
+            if not -len(table) <= observation < len(table):
+                raise InputError(f"row {observation} is not one of {len(table)} observations")
+            return int(observation) % len(table)
+        return table.row(observation, component)
+
+    def effect_on(
+        self,
+        observation: int | str,
+        unknowns: Unknown | Sequence[Unknown] | None = None,
+        *,
+        component: str | None = None,
+        error: float | None = None,
+    ) -> Array | tuple[Effect, ...]:
+        """Return the effect ∇x = Q AᵀP e_i ∇ of an error of one observation on unknowns.
+
+        Args:
+            observation: row, or id.
+            unknowns: name of a point, or kind and name such as ``("pose", "12")``, or a list
+                of them; none: all of them.
+            component: which one, where the observation has several.
+            error: ∇, SI or image units; by default the smallest detectable error.
+
+        Returns:
+            For one unknown its components (k,): metres, radians, image units (poses: rotations
+            about the camera's axes, then X0, Y0, Z0). Otherwise an `Effect` for each.
+
+        Raises:
+            InputError: unknown names; no ``error`` for an observation that is not controlled.
+        """
+        row = self.row(observation, component)
+        size = float(self.mdb[row]) if error is None else float(error)
+        if not np.isfinite(size):
+            raise InputError(
+                f"{self.solution.equations.label(row)} is controlled by no other observation: "
+                "its smallest detectable error is infinite; give error="
+            )
+        return effect_of(self.solution, row, unknowns, size)
+
+    def correlation(self, rows: Sequence[int] | Index) -> Array:
+        """Return the correlations (k, k) of the test values of k observations.
+
+        ρ_ij = (P Q_vv P)_ij / √((P Q_vv P)_ii (P Q_vv P)_jj): where |ρ| is near 1, an error of
+        one cannot be told from an error of the other (Förstner 1983).
+        """
+        at = np.asarray(rows, dtype=np.intp)
+        return self._correlations(at)[at]
+
+    def suspects(
+        self, most: int = 10, *, inseparable: float = 0.9, critical: float | None = None
+    ) -> tuple[Suspect, ...]:
+        """Return the observations with the largest |w|, and what they cannot be told from.
+
+        Args:
+            most: how many at most.
+            inseparable: correlation of test values from which on two are not to be told apart.
+            critical: only those with a larger |w|.
+        """
+        size = np.where(self.controlled, np.abs(self.w), 0.0)
+        order = np.argsort(-size, kind="stable")[:most]
+        rows = order[size[order] > (critical or 0.0)]
+        if not len(rows):
+            return ()
+        rho = self._correlations(rows)
+        out = []
+        for j, row in enumerate(rows.tolist()):
+            close = np.flatnonzero(np.abs(rho[:, j]) >= inseparable)
+            close = close[np.argsort(-np.abs(rho[close, j]), kind="stable")]
+            partners = tuple((int(i), float(rho[i, j])) for i in close if i != row)
+            out.append(Suspect(row, float(self.w[row]), partners))
+        return tuple(out)
+
+    def _correlations(self, rows: Index) -> Array:
+        """Return the correlations of all test values with those of ``rows``, (n, k)."""
+        pqp = response(self.solution, rows)
+        scale = np.sqrt(np.where(self.controlled, self.precision, np.inf))
+        out = pqp / scale[:, None] / scale[rows]
+        out[rows, np.arange(len(rows))] = np.where(self.controlled[rows], 1.0, np.nan)
+        return np.asarray(out)
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """An observation with a large test value."""
+
+    row: int
+    """Its row."""
+    value: float
+    """W."""
+    inseparable: tuple[tuple[int, float], ...]
+    """Rows whose test values are correlated so highly with its own that either may be to
+    blame, with the correlations."""
+
+
+def reliability(solution: Solution, *, alpha: float = 0.001, power: float = 0.80) -> Reliability:
+    """Compute the reliability of every observation of an adjustment.
+
+    All of it comes from one pass over the factorised normal equations (selected inverse); see
+    the formulas above.
+
+    Args:
+        solution: what `adjust` found; held unknowns, free networks and correlated observations
+            are all taken as they are. Weighted unknowns are observations too.
+        alpha: probability α0 of a false alarm of one test.
+        power: probability with which an error of the smallest detectable size is found.
+
+    Raises:
+        InputError: probabilities outside (0, 1), or α0 ≥ power.
+        AdjustmentError: the normal equations are singular at the solution, or so close to it
+            that Σr is not the redundancy.
+    """
+    if not 0 < alpha < 1 or not 0 < power < 1 or alpha >= power:
+        raise InputError(
+            f"alpha and power must lie between 0 and 1, alpha below power: {alpha}, {power}"
+        )
+    try:
+        system, factor = solution.normal().system, solution.factor
+    except SingularError as error:
+        raise AdjustmentError(
+            f"no reliability: the normal equations are singular at the solution ({error}; "
+            f"{solution.reason})"
+        ) from None
+    found = leverages(system, factor, _transform(solution))
+    equations = solution.equations
+    blocks, clusters = found.hats
+    r = 1.0 - share_diagonal(equations, blocks, clusters)
+    extra = sum(len(c.hat) - float(np.trace(c.hat)) for c in found.extra)
+    total = float(r.sum()) + extra
+    if not abs(total - solution.redundancy) < TRUSTED:
+        raise AdjustmentError(
+            f"no reliability: the redundancy numbers sum to {total:.9g}, the redundancy is "
+            f"{solution.redundancy}: the network is too weak to compute them ({solution.reason})"
+        )
+    weight = weights(equations)
+    lost = weighted_diagonal(equations, blocks, clusters)
+    precision = weight - lost
+    controlled = precision > UNCONTROLLED * weight
+    root = np.sqrt(np.where(controlled, precision, np.nan))
+    delta0 = noncentrality(alpha, power)
+    pv = weighted(equations, system.residual[:, None])[:, 0]
+    mdb = np.where(controlled, delta0 * np.sqrt(solution.variance_factor) / root, np.inf)
+    lost = np.maximum(lost, 0.0)
+    return Reliability(
+        solution=solution,
+        alpha=alpha,
+        power=power,
+        redundancy_numbers=r,
+        e1=share_diagonal(
+            equations, [b.others for b in found.blocks], [c.others for c in found.clusters]
+        ),
+        w=pv / root,
+        mdb=mdb,
+        delta_bar=np.where(controlled, delta0 * np.sqrt(lost) / root, np.inf),
+        largest_effect=largest_shift(equations, found) * mdb,
+        estimated_errors=-pv / root**2,
+        controlled=controlled,
+        redundancy_of_extra_factors=extra,
+        precision=precision,
+        _leverages=found,
+    )
+
+
+def noncentrality(alpha: float, power: float) -> float:
+    """Return δ0 = Φ⁻¹(1 − α0/2) + Φ⁻¹(power)."""
+    return float(norm.ppf(1.0 - alpha / 2.0) + norm.ppf(power))
+
+
+def critical_tau(alpha: float, redundancy: int) -> float:
+    """Return the critical value of Pope's |τ| = t √f / √(f − 1 + t²), t of f − 1, f = redundancy.
+
+    NaN where f < 2: a single redundant observation has |τ| = 1 whatever its error.
+    """
+    f = redundancy
+    if f < 2:
+        return float("nan")
+    t = float(student.ppf(1.0 - alpha / 2.0, f - 1))
+    return float(t * np.sqrt(f) / np.sqrt(f - 1 + t * t))
+
+
+def _transform(solution: Solution) -> STransform | None:
+    """Return what leads from the minimal datum of the solver to that of the solution."""
+    if solution.datum is None or solution.datum_cross is None:
+        return None
+    return STransform(solution.datum.motions, solution.datum.inverse, *solution.datum_cross)

@@ -1,0 +1,404 @@
+"""What each observation has to do with its own adjusted value: A Q Aᵀ, in one pass.
+
+With whitened rows A of an observation, its hat matrix H = A Q Aᵀ needs only the joint covariance
+of the observation's own variables. Those of the tree come from the selected inverse; those of
+points that only cameras see from the elimination itself: with U = L⁻¹A_pᵀ and M = W Σ_b of the
+point (`ReducedPoints.joint`),
+
+    Q_p Aᵀ = L⁻ᵀ (K U − Z),   H = A_b Σ_b A_bᵀ − UᵀZ − ZᵀU + UᵀK U,   K = I + W Σ_b Wᵀ,
+    Z = M A_bᵀ.
+
+El-Hakim (1986), eqs. 4 to 6, with X2 = object points and X1 = everything else, splits H:
+e1 = A1 Q11 A1ᵀ (Q11 = ξ⁻¹), e2 = A2 N22⁻¹ A2ᵀ, e12 the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..models.registry import VariableKind
+from ..types import Array, Index, Mask
+from .datum import FreeDatum, minimal_datum
+from .factor import Factor
+from .linear import LinearBlock, LinearSystem
+from .plan import Plan
+from .reduction import RayCovariances, ReducedPoints, joined
+from .selected_inverse import SelectedInverse
+from .tree import TreeFactors
+
+AT_ONCE = 8_000_000
+"""Elements of joint covariances that are held at once."""
+POINTS: tuple[VariableKind, ...] = ("point",)
+NOTHING = 1e-9
+"""Relative length of what a motion of the datum moves besides points, where that is nothing."""
+
+
+@dataclass(frozen=True)
+class BlockLeverage:
+    """A block's part of A Q Aᵀ, whitened; zero for members of clusters."""
+
+    hat: Array
+    """H = A Q Aᵀ of each observation, (n, d, d)."""
+    others: Array
+    """A1 Q11 A1ᵀ, the part of all unknowns but the points, (n, d, d)."""
+    own: Array
+    """Q_p Aᵀ for the coordinates of its own points, (n, 3 × points, d); metres."""
+
+
+@dataclass(frozen=True)
+class ClusterLeverage:
+    """The same for correlated rows across observations, or for a factor that the user added."""
+
+    hat: Array
+    """H, (k, k)."""
+    others: Array
+    """A1 Q11 A1ᵀ, (k, k)."""
+    columns: Index
+    """Columns that the rows touch, (m,)."""
+    own: Array
+    """Q Aᵀ for these columns, (m, k)."""
+
+
+@dataclass(frozen=True)
+class Leverages:
+    """A Q Aᵀ of all observations."""
+
+    blocks: tuple[BlockLeverage, ...]
+    """One for each block."""
+    clusters: tuple[ClusterLeverage, ...]
+    """One for each cluster."""
+    extra: tuple[ClusterLeverage, ...]
+    """One for each factor that the user added."""
+
+    @property
+    def hats(self) -> tuple[list[Array], list[Array]]:
+        """H of blocks and of clusters."""
+        return [b.hat for b in self.blocks], [c.hat for c in self.clusters]
+
+
+def leverages(system: LinearSystem, factor: Factor, transform: STransform | None) -> Leverages:
+    """Compute A Q Aᵀ of all observations.
+
+    Args:
+        system: the linearised network.
+        factor: its normal equations, factorised; with a minimal datum where it has a defect.
+        transform: leads to the inner constraints of a free network. H does not depend on the
+            datum; the parts of single unknowns do.
+    """
+    inverse = SelectedInverse(factor)
+    reduced = factor.ray_covariances()
+    blocks = []
+    rays = None if factor.points is None else factor.points.rays
+    parts = _split(system, reduced, factor)
+    for place, lb in enumerate(system.blocks):
+        out = _empty(lb)
+        inner, outer = parts[place]
+        if len(outer):
+            _from_tree(lb, outer, inverse, out)
+        if len(inner) and lb.block.kind != "image":
+            assert factor.points is not None and reduced is not None
+            _from_points(lb, inner, factor.points, reduced.inner, out)
+        blocks.append(out)
+    if rays is not None:
+        assert factor.points is not None and reduced is not None
+        _from_rays(system, factor, factor.points, reduced, blocks)
+    clusters = [_dense(columns, a, inverse, system) for columns, a in system.cluster_rows()]
+    extra = [_dense(e.columns, e.a, inverse, system) for e in system.extra]
+    if transform is not None:
+        transform.blocks(system, blocks)
+        clusters = [
+            transform.dense(system, columns, a, c)
+            for (columns, a), c in zip(system.cluster_rows(), clusters, strict=True)
+        ]
+        extra = [
+            transform.dense(system, e.columns, e.a, c)
+            for e, c in zip(system.extra, extra, strict=True)
+        ]
+    return Leverages(tuple(blocks), tuple(clusters), tuple(extra))
+
+
+def point_leverages(
+    system: LinearSystem, factor: Factor, datum: FreeDatum | None
+) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Return A2 N22⁻¹ A2ᵀ of every block (n, d, d), and of every cluster (k, k), whitened.
+
+    N22 is that of the object points, all other unknowns held. Where it is singular (a free
+    network whose datum the other unknowns do not share) any generalised inverse gives the same.
+    """
+    only = system.only(POINTS)
+    parts = _split(system, None if factor.points is None else True, factor)
+    blocks = []
+    for lb in only.blocks:
+        n, d = lb.block.observed.shape
+        blocks.append(np.zeros((n, d, d)))
+    tree = _points_of_tree(system, only, factor, datum)
+    for place, lb in enumerate(only.blocks):
+        slots = [j for j, (kind, _) in enumerate(lb.block.variables) if kind == "point"]
+        inner, outer = parts[place]
+        if len(inner) and len(lb.a[slots[0]]):
+            assert factor.points is not None
+            u = _half(lb.a[slots[0]][inner], lb.block.variables[slots[0]][1][inner], factor)
+            blocks[place][inner] = u.transpose(0, 2, 1) @ u
+        if len(outer) and tree is not None:
+            scratch = _empty(lb)
+            _from_tree(lb, outer, tree, scratch)
+            blocks[place][outer] = scratch.hat[outer]
+    clusters = []
+    for columns, a in only.cluster_rows():
+        k = len(a)
+        clusters.append(
+            np.zeros((k, k)) if tree is None else a @ tree.joint(columns[None])[0] @ a.T
+        )
+    return tuple(blocks), tuple(clusters)
+
+
+# -- where the rows find their covariances --------------------------------------------------------
+
+
+def _empty(lb: LinearBlock) -> BlockLeverage:
+    n, d = lb.block.observed.shape
+    points = sum(kind == "point" for kind, _ in lb.block.variables)
+    return BlockLeverage(np.zeros((n, d, d)), np.zeros((n, d, d)), np.zeros((n, 3 * points, d)))
+
+
+def _split(system: LinearSystem, reduced: object, factor: Factor) -> list[tuple[Index, Index]]:
+    """Return, for each block, the rows of points of the first layer, and those of the tree."""
+    out = []
+    clustered = system.equations.in_cluster
+    for place, lb in enumerate(system.blocks):
+        inner = np.zeros(lb.block.n, dtype=bool)
+        if reduced is not None:
+            for kind, index in lb.block.variables:
+                if kind == "point":
+                    inner |= factor.plan.reduced[index]
+        outer = ~inner
+        if place in clustered:
+            outer[clustered[place]] = False
+        out.append((np.flatnonzero(inner), np.flatnonzero(outer)))
+    return out
+
+
+def _from_tree(lb: LinearBlock, rows: Index, inverse: SelectedInverse, out: BlockLeverage) -> None:
+    """Fill in rows whose variables are in tree and border."""
+    slots = [j for j, a in enumerate(lb.a) if len(a)]
+    if not slots:
+        return
+    widths = [lb.a[j].shape[2] for j in slots]
+    kinds = np.repeat([lb.block.variables[j][0] == "point" for j in slots], widths)
+    points = [j for j, (kind, _) in enumerate(lb.block.variables) if kind == "point"]
+    ends = np.cumsum(widths)
+    for chunk in _chunks(rows, int(ends[-1]) ** 2):
+        columns = np.concatenate(
+            [
+                np.where(
+                    lb.offsets[j][chunk, None] >= 0, lb.offsets[j][chunk, None] + np.arange(w), -1
+                )
+                for j, w in zip(slots, widths, strict=True)
+            ],
+            axis=1,
+        )
+        joint = inverse.joint(columns)
+        a = np.concatenate([lb.a[j][chunk] for j in slots], axis=2)
+        along = joint @ a.transpose(0, 2, 1)
+        out.hat[chunk] = a @ along
+        if not kinds.all():
+            a1 = a[:, :, ~kinds]
+            out.others[chunk] = a1 @ joint[:, ~kinds][:, :, ~kinds] @ a1.transpose(0, 2, 1)
+        for number, j in enumerate(points):
+            if j in slots:
+                i = slots.index(j)
+                part = along[:, ends[i] - widths[i] : ends[i]]
+                out.own[chunk, 3 * number : 3 * number + 3] = part
+
+
+def _chunks(rows: Index, size: int) -> Iterator[Index]:
+    step = max(1, AT_ONCE // size)
+    for start in range(0, len(rows), step):
+        yield rows[start : start + step]
+
+
+def _half(a: Array, number: Index, factor: Factor) -> Array:
+    """Return U = L⁻¹A_pᵀ (n, 3, d) of rows at points of the first layer."""
+    assert factor.points is not None
+    local = np.cumsum(factor.plan.reduced) - 1
+    return factor.points.lower(np.ascontiguousarray(a.transpose(0, 2, 1)), local[number])
+
+
+def _from_points(
+    lb: LinearBlock, rows: Index, points: ReducedPoints, inner: Array, out: BlockLeverage
+) -> None:
+    """Fill in coordinates of points of the first layer."""
+    if not len(lb.a[0]):
+        return
+    local = (np.cumsum(points.rays.plan.reduced) - 1)[lb.block.variables[0][1][rows]]
+    u = points.lower(np.ascontiguousarray(lb.a[0][rows].transpose(0, 2, 1)), local)
+    ku = inner[local] @ u
+    out.hat[rows] = u.transpose(0, 2, 1) @ ku
+    out.own[rows] = points.upper(ku, local)
+
+
+def _from_rays(
+    system: LinearSystem,
+    factor: Factor,
+    points: ReducedPoints,
+    joint: RayCovariances,
+    blocks: list[BlockLeverage],
+) -> None:
+    """Fill in the rays to points of the first layer."""
+    rays = points.rays
+    a_pose, a_lens, a_point = (
+        joined([system.blocks[i].a[slot] for i in rays.places], rays) for slot in range(3)
+    )
+    border = factor.border_covariance()
+    n, k = len(rays.point), a_lens.shape[2]
+    u = points.lower(np.ascontiguousarray(a_point.transpose(0, 2, 1)), rays.point)
+    others = np.empty((n, 2, 2))
+    z = joint.rays[:, :, :6] @ a_pose.transpose(0, 2, 1)
+    if rays.width > 6:
+        on = rays.own_rays
+        z[on] += joint.rays[on, :, 6 : 6 + k] @ a_lens[on].transpose(0, 2, 1)
+    at = 0
+    shared_at: dict[int, Index] = {}
+    for which, r, columns in zip(rays.shared, rays.shared_rays, rays.shared_columns, strict=True):
+        size = len(columns)
+        m = joint.shared[rays.point[r], :, at : at + size]
+        z[r] += m @ a_lens[r, :, :size].transpose(0, 2, 1)
+        shared_at[int(which)] = columns
+        at += size
+    for number, photo in enumerate(rays.photos):
+        pieces, c = [a_pose[photo.rows]], photo.columns[:6]
+        calibration = int(rays.calibration[photo.rows.start])
+        if rays.has_own[number]:
+            pieces.append(a_lens[photo.rows])
+            c = photo.columns[: 6 + k]
+        elif calibration in shared_at:
+            own_lens = shared_at[calibration]
+            pieces.append(a_lens[photo.rows][:, :, : len(own_lens)])
+            c = np.concatenate([c, own_lens])
+        unknown = c >= 0
+        a = np.concatenate(pieces, axis=2)[:, :, unknown]
+        sigma = border[np.ix_(c[unknown], c[unknown])]
+        half = (a.reshape(-1, a.shape[2]) @ sigma).reshape(a.shape)
+        others[photo.rows] = half @ a.transpose(0, 2, 1)
+    ku = joint.inner[rays.point] @ u
+    cross = u.transpose(0, 2, 1) @ z
+    hat = others - cross - cross.transpose(0, 2, 1) + u.transpose(0, 2, 1) @ ku
+    own = points.upper(ku - z, rays.point)
+    first = 0
+    for place, chosen, size in zip(rays.places, rays.selected, rays.sizes, strict=True):
+        part = slice(first, first + size)
+        blocks[place].hat[chosen] = hat[part]
+        blocks[place].others[chosen] = others[part]
+        blocks[place].own[chosen] = own[part]
+        first += size
+
+
+def _dense(
+    columns: Index, a: Array, inverse: SelectedInverse, system: LinearSystem
+) -> ClusterLeverage:
+    """Return the part of rows (k, m) over any number of columns (m,)."""
+    joint = inverse.joint(columns[None])[0]
+    own = joint @ a.T
+    other = ~_of_points(system)[columns]
+    a1 = a[:, other]
+    return ClusterLeverage(a @ own, a1 @ joint[np.ix_(other, other)] @ a1.T, columns, own)
+
+
+def _of_points(system: LinearSystem) -> Mask:
+    """Return which columns are coordinates of points, (n_columns,)."""
+    out = np.zeros(system.unknowns.n_columns, dtype=bool)
+    offset = system.unknowns["point"].offset
+    out[offset[offset >= 0, None] + np.arange(3)] = True
+    return out
+
+
+# -- the points alone -----------------------------------------------------------------------------
+
+
+def _points_of_tree(
+    system: LinearSystem, only: LinearSystem, factor: Factor, datum: FreeDatum | None
+) -> SelectedInverse | None:
+    """Return the selected inverse of N22 of the points that are not in the first layer."""
+    plan = factor.plan
+    unknowns = plan.unknowns
+    tree = tuple(v for v in plan.tree if v[0] == "point")
+    if not tree:
+        return None
+    alone = Plan(
+        unknowns,
+        plan.reduced,
+        np.zeros(0, dtype=np.intp),
+        np.full(unknowns.n_columns, -1, dtype=np.intp),
+        tree,
+    )
+    extra = np.zeros(unknowns.n_columns)
+    if datum is not None:
+        diagonal = only.diagonal()
+        weighted = datum.motions * np.sqrt(system.diagonal())[:, None]
+        points = _of_points(only)
+        # Motions of the datum that leave everything but the points where it is.
+        q, _ = np.linalg.qr(weighted)
+        _, s, vt = np.linalg.svd(q[~points], full_matrices=True)
+        still = np.ones(q.shape[1], dtype=bool)
+        still[: len(s)] = s < NOTHING
+        motions = q @ vt[still].T
+        if motions.shape[1]:
+            candidates = np.zeros(unknowns.n_columns, dtype=bool)
+            for _, number in tree:
+                candidates[unknowns.columns("point", number)] = True
+            held = minimal_datum(motions, candidates & unknowns.free & (diagonal > 0))
+            extra[held] = diagonal[held]
+    return SelectedInverse(Factor(alone, None, only, TreeFactors(alone, only), extra, qr=True))
+
+
+# -- free networks --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class STransform:
+    """Q = S Q_min Sᵀ of a free network, S = I − G (G_DᵀG_D)⁻¹ G_Dᵀ."""
+
+    motions: Array
+    """G (n_columns, d)."""
+    inverse: Array
+    """(G_DᵀG_D)⁻¹ (d, d)."""
+    cross: Array
+    """F = Q_min G_D (n_columns, d)."""
+    square: Array
+    """E = G_Dᵀ F (d, d)."""
+
+    def blocks(self, system: LinearSystem, blocks: list[BlockLeverage]) -> None:
+        """Carry the parts of single unknowns over, in place."""
+        of_f = system.times(self.cross)
+        others = system.only([k for k in system.unknowns.tables if k != "point"])
+        g1, f1 = others.times(self.motions) @ self.inverse, others.times(self.cross)
+        shift = self.motions @ self.inverse
+        for lb, out in zip(system.blocks, blocks, strict=True):
+            n, d = lb.block.observed.shape
+            g, f, af = (x[lb.block.rows].reshape(n, d, -1) for x in (g1, f1, of_f))
+            cross = f @ g.transpose(0, 2, 1)
+            out.others[:] += (
+                g @ self.square @ g.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
+            )
+            number = 0
+            for (kind, _), offset in zip(lb.block.variables, lb.offsets, strict=True):
+                if kind != "point":
+                    continue
+                on = np.flatnonzero(offset >= 0)
+                moved = shift[offset[on, None] + np.arange(3)]
+                out.own[on, 3 * number : 3 * number + 3] -= moved @ af[on].transpose(0, 2, 1)
+                number += 1
+
+    def dense(
+        self, system: LinearSystem, columns: Index, a: Array, c: ClusterLeverage
+    ) -> ClusterLeverage:
+        """The same for dense rows."""
+        other = ~_of_points(system)[columns]
+        g = a[:, other] @ self.motions[columns[other]] @ self.inverse
+        f = a[:, other] @ self.cross[columns[other]]
+        others = c.others - f @ g.T - g @ f.T + g @ self.square @ g.T
+        own = c.own - self.motions[columns] @ self.inverse @ (a @ self.cross[columns]).T
+        return ClusterLeverage(c.hat, others, c.columns, own)
