@@ -9,6 +9,7 @@ from differences import columns_of
 
 from factorgraph_adj.graph.equations import Equations
 from factorgraph_adj.graph.variables import State
+from factorgraph_adj.quality.solution import Solution
 from factorgraph_adj.types import Array, Mask
 
 RANK = 1e-10
@@ -79,3 +80,70 @@ class Dense:
         scaled = self.design / np.linalg.norm(self.design, axis=0)
         u, s, _ = np.linalg.svd(scaled, full_matrices=False)
         return u[:, s > RANK * s[0]], s
+
+
+@dataclass(frozen=True)
+class DenseReliability:
+    """Reliability from full matrices; a reference that shares no line with the package."""
+
+    redundancy_numbers: Array
+    """diag(Q_vv P) (n_rows,)."""
+    e1: Array
+    e2: Array
+    e12: Array
+    weighted: Array
+    """Pv."""
+    precision: Array
+    """P Q_vv P (n_rows, n_rows)."""
+    lost: Array
+    """diag(P A Q AᵀP)."""
+    effects: Array
+    """Q AᵀP (n_columns, n_rows): effects of errors of one unit."""
+
+    @classmethod
+    def of(cls, solution: Solution) -> DenseReliability:
+        """Compute everything from dense inverses."""
+        equations = solution.equations
+        dense = Dense.at(equations, solution.state)
+        whitener = np.diag(1.0 / equations.sigmas())
+        for block in equations.blocks:
+            if block.whitener is not None:
+                for i, own in enumerate(block.whitener):
+                    rows = block.first_row + block.dimension * i + np.arange(block.dimension)
+                    whitener[np.ix_(rows, rows)] = own
+        for cluster in equations.clusters:
+            whitener[np.ix_(cluster.rows, cluster.rows)] = cluster.whitener
+        weight = whitener.T @ whitener
+        datum = (
+            np.zeros(len(dense.free), dtype=bool)
+            if solution.datum is None
+            else solution.datum.columns
+        )
+        q = dense.cofactor(datum)
+        a = np.zeros((len(weight), len(dense.free)))
+        a[:, dense.free] = np.linalg.solve(whitener, dense.design)
+        points = np.zeros(len(dense.free), dtype=bool)
+        for number in range(len(equations.unknowns["point"].names)):
+            points[equations.unknowns.columns("point", number)] = True
+        hat = a @ q @ a.T @ weight
+        one = a[:, ~points] @ q[np.ix_(~points, ~points)] @ a[:, ~points].T @ weight
+        basis = _basis(whitener @ a[:, points & dense.free])
+        two = np.linalg.solve(whitener, basis @ basis.T @ whitener)
+        precision = weight - weight @ a @ q @ a.T @ weight
+        return cls(
+            1.0 - np.diag(hat),
+            np.diag(one).copy(),
+            np.diag(two).copy(),
+            np.diag(hat - one - two).copy(),
+            whitener.T @ dense.residual,
+            precision,
+            np.diag(weight @ a @ q @ a.T @ weight).copy(),
+            q @ a.T @ weight,
+        )
+
+
+def _basis(a: Array) -> Array:
+    """Return an orthonormal basis of the range of a matrix."""
+    length = np.linalg.norm(a, axis=0)
+    u, s, _ = np.linalg.svd(a[:, length > 0] / length[length > 0], full_matrices=False)
+    return np.asarray(u[:, s > RANK * max(s.max(initial=0.0), 1e-300)])

@@ -115,6 +115,7 @@ def adjust(
     datum: DatumChoice | None = None,
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
     start: Solution | None = None,
+    weights: Array | None = None,
     tolerance: float = 1e-5,
     max_iterations: int = 100,
     extra_factors: Sequence[gtsam.NonlinearFactor] = (),
@@ -129,6 +130,8 @@ def adjust(
         variance: whether covariances are scaled by 1 or by σ̂0².
         start: start from the values of an earlier solution, by name; a few observations more or
             less need a step or two. Inner constraints refer to the same coordinates as there.
+        weights: what the weight of each scalar observation is multiplied by, in the order of
+            ``solution.observations``; see `Equations.reweighted`.
         tolerance: bound on the last step of every unknown, relative to its own σ.
         max_iterations: after as many the solution says that it has not converged.
         extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`; they take
@@ -153,6 +156,8 @@ def adjust(
     equations = compile_network(network)
     origin, state = _start(equations, choice, start)
     equations = equations.weighted_at(state)
+    if weights is not None:
+        equations = equations.reweighted(weights)
     run = _Run(
         Solver.of(equations),
         tuple(extra_factors),

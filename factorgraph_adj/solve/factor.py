@@ -8,7 +8,8 @@ from scipy.linalg import lapack
 from ..types import Array, Index
 from .linear import LinearSystem
 from .plan import Plan
-from .reduction import RayCovariances, Rays, ReducedPoints
+from .rays import Rays
+from .reduction import RayCovariances, ReducedPoints
 from .tree import Clique, SingularError, TreeFactors
 from .triangular import lower_solve, upper_solve, upper_transposed_solve
 
@@ -78,7 +79,7 @@ class Factor:
         safe = np.where(free, np.maximum(diagonal, np.finfo(float).tiny), 1.0)
         out = np.ones(len(free))
         if self.points is not None:
-            out[self.plan.point_columns] = self.points.pivots * point
+            out[self.plan.point_columns] = self.points.cholesky.pivots * point
         for c in self.cliques:
             out[c.frontal] = np.diag(c.r) ** 2 / safe[c.frontal]
             out[c.frontal] *= np.where(free[c.frontal], tree, 1.0)

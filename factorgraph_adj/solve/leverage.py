@@ -25,7 +25,9 @@ from .datum import FreeDatum, minimal_datum
 from .factor import Factor
 from .linear import LinearBlock, LinearSystem
 from .plan import Plan
-from .reduction import RayCovariances, ReducedPoints, joined
+from .point_blocks import PointCholesky, point_blocks
+from .rays import joined
+from .reduction import RayCovariances, ReducedPoints
 from .selected_inverse import SelectedInverse
 from .tree import TreeFactors
 
@@ -135,12 +137,19 @@ def point_leverages(
         n, d = lb.block.observed.shape
         blocks.append(np.zeros((n, d, d)))
     tree = _points_of_tree(system, only, factor, datum)
+    local = np.cumsum(factor.plan.reduced) - 1
+    if factor.points is not None:
+        # Without what a minimal datum adds to the diagonal of a point.
+        rays = factor.points.rays
+        rows = joined([system.blocks[i].a[2] for i in rays.places], rays)
+        alone = PointCholesky(point_blocks(rays, system, rows, np.zeros(system.unknowns.n_columns)))
     for place, lb in enumerate(only.blocks):
         slots = [j for j, (kind, _) in enumerate(lb.block.variables) if kind == "point"]
         inner, outer = parts[place]
         if len(inner) and len(lb.a[slots[0]]):
-            assert factor.points is not None
-            u = _half(lb.a[slots[0]][inner], lb.block.variables[slots[0]][1][inner], factor)
+            a = lb.a[slots[0]][inner].transpose(0, 2, 1)
+            number = lb.block.variables[slots[0]][1][inner]
+            u = alone.lower(np.ascontiguousarray(a), local[number])
             blocks[place][inner] = u.transpose(0, 2, 1) @ u
         if len(outer) and tree is not None:
             scratch = _empty(lb)
@@ -220,13 +229,6 @@ def _chunks(rows: Index, size: int) -> Iterator[Index]:
         yield rows[start : start + step]
 
 
-def _half(a: Array, number: Index, factor: Factor) -> Array:
-    """Return U = L⁻¹A_pᵀ (n, 3, d) of rows at points of the first layer."""
-    assert factor.points is not None
-    local = np.cumsum(factor.plan.reduced) - 1
-    return factor.points.lower(np.ascontiguousarray(a.transpose(0, 2, 1)), local[number])
-
-
 def _from_points(
     lb: LinearBlock, rows: Index, points: ReducedPoints, inner: Array, out: BlockLeverage
 ) -> None:
@@ -234,10 +236,10 @@ def _from_points(
     if not len(lb.a[0]):
         return
     local = (np.cumsum(points.rays.plan.reduced) - 1)[lb.block.variables[0][1][rows]]
-    u = points.lower(np.ascontiguousarray(lb.a[0][rows].transpose(0, 2, 1)), local)
+    u = points.cholesky.lower(np.ascontiguousarray(lb.a[0][rows].transpose(0, 2, 1)), local)
     ku = inner[local] @ u
     out.hat[rows] = u.transpose(0, 2, 1) @ ku
-    out.own[rows] = points.upper(ku, local)
+    out.own[rows] = points.cholesky.upper(ku, local)
 
 
 def _from_rays(
@@ -254,7 +256,7 @@ def _from_rays(
     )
     border = factor.border_covariance()
     n, k = len(rays.point), a_lens.shape[2]
-    u = points.lower(np.ascontiguousarray(a_point.transpose(0, 2, 1)), rays.point)
+    u = points.cholesky.lower(np.ascontiguousarray(a_point.transpose(0, 2, 1)), rays.point)
     others = np.empty((n, 2, 2))
     z = joint.rays[:, :, :6] @ a_pose.transpose(0, 2, 1)
     if rays.width > 6:
@@ -286,7 +288,7 @@ def _from_rays(
     ku = joint.inner[rays.point] @ u
     cross = u.transpose(0, 2, 1) @ z
     hat = others - cross - cross.transpose(0, 2, 1) + u.transpose(0, 2, 1) @ ku
-    own = points.upper(ku - z, rays.point)
+    own = points.cholesky.upper(ku - z, rays.point)
     first = 0
     for place, chosen, size in zip(rays.places, rays.selected, rays.sizes, strict=True):
         part = slice(first, first + size)

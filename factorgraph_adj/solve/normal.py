@@ -13,7 +13,7 @@ from ..types import Array
 from .factor import Factor
 from .linear import ExtraRows, LinearSystem
 from .plan import Plan, make_plan
-from .reduction import Rays
+from .rays import Rays
 from .tree import SingularError, TreeFactors
 
 LARGEST_QR = 3000

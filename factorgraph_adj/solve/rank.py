@@ -14,7 +14,7 @@ from .datum import Defect, in_part
 from .factor import Factor
 from .linear import LinearSystem
 from .plan import make_plan
-from .reduction import Rays
+from .rays import Rays
 from .tree import SingularError, TreeFactors
 
 REGULARISED = 1e-10

@@ -11,130 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..graph.equations import Equations
 from ..types import Array, Index
 from .linear import LinearSystem
-from .plan import Plan
-
-
-@dataclass(frozen=True)
-class Participant:
-    """A photo (with its own calibration) or a shared calibration in the reduced system."""
-
-    rows: slice
-    """Its rays (photo) or points (shared calibration), in the order of their arrays."""
-    columns: Index
-    """Columns of its block in the border; −1 for components that are not unknown."""
-
-    @property
-    def run(self) -> slice | None:
-        """The columns as a slice, where they are one run with nothing missing before its end."""
-        n = int(np.sum(self.columns >= 0))
-        first = int(self.columns[0])
-        if first < 0 or not np.array_equal(self.columns[:n], np.arange(first, first + n)):
-            return None
-        return slice(first, first + n)
-
-
-class Rays:
-    """Index lists of the rays to the points of the first layer; made once for a network."""
-
-    def __init__(self, equations: Equations, plan: Plan) -> None:
-        """Sort the rays out."""
-        self.plan = plan
-        unknowns = plan.unknowns
-        local = np.cumsum(plan.reduced) - 1
-        self.n_points = int(plan.reduced.sum())
-        self.places = [i for i, b in enumerate(equations.blocks) if b.kind == "image"]
-        self.selected: list[Index | slice] = []
-        self.sizes: list[int] = []
-        photo, calibration, point = [], [], []
-        for place in self.places:
-            (_, f), (_, k), (_, p) = equations.blocks[place].variables
-            keep = plan.reduced[p]
-            rows: Index | slice = slice(None) if keep.all() else np.flatnonzero(keep)
-            self.selected.append(rows)
-            self.sizes.append(int(keep.sum()))
-            photo.append(f[rows])
-            calibration.append(k[rows])
-            point.append(local[p[rows]])
-        self.photo = np.concatenate(photo)
-        self.calibration = np.concatenate(calibration)
-        self.point = np.concatenate(point)
-
-        # Photos lie together: one participant each. A calibration that only one photo has
-        # joins it; the others are participants of their own.
-        starts = np.flatnonzero(np.r_[True, self.photo[1:] != self.photo[:-1]])
-        stops = np.r_[starts[1:], len(self.photo)]
-        self.starts = starts
-        pose, lens = unknowns["pose"], unknowns["calibration"]
-        of_photo = self.calibration[starts]
-        users = np.bincount(of_photo, minlength=len(lens.names))
-        own = users[of_photo] == 1
-        self.has_own = own
-        self.width = 6 + (lens.free.shape[1] if own.any() else 0)
-        self.shared = np.flatnonzero((users > 1) & (lens.offset >= 0))
-        self.photos: list[Participant] = []
-        for start, stop, alone in zip(starts, stops, own, strict=True):
-            columns = np.full(self.width, -1, dtype=np.intp)
-            f, k = self.photo[start], self.calibration[start]
-            if pose.offset[f] >= 0:
-                columns[:6] = plan.in_border[pose.offset[f] + np.arange(6)]
-            if alone and lens.offset[k] >= 0:
-                size = lens.size[k]
-                columns[6 : 6 + size] = plan.in_border[lens.offset[k] + np.arange(size)]
-            self.photos.append(Participant(slice(int(start), int(stop)), columns))
-        self.runs = [p.run for p in self.photos]
-        self.ray_photo = np.repeat(np.arange(len(starts)), stops - starts)
-        self.own_rays = np.flatnonzero(own[self.ray_photo])
-        self._find_shared(plan)
-        self._find_pairs()
-        self.coordinate_places = [
-            i
-            for i, b in enumerate(equations.blocks)
-            if b.kind != "image" and len(b.variables) == 1 and b.variables[0][0] == "point"
-        ]
-
-    def _find_shared(self, plan: Plan) -> None:
-        """Find the points and rays of each calibration that several photos share."""
-        lens = plan.unknowns["calibration"]
-        self.shared_rays: list[Index | slice] = []
-        self.shared_points: list[Index] = []
-        self.shared_place: list[Index] = []
-        self.shared_columns: list[Index] = []
-        for k in self.shared:
-            rays: Index | slice = np.flatnonzero(self.calibration == k)
-            points, place = np.unique(self.point[rays], return_inverse=True)
-            if len(place) == len(self.point):
-                rays = slice(None)
-            self.shared_rays.append(rays)
-            self.shared_points.append(points)
-            self.shared_place.append(place.astype(np.intp))
-            self.shared_columns.append(plan.in_border[lens.offset[k] + np.arange(lens.size[k])])
-
-    def _find_pairs(self) -> None:
-        """List, for every pair of photos, the rays to their common points."""
-        order = np.argsort(self.point, kind="stable").astype(np.int32)
-        counts = np.bincount(self.point, minlength=self.n_points)
-        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-        left, right = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
-        for n in np.unique(counts[counts > 1]):
-            rays = order[first[counts == n][:, None] + np.arange(n)]
-            i, j = np.triu_indices(int(n), 1)
-            left.append(rays[:, i].ravel())
-            right.append(rays[:, j].ravel())
-        a, b = np.concatenate(left), np.concatenate(right)
-        n_photos = len(self.photos)
-        code = self.ray_photo[a].astype(np.int64) * n_photos + self.ray_photo[b]
-        by_pair = np.argsort(code, kind="stable")
-        code, a, b = code[by_pair], a[by_pair], b[by_pair]
-        cuts: Index = np.flatnonzero(np.diff(code, prepend=-1))
-        stops = np.append(cuts[1:], len(code))[: len(cuts)]
-        self.left, self.right = a, b
-        self.pairs = [
-            (int(code[s]) // n_photos, int(code[s]) % n_photos, int(s), int(t))
-            for s, t in zip(cuts, stops, strict=True)
-        ]
+from .point_blocks import PointCholesky, point_blocks
+from .rays import Rays, joined
 
 
 class ReducedPoints:
@@ -152,75 +32,16 @@ class ReducedPoints:
         j_pose, j_lens, j_point = (
             joined([system.blocks[i].a[slot] for i in rays.places], rays) for slot in range(3)
         )
-        h = self._point_blocks(system, j_point, extra)
-        self._cholesky(h)
+        h = point_blocks(rays, system, j_point, extra)
+        self.cholesky = PointCholesky(h)
         self._rays(j_pose, j_lens, j_point)
         self.normal = self._normal(j_pose, j_lens, extra)
-
-    def _point_blocks(self, system: LinearSystem, j: Array, extra: Array) -> Array:
-        """Return the 3 × 3 normal matrices of the points as (6, p): xx xy xz yy yz zz."""
-        rays, plan = self.rays, self.rays.plan
-        n = rays.n_points
-        out = np.empty((6, n))
-        pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-        for row, (a, b) in enumerate(pairs):
-            product = j[:, 0, a] * j[:, 0, b] + j[:, 1, a] * j[:, 1, b]
-            out[row] = np.bincount(rays.point, weights=product, minlength=n)
-        local = np.cumsum(plan.reduced) - 1
-        for place in rays.coordinate_places:
-            lb = system.blocks[place]
-            if not len(lb.a[0]):
-                continue
-            number = lb.block.variables[0][1]
-            on = np.flatnonzero(plan.reduced[number])
-            for row, (a, b) in enumerate(pairs):
-                product = np.sum(lb.a[0][on, :, a] * lb.a[0][on, :, b], axis=1)
-                out[row] += np.bincount(local[number[on]], weights=product, minlength=n)
-        columns = plan.point_columns
-        for row, axis in ((0, 0), (3, 1), (5, 2)):
-            out[row] += extra[columns[:, axis]]
-        self.diagonal = out[[0, 3, 5]].copy()
-        return out
-
-    def _cholesky(self, h: Array) -> None:
-        """Factorise H = L Lᵀ; ``pivots`` (p, 3) are what is left of each diagonal, relative."""
-        xx, xy, xz, yy, yz, zz = h
-        tiny = np.finfo(float).tiny
-        l11 = np.sqrt(np.maximum(xx, tiny))
-        l21, l31 = xy / l11, xz / l11
-        left22 = yy - l21**2
-        l22 = np.sqrt(np.maximum(left22, np.maximum(yy * 1e-16, tiny)))
-        l32 = (yz - l31 * l21) / l22
-        left33 = zz - l31**2 - l32**2
-        l33 = np.sqrt(np.maximum(left33, np.maximum(zz * 1e-16, tiny)))
-        self.l = (l11, l21, l31, l22, l32, l33)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            self.pivots = np.stack([(xx > 0) * 1.0, left22 / yy, left33 / zz], 1)
-        np.nan_to_num(self.pivots, copy=False, nan=0.0)
-
-    def lower(self, b: Array, at: Index | None = None) -> Array:
-        """Return L⁻¹ b for b (m, 3, k); ``at`` gives the point of each row."""
-        l11, l21, l31, l22, l32, l33 = ((x if at is None else x[at])[:, None] for x in self.l)
-        out = np.empty_like(b)
-        np.divide(b[:, 0], l11, out=out[:, 0])
-        out[:, 1] = (b[:, 1] - l21 * out[:, 0]) / l22
-        out[:, 2] = (b[:, 2] - l31 * out[:, 0] - l32 * out[:, 1]) / l33
-        return out
-
-    def upper(self, b: Array, at: Index | None = None) -> Array:
-        """Return L⁻ᵀ b for b (m, 3, k); ``at`` gives the point of each row."""
-        l11, l21, l31, l22, l32, l33 = ((x if at is None else x[at])[:, None] for x in self.l)
-        out = np.empty_like(b)
-        out[:, 2] = b[:, 2] / l33
-        out[:, 1] = (b[:, 1] - l32 * out[:, 2]) / l22
-        out[:, 0] = (b[:, 0] - l21 * out[:, 1] - l31 * out[:, 2]) / l11
-        return out
 
     def _rays(self, j_pose: Array, j_lens: Array, j_point: Array) -> None:
         """Compute W of every ray (m, 3, width), and of every point and shared calibration."""
         rays = self.rays
         # L⁻¹Jₚᵀ first: it is small, and W is its product with any other partials.
-        half = self.lower(j_point.transpose(0, 2, 1), rays.point)
+        half = self.cholesky.lower(j_point.transpose(0, 2, 1), rays.point)
         if rays.width == 6:
             self.w = half @ j_pose
         else:
@@ -331,7 +152,7 @@ class ReducedPoints:
             border: right sides of the border (b, k), changed.
         """
         rays = self.rays
-        z = self.lower(y[rays.plan.point_columns])
+        z = self.cholesky.lower(y[rays.plan.point_columns])
         part = np.einsum("mic,mik->mck", self.w, z[rays.point])
         by_photo = np.add.reduceat(part, rays.starts, axis=0)
         for number, photo in enumerate(rays.photos):
@@ -362,7 +183,7 @@ class ReducedPoints:
             self.shared, rays.shared_points, rays.shared_columns, strict=True
         ):
             t[points] -= np.einsum("pic,ck->pik", ws, border[columns])
-        return self.upper(t)
+        return self.cholesky.upper(t)
 
     def joint(self, border: Array) -> RayCovariances:
         """Return what the covariance of the border (b, b) makes of the points'.
@@ -418,8 +239,8 @@ class ReducedPoints:
 
     def covariances(self, inner: Array) -> Array:
         """Return the covariance L⁻ᵀ inner L⁻¹ (p, 3, 3) of every point."""
-        half = self.upper(inner)
-        return self.upper(np.ascontiguousarray(half.transpose(0, 2, 1)))
+        half = self.cholesky.upper(inner)
+        return self.cholesky.upper(np.ascontiguousarray(half.transpose(0, 2, 1)))
 
 
 @dataclass(frozen=True)
@@ -432,23 +253,6 @@ class RayCovariances:
     """Its columns of the shared calibrations, one after the other, (p, 3, k)."""
     inner: Array
     """I + W Σ_b Wᵀ, (p, 3, 3)."""
-
-
-def joined(parts: list[Array], rays: Rays) -> Array:
-    """Join partials of several image blocks; missing ones (held variables) are zero."""
-    width = max(p.shape[2] for p in parts)
-    chosen = []
-    for part, rows, size in zip(parts, rays.selected, rays.sizes, strict=True):
-        if not len(part):
-            chosen.append(np.zeros((size, 2, width)))
-            continue
-        part = part[rows]
-        if part.shape[2] < width:
-            part = np.concatenate(
-                [part, np.zeros((*part.shape[:2], width - part.shape[2]))], axis=2
-            )
-        chosen.append(part)
-    return chosen[0] if len(chosen) == 1 else np.concatenate(chosen)
 
 
 def _scatter(s: Array, rows: Index, columns: Index, block: Array) -> None:
