@@ -300,6 +300,25 @@ class Solution:
         """
         return self.variable_covariance(("point", a), ("point", a if b is None else b))
 
+    @cached_property
+    def point_covariances(self) -> Array:
+        """Covariances of all points at once, (number of points, 3, 3) metres², as `covariance`."""
+        table = self.equations.unknowns["point"]
+        out = np.zeros((len(table.names), 3, 3))
+        reduced = self.factor.plan.reduced
+        out[reduced] = self.factor.point_covariances()
+        for number in np.flatnonzero((table.offset >= 0) & ~reduced).tolist():
+            out[number] = self._blocks[int(table.offset[number])]
+        out *= table.free[:, :, None] & table.free[:, None, :]
+        if self.datum is not None and self.datum_cross is not None:
+            f, e = self.datum_cross
+            on = np.flatnonzero(table.offset >= 0)
+            columns = table.offset[on, None] + np.arange(3)
+            g = self.datum.motions[columns] @ self.datum.inverse
+            cross = f[columns] @ g.transpose(0, 2, 1)
+            out[on] += g @ e @ g.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
+        return out * self.variance_factor
+
     def standard_deviations(self, name: str) -> Array:
         """Return the standard deviations of a point, (3,) metres."""
         return np.sqrt(np.maximum(np.diag(self.covariance(name)), 0.0))

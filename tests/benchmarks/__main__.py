@@ -5,6 +5,9 @@ ladybug   Ladybug 49 of Bundle Adjustment in the Large against pycolmap
 growth    simulated aerial blocks of 10 000 to 1 000 000 image points
 grids     simulated terrestrial networks of 100 to 10 000 points
 
+Quality: reliability of every observation (with e1, e2, e12) and the covariance of every point;
+for pycolmap the covariances of points, poses and cameras.
+
 Every run is a process of its own on the same cores. Ceres gets a thread for each core; we get one
 BLAS thread, since more only wait for each other in our small blocks.
 """
@@ -73,13 +76,17 @@ def against_colmap(cores: set[int], rounds: int, job: str, data: Path) -> None:
         for j in jobs:
             if (measured := run(cores, j)) is not None:
                 taken[j].append(measured)
-    print(f"  {'':16}{'s':>8}{'CPU s':>8}{'iter.':>7}{'√vᵀPv':>11}  medians; all s; why it ended")
+    print(
+        f"  {'':16}{'s':>8}{'CPU s':>8}{'quality':>9}{'together':>10}{'iter.':>7}{'√vᵀPv':>11}"
+        "  medians; all s; why it ended"
+    )
     for j, runs in taken.items():
         if runs:
-            seconds, cpu = (_median(runs, what) for what in ("seconds", "cpu"))
+            seconds, cpu, quality = (_median(runs, what) for what in ("seconds", "cpu", "quality"))
             every = " ".join(f"{m.seconds:.2f}" for m in runs)
             print(
-                f"  {j:16}{seconds:8.3f}{cpu:8.3f}{runs[0].iterations:7d}"
+                f"  {j:16}{seconds:8.3f}{cpu:8.3f}{quality:9.3f}{_together(runs):10.3f}"
+                f"{runs[0].iterations:7d}"
                 f"{runs[0].vtpv ** 0.5:11.4f}  {every}; {runs[0].how}"
             )
     if taken[job]:
@@ -88,17 +95,24 @@ def against_colmap(cores: set[int], rounds: int, job: str, data: Path) -> None:
         for what, name in (("seconds", "time"), ("cpu", "CPU time")):
             a, b = (_median(runs, what) for runs in taken.values())
             print(f"  ours / pycolmap, {name}: {a / b:.2f}")
+        a, b = (_together(runs) for runs in taken.values())
+        print(f"  adjustment and quality together, time: {a / b:.2f}")
 
 
 def _median(runs: Sequence[Measured], what: str) -> float:
     return statistics.median(getattr(m, what) for m in runs)
 
 
+def _together(runs: Sequence[Measured]) -> float:
+    """Return the median of the seconds for adjustment and quality."""
+    return statistics.median(m.seconds + m.quality for m in runs)
+
+
 def table(cores: set[int], job: str, sizes: Sequence[int], what: str) -> None:
     """Print one line for each size."""
     print(
         f"  {what:>12}{'scalar obs.':>13}{'unknowns':>10}{'made s':>9}{'iter.':>7}{'s/iter.':>9}"
-        f"{'total s':>9}{'CPU s':>9}{'MB':>7}{'σ̂0':>8}"
+        f"{'total s':>9}{'CPU s':>9}{'MB':>7}{'σ̂0':>8}{'quality s':>11}{'MB':>7}{'Σr − r':>10}"
     )
     for size in sizes:
         m = run(cores, job, size)
@@ -106,7 +120,8 @@ def table(cores: set[int], job: str, sizes: Sequence[int], what: str) -> None:
             print(
                 f"  {size:12d}{m.observations:13d}{m.unknowns:10d}{m.prepared:9.2f}"
                 f"{m.iterations:7d}{m.seconds / m.iterations:9.3f}{m.seconds:9.2f}"
-                f"{m.cpu:9.2f}{m.megabytes:7.0f}{m.sigma0:8.4f}"
+                f"{m.cpu:9.2f}{m.megabytes:7.0f}{m.sigma0:8.4f}{m.quality:11.2f}"
+                f"{m.quality_megabytes:7.0f}{m.sum_r:10.1e}"
             )
 
 

@@ -34,6 +34,10 @@ class Solved:
     """vᵀPv at the start."""
     how: str
     """Termination type and linear solver."""
+    covariance: float
+    """Seconds for the covariances of all points, poses and cameras."""
+    covariance_cpu: float
+    """The same in seconds of all its threads."""
 
 
 def solve(network: Network, *, threads: int, principal_point: bool) -> Solved:
@@ -64,6 +68,11 @@ def solve(network: Network, *, threads: int, principal_point: bool) -> Solved:
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, reconstruction)
     done = adjuster.solve().ceres_summary
     seconds, cpu = perf_counter() - begin, process_time() - cpu
+    begin, again = perf_counter(), process_time()
+    found = pycolmap.estimate_ba_covariance(
+        pycolmap.BACovarianceOptions(), reconstruction, adjuster
+    )
+    covariance = perf_counter() - begin if found is not None else float("nan")
     return Solved(
         seconds,
         cpu,
@@ -71,6 +80,8 @@ def solve(network: Network, *, threads: int, principal_point: bool) -> Solved:
         2 * done.final_cost,
         2 * done.initial_cost,
         f"{done.termination_type.name}, {done.linear_solver_type_used.name}",
+        covariance,
+        process_time() - again,
     )
 
 

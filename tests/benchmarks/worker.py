@@ -20,6 +20,7 @@ from factorgraph_adj.experiment.aerial_block import simulate_aerial_block
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.network import Network
+from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.solve.batch import adjust
 
 from ..loaders.dbat import read_roma
@@ -53,6 +54,14 @@ class Measured:
     observations: int = 0
     unknowns: int = 0
     sigma0: float = 0.0
+    quality: float = 0.0
+    """Seconds for the reliability of every observation and the covariance of every point (ours),
+    for the covariances of points, poses and cameras (theirs)."""
+    quality_cpu: float = 0.0
+    quality_megabytes: float = 0.0
+    """Peak resident memory after that."""
+    sum_r: float = 0.0
+    """Sum of the redundancy numbers, less the redundancy."""
 
 
 def roma() -> Network:
@@ -75,17 +84,27 @@ def ours(make: Callable[[], Network]) -> Measured:
     begin, cpu = perf_counter(), process_time()
     solution = adjust(network)
     seconds, cpu = perf_counter() - begin, process_time() - cpu
+    peak = _peak()
+    begin, again = perf_counter(), process_time()
+    found = reliability(solution)
+    parts = found.e1, found.e2, found.e12, found.tau, solution.point_covariances
+    assert all(len(p) for p in parts)
+    quality, quality_cpu = perf_counter() - begin, process_time() - again
     return Measured(
         seconds,
         cpu,
         solution.iterations,
         solution.vtpv,
         solution.reason,
-        _peak(),
+        peak,
         prepared,
         solution.n_observations,
         solution.n_unknowns,
         solution.sigma0,
+        quality,
+        quality_cpu,
+        _peak(),
+        float(found.redundancy_numbers.sum()) - solution.redundancy,
     )
 
 
@@ -94,7 +113,16 @@ def theirs(make: Callable[[], Network], *, principal_point: bool) -> Measured:
     threads = len(os.sched_getaffinity(0))
     network = make()
     done = colmap.solve(network, threads=threads, principal_point=principal_point)
-    return Measured(done.seconds, done.cpu, done.iterations, done.vtpv, done.how, _peak())
+    return Measured(
+        done.seconds,
+        done.cpu,
+        done.iterations,
+        done.vtpv,
+        done.how,
+        _peak(),
+        quality=done.covariance,
+        quality_cpu=done.covariance_cpu,
+    )
 
 
 def _peak() -> float:
