@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..solve.datum import Defect, FreeDatum
     from ..solve.factor import Factor
     from ..solve.normal import NormalEquations
+    from .datum_change import ReferenceDatum
 
 
 @dataclass(frozen=True)
@@ -208,8 +209,12 @@ class Solution:
     """Rows of factors that the user added."""
     normal: Callable[[], NormalEquations] = field(repr=False)
     """Makes the normal equations at the solution."""
+    normal_at: Callable[[State], NormalEquations] = field(repr=False)
+    """Makes them at any other state."""
     constraint: Array = field(repr=False)
     """What a free network adds to their diagonal, (n_columns,)."""
+    reference: ReferenceDatum | None = None
+    """Datum points that covariances refer to instead of a given datum, see `s_transform`."""
 
     # -- figures ------------------------------------------------------------------------------
 
@@ -307,16 +312,17 @@ class Solution:
         out = np.zeros((len(table.names), 3, 3))
         reduced = self.factor.plan.reduced
         out[reduced] = self.factor.point_covariances()
-        for number in np.flatnonzero((table.offset >= 0) & ~reduced).tolist():
-            out[number] = self._blocks[int(table.offset[number])]
+        rest = np.flatnonzero((table.offset >= 0) & ~reduced)
+        out[rest] = self.factor.selected.joint(table.offset[rest, None] + np.arange(3))
         out *= table.free[:, :, None] & table.free[:, None, :]
         if self.datum is not None and self.datum_cross is not None:
             f, e = self.datum_cross
             on = np.flatnonzero(table.offset >= 0)
             columns = table.offset[on, None] + np.arange(3)
-            g = self.datum.motions[columns] @ self.datum.inverse
-            cross = f[columns] @ g.transpose(0, 2, 1)
-            out[on] += g @ e @ g.transpose(0, 2, 1) - cross - cross.transpose(0, 2, 1)
+            both = self.datum.motions[columns], f[columns]
+            out[on] = self.datum.transformed(out[on], both, both, e)
+        if self.reference is not None:
+            out = self.reference.transformed_points(out)
         return out * self.variance_factor
 
     def standard_deviations(self, name: str) -> Array:
@@ -339,8 +345,10 @@ class Solution:
                 block = self._own(a[0], self.number(*a), columns_a)
             else:
                 block = self._cross(columns_a, columns_b)
-            out[np.ix_(rows_a, rows_b)] = block * self.variance_factor
-        return out
+            out[np.ix_(rows_a, rows_b)] = block
+        if self.reference is not None:
+            out = self.reference.transformed(out, a, a if b is None else b)
+        return out * self.variance_factor
 
     @cached_property
     def factor(self) -> Factor:
@@ -361,9 +369,8 @@ class Solution:
         if self.datum is None or self.datum_cross is None:
             return block
         f, e = self.datum_cross
-        ga = self.datum.motions[a] @ self.datum.inverse
-        gb = self.datum.motions[b] @ self.datum.inverse
-        return np.asarray(block - ga @ f[b].T - f[a] @ gb.T + ga @ e @ gb.T)
+        g = self.datum.motions
+        return self.datum.transformed(block, (g[a], f[a]), (g[b], f[b]), e)
 
     def cofactor_times(self, y: Array) -> Array:
         """Return Q y for y (n_columns, k), Q on the inner constraints if the network is free.
@@ -383,11 +390,6 @@ class Solution:
         return self.cofactor_times(unit)[a]
 
     @cached_property
-    def _blocks(self) -> dict[int, Array]:
-        """Cofactors of the variables outside the first layer, by first column."""
-        return self.factor.variances_of_blocks()
-
-    @cached_property
     def _reduced(self) -> tuple[Array, Index]:
         """Cofactors of the points of the first layer, and their place by number of point."""
         place = np.cumsum(self.factor.plan.reduced) - 1
@@ -399,7 +401,7 @@ class Solution:
             every, place = self._reduced
             block = every[place[number]]
         else:
-            block = self._blocks[int(columns[0])]
+            block = self.factor.selected.joint(columns[None])[0]
         free = self.equations.unknowns.free[columns]
         return self._free(np.where(np.outer(free, free), block, 0.0), columns, columns)
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from scipy.linalg import lapack
 
-from ..types import Array, Index
+from ..types import Array
 from .linear import LinearSystem
 from .plan import Plan
 from .rays import Rays
 from .reduction import RayCovariances, ReducedPoints
-from .tree import Clique, SingularError, TreeFactors
+from .selected_inverse import SelectedInverse
+from .tree import SingularError, TreeFactors
 from .triangular import lower_solve, upper_solve, upper_transposed_solve
 
 
@@ -147,66 +150,10 @@ class Factor:
             self._inner = self.points.joint(self.border_covariance()).inner
         return self.points.covariances(self._inner)
 
-    def clique_covariances(self) -> list[tuple[Index, Array]]:
-        """Return columns and joint covariance of every clique: the selected inverse."""
-        out: list[tuple[Index, Array]] = []
-        where: dict[int, tuple[int, dict[int, int]]] = {}
-        outer = self.border_covariance()
-        for number, c in enumerate(self.cliques):
-            f, s = len(c.frontal), len(c.separator)
-            joint = np.empty((f + s, f + s))
-            inverse = upper_solve(c.r, np.eye(f))
-            own = inverse @ inverse.T
-            if s:
-                sss = self._separator(c, where, out, outer)
-                across = -c.t @ sss
-                joint[:f, :f] = own - across @ c.t.T
-                joint[:f, f:] = across
-                joint[f:, :f] = across.T
-                joint[f:, f:] = sss
-            else:
-                joint[:] = own
-            columns = np.concatenate([c.frontal, c.separator])
-            place = {int(column): i for i, column in enumerate(columns)}
-            for column in c.frontal:
-                where[int(column)] = (number, place)
-            out.append((columns, joint))
-        return out
-
-    def _separator(
-        self,
-        c: Clique,
-        where: dict[int, tuple[int, dict[int, int]]],
-        done: list[tuple[Index, Array]],
-        outer: Array,
-    ) -> Array:
-        """Return the covariance of a separator: a part of its parent's, or of the border's."""
-        inner = [int(x) for x in c.separator if self.plan.in_border[x] < 0]
-        if not inner:
-            at = self.plan.in_border[c.separator]
-            return outer[np.ix_(at, at)]
-        # The parent is the clique where the first of the separator's columns is eliminated:
-        # the one that comes last in the order parents first.
-        number, place = max((where[x] for x in inner), key=lambda found: found[0])
-        at = np.array([place[int(x)] for x in c.separator], dtype=np.intp)
-        return done[number][1][np.ix_(at, at)]
-
-    def variances_of_blocks(self) -> dict[int, Array]:
-        """Return the covariance of every variable of tree and border, by its first column."""
-        out: dict[int, Array] = {}
-        sizes = self.plan.unknowns.size_at
-        for (_, joint), c in zip(self.clique_covariances(), self.cliques, strict=True):
-            at = 0
-            while at < len(c.frontal):
-                first = int(c.frontal[at])
-                k = sizes[first]
-                out[first] = joint[at : at + k, at : at + k]
-                at += k
-        covariance = self.border_covariance()
-        at = 0
-        while at < len(self.plan.border):
-            first = int(self.plan.border[at])
-            k = sizes[first]
-            out[first] = covariance[at : at + k, at : at + k]
-            at += k
-        return out
+    @cached_property
+    def selected(self) -> SelectedInverse:
+        """Joint covariances of tree and border, wherever an observation needs them."""
+        plan = self.plan
+        return SelectedInverse(
+            self.cliques, self.border_covariance(), plan.in_border, plan.unknowns.n_columns
+        )

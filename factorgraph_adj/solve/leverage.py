@@ -90,7 +90,7 @@ def leverages(system: LinearSystem, factor: Factor, transform: STransform | None
         transform: leads to the inner constraints of a free network. H does not depend on the
             datum; the parts of single unknowns do.
     """
-    inverse = SelectedInverse(factor)
+    inverse = factor.selected
     reduced = factor.ray_covariances()
     blocks = []
     rays = None if factor.points is None else factor.points.rays
@@ -353,7 +353,7 @@ def _points_of_tree(
                 candidates[unknowns.columns("point", number)] = True
             held = minimal_datum(motions, candidates & unknowns.free & (diagonal > 0))
             extra[held] = diagonal[held]
-    return SelectedInverse(Factor(alone, None, only, TreeFactors(alone, only), extra, qr=True))
+    return Factor(alone, None, only, TreeFactors(alone, only), extra, qr=True).selected
 
 
 # -- free networks --------------------------------------------------------------------------------

@@ -1,41 +1,90 @@
-"""Joint covariances of sets of columns, from the cliques of the Bayes tree.
+"""Joint covariances of sets of columns, from one pass down the Bayes tree.
 
-All variables of a factor lie in the clique where the first of them is eliminated. Its joint
-covariance is there after one pass down the tree (Takahashi's selected inverse), and the sets of
-any number of observations are looked up at once.
+Takahashi's selected inverse: with R x_F = d − S x_S of a clique and T = R⁻¹S,
+
+    Σ_FS = −T Σ_SS,   Σ_FF = R⁻¹R⁻ᵀ − Σ_FS Tᵀ,
+
+and Σ_SS is a part of the parent's joint covariance. All variables of a factor lie in the clique
+where the first of them is eliminated, so that the sets of any number of observations are looked
+up at once.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..types import Array, Index
-from .factor import Factor
+from .tree import Clique
+from .triangular import upper_solve
 
 
 class SelectedInverse:
     """Covariances of tree and border of a factorised system."""
 
-    def __init__(self, factor: Factor) -> None:
-        """Lay the covariances of all cliques one after the other."""
-        plan = factor.plan
-        self._n = plan.unknowns.n_columns
-        self._border = factor.border_covariance()
-        self._in_border = plan.in_border
-        self._clique = np.full(self._n, -1, dtype=np.intp)
-        cliques = factor.clique_covariances()
-        sizes = np.array([len(columns) for columns, _ in cliques], dtype=np.intp)
-        self._size = sizes
-        self._start = np.cumsum(sizes**2) - sizes**2
-        self._values = np.concatenate([joint.ravel() for _, joint in cliques] or [np.zeros(0)])
-        for number, c in enumerate(factor.cliques):
-            self._clique[c.frontal] = number
-        columns = np.concatenate([c for c, _ in cliques] or [np.zeros(0, dtype=np.intp)])
-        owner = np.repeat(np.arange(len(cliques)), sizes)
-        place = np.arange(len(columns)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-        code = owner * self._n + columns
+    def __init__(
+        self, cliques: Sequence[Clique], border: Array, in_border: Index, n_columns: int
+    ) -> None:
+        """Go down the tree.
+
+        Args:
+            cliques: those of the tree, parents first.
+            border: covariance of the border (b, b).
+            in_border: place of each column in the border, −1 elsewhere, (n_columns,).
+            n_columns: number of columns.
+        """
+        self._n = n_columns
+        self._border = border
+        self._in_border = in_border
+        nothing = [np.zeros(0, dtype=np.intp)]
+        columns = np.concatenate([x for c in cliques for x in (c.frontal, c.separator)] or nothing)
+        frontal = np.array([len(c.frontal) for c in cliques], dtype=np.intp)
+        separator = np.array([len(c.separator) for c in cliques], dtype=np.intp)
+        parent = np.array([c.parent for c in cliques], dtype=np.intp)
+        size = self._size = frontal + separator
+        first = np.cumsum(size) - size
+        place = np.arange(len(columns)) - np.repeat(first, size)
+        owner = np.repeat(np.arange(len(cliques)), size)
+        own = place < np.repeat(frontal, size)
+        self._clique = np.full(n_columns, -1, dtype=np.intp)
+        self._clique[columns[own]] = owner[own]
+        code = owner * n_columns + columns
         order = np.argsort(code)
         self._code, self._place = code[order], place[order]
+        # Where the separators stand: in the parent, or in the border.
+        there = parent[owner[~own]]
+        within = np.where(
+            there >= 0, self._find(np.maximum(there, 0), columns[~own]), in_border[columns[~own]]
+        )
+        stop = np.cumsum(separator)
+        self._start = np.cumsum(size**2) - size**2
+        self._values = np.empty(int(np.sum(size**2)))
+        joints: list[Array] = []
+        for number, c in enumerate(cliques):
+            f, k = frontal[number], size[number]
+            inverse = upper_solve(c.r, np.eye(f))
+            at = self._start[number]
+            joint = self._values[at : at + k * k].reshape(k, k)
+            if k > f:
+                outer = joints[c.parent] if c.parent >= 0 else border
+                where = within[stop[number] - (k - f) : stop[number]]
+                sss = outer[where[:, None], where]
+                across = -c.t @ sss
+                joint[:f, :f] = inverse @ inverse.T - across @ c.t.T
+                joint[:f, f:] = across
+                joint[f:, :f] = across.T
+                joint[f:, f:] = sss
+            else:
+                joint[:] = inverse @ inverse.T
+            joints.append(joint)
+
+    def _find(self, clique: Index, columns: Index) -> Index:
+        """Return the places of columns in cliques that hold them."""
+        if not len(self._code):
+            return np.zeros(np.shape(columns), dtype=np.intp)
+        found = np.searchsorted(self._code, clique * self._n + columns)
+        return np.asarray(self._place[np.minimum(found, len(self._place) - 1)])
 
     def joint(self, columns: Index) -> Array:
         """Return the joint covariances (n, k, k) of sets of columns (n, k).
@@ -49,9 +98,8 @@ class SelectedInverse:
         clique = np.where(known, self._clique[safe], -1).max(axis=1, initial=-1)
         inside = np.flatnonzero(clique >= 0)
         if len(inside):
-            at, which, has = clique[inside], safe[inside], known[inside]
-            found = np.searchsorted(self._code, at[:, None] * self._n + which)
-            place = np.where(has, self._place[np.minimum(found, len(self._place) - 1)], 0)
+            at, has = clique[inside], known[inside]
+            place = np.where(has, self._find(at[:, None], safe[inside]), 0)
             flat = self._start[at][:, None, None] + (
                 place[:, :, None] * self._size[at][:, None, None] + place[:, None, :]
             )
@@ -62,6 +110,6 @@ class SelectedInverse:
             place = self._in_border[safe[outside]]
             has = known[outside]
             pair = has[:, :, None] & has[:, None, :]
-            found_values = self._border[place[:, :, None], place[:, None, :]]
-            out[outside] = np.where(pair, found_values, 0.0)
+            values = self._border[place[:, :, None], place[:, None, :]]
+            out[outside] = np.where(pair, values, 0.0)
         return out

@@ -42,6 +42,8 @@ class Clique:
     """Upper triangular R, (f, f)."""
     t: Array
     """T = R⁻¹ S, (f, s)."""
+    parent: int
+    """Number of the clique that holds the separator; −1 where only the border does."""
 
 
 class TreeFactors:
@@ -237,10 +239,10 @@ class TreeFactors:
 
     def _cliques(self, tree: gtsam.GaussianBayesTree) -> list[Clique]:
         """Copy the cliques out of the tree, parents first."""
-        out = []
-        stack = list(tree.roots())
+        out: list[Clique] = []
+        stack = [(root, -1) for root in tree.roots()]
         while stack:
-            clique = stack.pop()
+            clique, parent = stack.pop()
             conditional = clique.conditional()
             r = np.array(conditional.R(), order="F")
             keys = list(conditional.keys())
@@ -250,8 +252,8 @@ class TreeFactors:
             if not np.all(np.isfinite(r)) or np.any(np.diag(r) == 0):
                 raise SingularError("a pivot vanished")
             t = upper_solve(r, s) if s.size else s
-            out.append(Clique(columns[:f], columns[f:], r, t))
-            stack.extend(clique[i] for i in range(clique.nrChildren()))
+            stack.extend((clique[i], len(out)) for i in range(clique.nrChildren()))
+            out.append(Clique(columns[:f], columns[f:], r, t, parent))
         return out
 
 
