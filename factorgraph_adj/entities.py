@@ -6,7 +6,7 @@ A `Network` holds them by name; names that refer to another entity are checked t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -107,6 +107,18 @@ class ImageTable:
     """Sources by row."""
     size: int = 0
     """Number of rows."""
+
+    def copy(self) -> ImageTable:
+        """Return a table of its own; the arrays of rows are shared, nothing writes into them."""
+        return replace(
+            self,
+            photo=list(self.photo),
+            point=list(self.point),
+            xy=list(self.xy),
+            sigma=list(self.sigma),
+            ids=dict(self.ids),
+            sources=dict(self.sources),
+        )
 
     def append(self, photo: Index, point: Index, xy: Array, sigma: Array) -> None:
         """Add rows."""

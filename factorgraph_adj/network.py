@@ -7,6 +7,7 @@ Names are checked as they are added, so that an error stands where it was made.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -452,11 +453,20 @@ class Network:
         """Keep only the image points with ``keep`` (n,) true."""
         columns = self.images.columns()
         ids, sources = self.images.ids, self.images.sources
-        new = {int(old): i for i, old in enumerate(np.flatnonzero(keep))}
+        new = np.cumsum(keep) - 1
         self.images = ImageTable()
         self.images.append(*(c[keep] for c in columns))  # type: ignore[arg-type]
-        self.images.ids = {new[r]: v for r, v in ids.items() if r in new}
-        self.images.sources = {new[r]: v for r, v in sources.items() if r in new}
+        self.images.ids = {int(new[r]): v for r, v in ids.items() if keep[r]}
+        self.images.sources = {int(new[r]): v for r, v in sources.items() if keep[r]}
+
+    def copy(self) -> Network:
+        """Return a network of its own with the same entities, which are frozen and shared."""
+        other = copy(self)
+        for name, value in vars(self).items():
+            if isinstance(value, dict | list):
+                setattr(other, name, value.copy())
+        other.images = self.images.copy()
+        return other
 
     # -- helpers ------------------------------------------------------------------------------
 

@@ -397,7 +397,7 @@ class Correlated:
 
     def __post_init__(self) -> None:
         """Check sizes and that the covariance is positive definite."""
-        size = sum(_size(o) for o in self.observations)
+        size = sum(n_scalars(o) for o in self.observations)
         where = " + ".join(o.label() for o in self.observations[:3])
         if any(isinstance(o, ImagePoint) for o in self.observations):
             raise InputError(Problem("image coordinates cannot be in a correlated group", where))
@@ -413,7 +413,7 @@ class Correlated:
             raise InputError(Problem(str(error), where)) from None
 
 
-def _size(observation: Observation) -> int:
+def n_scalars(observation: Observation) -> int:
     """Return the number of scalar components."""
     if isinstance(observation, ControlPoint):
         return len(observation.axes)

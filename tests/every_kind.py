@@ -16,6 +16,7 @@ from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.models import lens
+from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
 from factorgraph_adj.network import Network
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.types import Array
@@ -181,6 +182,15 @@ _AFFINITY = {"b1": 3e-4, "b2": -2e-4}
 _HARMONIC = dict(
     zip(lens.HarmonicLens().names[3:], np.linspace(-0.004, 0.005, 10).tolist(), strict=True)
 )
+
+
+def _orthogonal(model: OrthogonalLens, largest: float) -> Calibrated:
+    """Return an orthogonal lens with parameters of both signs up to ``largest``, mm."""
+    names = model.names[3:]
+    values = np.linspace(-largest, 0.9 * largest, len(names))
+    return Calibrated(model, _INTERIOR | dict(zip(names, values.tolist(), strict=True)))
+
+
 LENSES_USED: dict[str, Calibrated] = {
     "pinhole": Calibrated(lens.NoDistortion(), _INTERIOR),
     "harmonic": Calibrated(lens.HarmonicLens(reference_radius=10.0), _INTERIOR | _HARMONIC),
@@ -201,6 +211,8 @@ LENSES_USED: dict[str, Calibrated] = {
         | {"A1": -1e-4, "A2": 2e-7, "A3": -1e-10, "B1": 2e-5, "B2": 1e-5, "C1": 3e-4, "C2": 1e-4},
     ),
     "affine": Calibrated(lens.AffineLens(), _INTERIOR | _AFFINITY),
+    "ebner": _orthogonal(EbnerLens(image_base=10.0), 0.02),
+    "gruen": _orthogonal(GruenLens(image_base=10.0), 0.02),
 }
 """Lens models, image units mm."""
 

@@ -19,7 +19,8 @@ from factorgraph_adj.errors import ApproximationError
 from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.models.lens import LENSES, BrownForwardLens, BrownLens, HarmonicLens, Lens
+from factorgraph_adj.models.lens import BrownForwardLens, BrownLens, HarmonicLens, Lens
+from factorgraph_adj.models.registry import LENSES
 from factorgraph_adj.network import Network
 from factorgraph_adj.observations import (
     AstronomicLatitude,

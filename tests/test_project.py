@@ -27,6 +27,8 @@ from factorgraph_adj.io.project import AdjustOptions, load_project, read_project
 from factorgraph_adj.io.records import observation, record
 from factorgraph_adj.io.write_project import exact_angles, write_project
 from factorgraph_adj.models import lens
+from factorgraph_adj.models.orthogonal_lens import OrthogonalLens
+from factorgraph_adj.models.registry import LENSES
 from factorgraph_adj.network import Network
 from factorgraph_adj.observations import OBSERVATIONS as KINDS
 from factorgraph_adj.rotation import world_R_camera
@@ -62,10 +64,11 @@ def everything(frame_name: str) -> Network:
     n.add_point("B, 2", rng.normal(size=3) * 50, datum=True, check=(1.1, np.nan, 3.3))
     n.add_point("#C", (np.nan, 1 / 3, np.nan))
     n.add_point('"D"', fixed="")
-    for i, model in enumerate(lens.LENSES.values()):
+    for i, model in enumerate(LENSES.values()):
         options = {"reference_radius": 50.3} if model is lens.HarmonicLens else {}
         options |= {"zero_radius": 17.7} if model is lens.BalancedLens else {}
         options |= {"affine": "after"} if model is lens.BrownLens else {}
+        options |= {"image_base": 92.3} if issubclass(model, OrthogonalLens) else {}
         n.add_camera(
             f"camera {i}",
             model(**options),
@@ -179,7 +182,7 @@ def assert_same_network(a: Network, b: Network) -> None:
 def test_the_network_of_everything_has_every_kind():
     n = everything("geocentric")
     assert {x.kind for x in n.observations.values()} | {"image"} == set(KINDS)
-    assert {type(c.lens) for c in n.cameras.values()} == set(lens.LENSES.values())
+    assert {type(c.lens) for c in n.cameras.values()} == set(LENSES.values())
 
 
 @pytest.mark.parametrize("frame", FRAMES)

@@ -19,9 +19,9 @@ from factorgraph_adj.frames import GeocentricFrame, TopocentricFrame
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.network import Network
 from factorgraph_adj.quality.global_test import global_test
+from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.report import layout
 from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.rows import Rows
 from factorgraph_adj.report.tables import write_solution
 from factorgraph_adj.report.text import protocol
 from factorgraph_adj.rotation import (
@@ -212,11 +212,12 @@ def test_orientation_unknowns_stand_with_their_standard_deviations():
     assert_printed(words[3], e.sigmas[0] / ANGLE["arcsec"])
 
 
-def test_the_largest_residuals_lead_their_list():
+def test_the_largest_test_values_lead_their_list():
     s = solution()
-    size = np.abs(s.observations.normalised)
-    rows = section(protocol(s), "Largest normalised residuals")[2:]
-    printed = [abs(float(words[-1])) for words in rows if words[-1].lstrip("-")[0].isdigit()]
+    size = np.abs(reliability(s).w)
+    rows = section(protocol(s), "Largest test values: none above the critical |w| = 3.29")[2:]
+    printed = [abs(float(words[-3])) for words in rows if words[-1][-1].isdigit()]
+    assert len(printed) == 15
     assert printed == sorted(printed, reverse=True)
     assert_printed(f"{printed[0]:.2f}", size.max())
 
@@ -234,15 +235,24 @@ def test_refraction_verticals_and_meters_stand_together():
 
     s = adjust(measure(network, seed=3))
     rows = section(protocol(s), "Refraction, verticals, distance meters")
-    words = {" ".join(w[:-2]): w[-2:] for w in rows}
-    assert_printed(words["refraction κ"][0], s.refraction()["kappa"])
-    assert words["refraction held κ"][1] == "held"
+
+    def figures(label: str) -> list[str]:
+        """Return what stands behind a label."""
+        names = label.split()
+        return next(w[len(names) :] for w in rows if w[: len(names)] == names)
+
+    meter = s.distance_meter("EDM")
+    assert_printed(figures("refraction κ")[0], s.refraction()["kappa"])
+    given = s.network.refractions[""].values[0]
+    t = (s.refraction()["kappa"] - given) / s.refraction().sigma("kappa")
+    assert_printed(figures("refraction κ")[2], t)
+    assert figures("refraction κ")[3] == "weighted"
+    assert figures("refraction held κ")[1:] == ["held"]
     xi = s.vertical("S1")
-    assert_printed(words["vertical of S1 ξ [mgon]"][0], xi["xi"] / ANGLE["mgon"])
-    assert_printed(words["vertical of S1 ξ [mgon]"][1], xi.sigma("xi") / ANGLE["mgon"])
-    assert words["distance meter EDM scale [ppm]"][1] == "held"
-    zero = s.distance_meter("EDM")
-    assert_printed(words["distance meter EDM zero constant [mm]"][0], zero["zero"] * 1000)
+    assert_printed(figures("vertical of S1 ξ [mgon]")[0], xi["xi"] / ANGLE["mgon"])
+    assert_printed(figures("vertical of S1 ξ [mgon]")[1], xi.sigma("xi") / ANGLE["mgon"])
+    assert figures("distance meter EDM scale [ppm]")[1:] == ["held"]
+    assert_printed(figures("distance meter EDM zero constant [mm]")[0], meter["zero"] * 1000)
 
 
 def test_a_free_network_says_what_it_leaves_free():
@@ -389,12 +399,19 @@ def test_rows_of_control_name_their_axis():
         o.ControlPoint("P5", tuple(box()["P5"][i] for i in (2, 0)), axes="zx", sigma=(0.01, 0.02)),
         o.GnssPosition("P6", box()["P6"], sigma=(0.01, 0.02, 0.03)),
     )
-    rows = list(Rows(adjust(network), Units()).all())
+    s = adjust(network)
+    rows = list(Report(s).rows.all())
     axes = {
         kind: [r.component for r in rows if r.kind == kind and r.names]
         for kind in ("control", "gnss_position")
     }
     assert axes == {"control": ["z", "x"], "gnss_position": ["x", "y", "z"]}
+    assert [r.component for r in s.observations] == [r.component for r in rows]
+    weighted = [r for r in rows if r.kind == "control" and not r.names]
+    assert [(r.id, r.component, r.what) for r in weighted] == [
+        ("point S2 y", "y", "point S2 y"),
+        ("point S2 z", "z", "point S2 z"),
+    ]
 
 
 def test_pixels_stay_pixels():

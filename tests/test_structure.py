@@ -31,6 +31,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "graph.image_blocks",
         "graph.equations",
     ),
+    ("selection",),
     ("approximate",),
     # The same equations as factors of GTSAM, which start at approximate values.
     ("graph",),
@@ -41,6 +42,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("check",),
     ("io",),
     ("report", "experiment"),
+    ("options",),
     ("cli",),
 )
 """From the bottom up; the longest entry that a module's name starts with is its place. Modules

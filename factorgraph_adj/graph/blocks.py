@@ -46,6 +46,8 @@ class Block:
     """The lens model of image coordinates."""
     constants: dict[str, Array] = field(default_factory=dict)
     """Further arguments of the model, arrays over the rows."""
+    axes: Sequence[str] | None = None
+    """Name of the one component of each observation, where they are not all alike (n,)."""
     first_row: int = 0
     """Number of the first scalar row among all rows of the network."""
 
@@ -64,6 +66,10 @@ class Block:
         """The scalar rows of this block among all rows."""
         return slice(self.first_row, self.first_row + self.observed.size)
 
+    def component(self, i: int, number: int) -> str:
+        """Return the name of a component of observation i; empty where it has no other."""
+        return self.components[number] if self.axes is None else self.axes[i]
+
     def select(self, rows: Index) -> Block:
         """Return a block of some of the observations."""
         labels, chosen = self.labels, np.asarray(rows)
@@ -76,6 +82,7 @@ class Block:
             labels=lambda i: labels(int(chosen[i])),
             whitener=None if self.whitener is None else self.whitener[chosen],
             constants={k: v[chosen] for k, v in self.constants.items()},
+            axes=None if self.axes is None else [self.axes[i] for i in chosen],
         )
 
     def evaluate(self, frame: Frame, state: State, *, jacobians: bool = True) -> Linearised:

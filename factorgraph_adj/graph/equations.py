@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, Problem
 from ..network import Network
 from ..types import Array, Index
 from .blocks import Block
-from .image_blocks import image_blocks
+from .image_blocks import ImageIds, image_blocks
 from .make_blocks import control_blocks, plain_blocks, weighted_blocks
 from .variables import State, Unknowns
 from .weights import Cluster, clusters_of, weigh
@@ -55,6 +57,13 @@ class Equations:
         """Return the standard deviation of every scalar row (n_rows,)."""
         return np.concatenate([b.sigma.ravel() for b in self.blocks] or [np.zeros(0)])
 
+    def id(self, row: int) -> str:
+        """Return the id of the observation of a scalar row."""
+        for block in self.blocks:
+            if block.rows.start <= row < block.rows.stop:
+                return block.ids[(row - block.first_row) // block.dimension]
+        raise IndexError(row)
+
     def label(self, row: int) -> str:
         """Return a readable name of a scalar row."""
         for block in self.blocks:
@@ -64,12 +73,83 @@ class Equations:
                 return f"{block.labels(i)} {name}".strip()
         raise IndexError(row)
 
+    @cached_property
+    def observation_of_row(self) -> Index:
+        """Number of the observation that each scalar row is a component of, (n_rows,).
+
+        The rows of an observation follow one another; a weighted unknown is one of its own.
+        """
+        out, first = [np.zeros(0, dtype=np.intp)], 0
+        for block in self.blocks:
+            starts = np.ones(block.n, dtype=bool)
+            if block.kind in ("control", "gnss_position"):
+                # One row for each known coordinate.
+                ids = np.array(list(block.ids), dtype=object)
+                starts[1:] = ids[1:] != ids[:-1]
+            number = np.cumsum(starts) - 1 + first
+            out.append(np.repeat(number, block.dimension))
+            first = int(number[-1]) + 1 if block.n else first
+        return np.concatenate(out)
+
+    def find(self, ids: Sequence[str]) -> list[Index]:
+        """Return the scalar rows of each of the ids, none where there is no such observation."""
+        out = [self._rows_of.get(ident, np.zeros(0, dtype=np.intp)) for ident in ids]
+        for block in self.blocks:
+            if isinstance(block.ids, ImageIds):
+                at = block.ids.positions(ids)
+                for i in np.flatnonzero(at >= 0).tolist():
+                    out[i] = block.first_row + 2 * at[i] + np.arange(2)
+        return out
+
+    @cached_property
+    def _rows_of(self) -> dict[str, Index]:
+        """Rows of the observations other than image points, by id."""
+        rows: dict[str, list[int]] = {}
+        for block in self.blocks:
+            if not isinstance(block.ids, ImageIds):
+                first, d = block.first_row, block.dimension
+                for i, ident in enumerate(block.ids):
+                    rows.setdefault(ident, []).extend(range(first + i * d, first + (i + 1) * d))
+        return {ident: np.array(r, dtype=np.intp) for ident, r in rows.items()}
+
     def weighted_at(self, state: State) -> Equations:
         """Return the equations with standard deviations for the geometry of ``state``.
 
         Parts such as ppm and centring depend on the lengths of sights.
         """
         return replace(self, blocks=tuple(weigh(self.network, b, state) for b in self.blocks))
+
+    def reweighted(self, factors: Array) -> Equations:
+        """Return the equations with every weight multiplied by a factor.
+
+        Correlated observations get bifactor equivalent weights (Yang, Song & Xu 2002): with
+        D = diag(γ), P' = √D P √D, hence W' = W √D and Σ' = D^(−½) Σ D^(−½): correlations stay.
+
+        Args:
+            factors: γ > 0 of each scalar row, (n_rows,).
+
+        Raises:
+            InputError: wrong size, or a factor that is not a finite number > 0.
+        """
+        gamma = np.asarray(factors, dtype=float)
+        if gamma.shape != (self.n_rows,):
+            raise InputError(f"there must be {self.n_rows} factors of weights, not {gamma.shape}")
+        bad = np.flatnonzero(~(np.isfinite(gamma) & (gamma > 0)))
+        if len(bad):
+            raise InputError(
+                [
+                    Problem(f"the factor of its weight must be > 0, not {gamma[i]}", self.label(i))
+                    for i in bad.tolist()
+                ]
+            )
+        root = np.sqrt(gamma)
+        blocks = []
+        for block in self.blocks:
+            own = root[block.rows].reshape(block.observed.shape)
+            whitener = None if block.whitener is None else block.whitener * own[:, None, :]
+            blocks.append(replace(block, sigma=block.sigma / own, whitener=whitener))
+        clusters = tuple(replace(c, whitener=c.whitener * root[c.rows]) for c in self.clusters)
+        return replace(self, blocks=tuple(blocks), clusters=clusters)
 
 
 def compile_network(network: Network) -> Equations:

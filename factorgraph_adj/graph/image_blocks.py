@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from .blocks import Block
 from .variables import Unknowns, calibration_name
 
 
-class _ImageIds:
+class ImageIds:
     """Ids of image points, made when they are asked for."""
 
     def __init__(self, network: Network, rows: Index, photo: Index, point: Index) -> None:
@@ -29,9 +29,61 @@ class _ImageIds:
         return own or f"{self._photos[self._photo[i]]}/{self._points[self._point[i]]}"
 
     def label(self, i: int) -> str:
-        source = self._sources.get(int(self._rows[i]))
+        """Return a readable name, with its source."""
+        source = self.source(i)
         text = f"image {self._photos[self._photo[i]]} {self._points[self._point[i]]}"
         return f"{source}: {text}" if source else text
+
+    def source(self, i: int) -> str:
+        """Return file and line of one, empty where it was not read from a file."""
+        return self._sources.get(int(self._rows[i])) or ""
+
+    def positions(self, ids: Sequence[str]) -> Index:
+        """Return where these ids are (n,), −1 where they are not."""
+        place = {int(row): i for i, row in enumerate(self._rows)} if self._own else {}
+        own = {name: place[row] for row, name in self._own.items() if row in place}
+        return find_images(self._photo, self._point, self._photos, self._points, own, ids)
+
+
+def find_images(
+    photo: Index,
+    point: Index,
+    photos: Sequence[str],
+    points: Sequence[str],
+    own: Mapping[str, int],
+    ids: Sequence[str],
+) -> Index:
+    """Return the rows of image points by id, (n,); −1 where there is none.
+
+    Args:
+        photo: number of the photo of each row.
+        point: number of the point of each row.
+        photos: names of all photos.
+        points: names of all points.
+        own: rows that have an id of their own, by id.
+        ids: what is looked for: own ids, or photo/point.
+    """
+    code = photo * len(points) + point
+    order = np.argsort(code, kind="stable")
+    photo_number = {name: i for i, name in enumerate(photos)}
+    point_number = {name: i for i, name in enumerate(points)}
+    out = np.array([own.get(ident, -1) for ident in ids], dtype=np.intp)
+    wanted: list[tuple[int, int]] = []
+    for i in np.flatnonzero(out < 0).tolist():
+        # Names may have a slash in them.
+        at = ids[i].find("/")
+        while at >= 0:
+            f, p = photo_number.get(ids[i][:at]), point_number.get(ids[i][at + 1 :])
+            if f is not None and p is not None:
+                wanted.append((i, f * len(points) + p))
+            at = ids[i].find("/", at + 1)
+    if wanted and len(code):
+        places, codes = np.array(wanted, dtype=np.intp).T
+        found = np.minimum(np.searchsorted(code, codes, sorter=order), len(code) - 1)
+        rows = order[found]
+        hit = code[rows] == codes
+        out[places[hit]] = rows[hit]
+    return out
 
 
 def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
@@ -53,7 +105,7 @@ def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
             continue
         # Photo by photo: what is summed for each photo then lies together.
         rows = rows[np.argsort(photo[rows], kind="stable")]
-        ids = _ImageIds(network, rows, photo[rows], point[rows])
+        ids = ImageIds(network, rows, photo[rows], point[rows])
         yield Block(
             "image",
             "image",

@@ -91,6 +91,7 @@ def control_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
         rows: list[tuple[int, Array, Array, float, float]] = []
         ids: list[str] = []
         labels: list[str] = []
+        axes: list[str] = []
         for ident, o in groups.get(name, []):
             assert isinstance(o, ControlPoint)
             number = unknowns["point"].number[o.point]
@@ -106,8 +107,9 @@ def control_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
                 rows.append((number, vector, reference, value, sigma[i]))
                 ids.append(ident)
                 labels.append(f"{o.label()} {axis}")
+                axes.append(axis)
         if rows:
-            yield _coordinate_block(name, rows, ids, labels)
+            yield _coordinate_block(name, rows, ids, labels, axes)
 
 
 def _coordinate_block(
@@ -115,6 +117,7 @@ def _coordinate_block(
     rows: list[tuple[int, Array, Array, float, float]],
     ids: list[str],
     labels: list[str],
+    axes: list[str],
 ) -> Block:
     number, axis, reference, value, sigma = zip(*rows, strict=True)
     return Block(
@@ -128,6 +131,7 @@ def _coordinate_block(
         labels.__getitem__,
         model=position.coordinate,
         constants={"axis": np.array(axis), "reference": np.array(reference)},
+        axes=axes,
     )
 
 
@@ -157,12 +161,13 @@ def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
                 ],
                 ids,
                 [f"weighted {i}" for i in ids],
+                components,
             )
             continue
         # Variables of one size at a time: calibrations of different lens models are not alike.
         for size in np.unique(table.size[numbers]):
             at = np.flatnonzero(table.size[numbers] == size)
-            chosen = [ids[i] for i in at]
+            chosen, named = [ids[i] for i in at], [components[i] for i in at]
             yield Block(
                 f"weighted_{kind}",
                 "mixed",
@@ -174,6 +179,7 @@ def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
                 [f"weighted {i}" for i in chosen].__getitem__,
                 model=partial(position.component, size=int(size)),
                 constants={"which": which[at].astype(float)},
+                axes=named,
             )
 
 
@@ -211,4 +217,5 @@ def _weighted_poses(unknowns: Unknowns, weighted: Mask) -> Iterable[Block]:
             [f"weighted {n}" for n in names].__getitem__,
             model=position.photo_coordinate,
             constants={"axis": np.eye(3)[axes]},
+            axes=["xyz"[c] for c in axes],
         )

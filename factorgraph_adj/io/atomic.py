@@ -11,15 +11,16 @@ from pathlib import Path
 from ..errors import InputError, Problem
 
 
-def write_files(folder: str | Path, files: Mapping[str, str]) -> None:
-    """Write text files into a folder, made if it is not there.
+def write_files(folder: str | Path, files: Mapping[str, str | bytes | None]) -> None:
+    """Write files into a folder, made if it is not there.
 
     Everything is written to a temporary folder beside first and then moved into place. If
     that is interrupted half-way, the files moved so far are put back.
 
     Args:
         folder: where to.
-        files: text by name.
+        files: text (UTF-8) or bytes, by name; none: a file that is not to be there, as from an
+            earlier run.
 
     Raises:
         InputError: the folder cannot be written to; nothing has changed.
@@ -31,9 +32,12 @@ def write_files(folder: str | Path, files: Mapping[str, str]) -> None:
         with tempfile.TemporaryDirectory(prefix=".writing-", dir=target) as name:
             beside = Path(name)
             try:
-                for file, text in files.items():
-                    with (beside / file).open("w", encoding="utf-8", newline="\n") as stream:
-                        stream.write(text)
+                for file, content in files.items():
+                    if content is None:
+                        continue
+                    with (beside / file).open("wb") as stream:
+                        data = content.encode("utf-8") if isinstance(content, str) else content
+                        stream.write(data)
                         stream.flush()
                         os.fsync(stream.fileno())
                 _move(beside, target, list(files))
@@ -56,7 +60,10 @@ def _move(source: Path, target: Path, names: list[str]) -> None:
             done.append(name)
             if (target / name).exists():
                 os.link(target / name, old / name)
-            os.replace(source / name, target / name)
+            if (source / name).exists():
+                os.replace(source / name, target / name)
+            else:
+                (target / name).unlink(missing_ok=True)
     except BaseException:
         for name in done:
             if (old / name).exists():

@@ -19,7 +19,8 @@ from ..ellipsoid import ELLIPSOIDS
 from ..entities import Camera
 from ..errors import InputError, Problem
 from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
-from ..models.lens import LENSES, Lens
+from ..models.lens import Lens
+from ..models.registry import LENSES
 from ..network import Network
 from ..observations import OBSERVATIONS
 from ..units import LENGTH

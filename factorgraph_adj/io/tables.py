@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -94,16 +95,26 @@ def read_table(path: Path, problems: list[Problem]) -> Table | None:
 def write_table(columns: Sequence[str], records: Iterable[Mapping[str, str]]) -> str:
     """Return CSV text of records; columns that no record fills are left out, but the first."""
     rows = list(records)
-    used = [c for i, c in enumerate(columns) if i == 0 or any(r.get(c, "") for r in rows)]
-    lines = [",".join(used)]
-    lines += [",".join(_cell(r.get(c, "")) for c in used) for r in rows]
+    return write_columns({c: [r.get(c, "") for r in rows] for c in columns})
+
+
+def write_columns(columns: Mapping[str, Sequence[str]]) -> str:
+    """Return CSV text of columns; those that nothing fills are left out, but the first."""
+    used = [c for i, c in enumerate(columns) if i == 0 or any(columns[c])]
+    cells = [_cells(columns[c]) for c in used]
+    lines = [",".join(used), *map(",".join, zip(*cells, strict=True))]
     return "\n".join(lines) + "\n"
 
 
-def _cell(text: str) -> str:
-    if text.startswith("#") or any(c in text for c in ',;\t"'):
-        return '"' + text.replace('"', '""') + '"'
-    return text
+_QUOTED = re.compile(r'^#|[,;\t"]')
+
+
+def _cells(texts: Sequence[str]) -> Sequence[str]:
+    """Return texts with those in quotes that need them; seldom any does."""
+    every = "".join(texts)
+    if not any(c in every for c in '#,;\t"'):
+        return texts
+    return ['"' + t.replace('"', '""') + '"' if _QUOTED.search(t) else t for t in texts]
 
 
 class Row:

@@ -364,18 +364,3 @@ class HarmonicLens(Lens):
         rtx, rty = c1 * by_r - s1 * by_angle, s1 * by_r + c1 * by_angle
         d = (t + c1 * rtx, c1 * rty, s1 * rtx, t + s1 * rty)
         return x * t, y * t, d, [(x * term, y * term) for term in terms]
-
-
-LENSES: dict[str, type[Lens]] = {
-    cls.kind: cls
-    for cls in (
-        Lens,
-        HarmonicLens,
-        BrownLens,
-        BrownForwardLens,
-        NormalisedLens,
-        BalancedLens,
-        AffineLens,
-    )
-}
-"""Lens models by name."""

@@ -1,7 +1,7 @@
-"""The table of kinds: which variables an observation touches, and its model.
+"""The tables of kinds: which variables an observation touches, and its model; lens models.
 
 A new kind of observation is a dataclass in `factorgraph_adj.observations`, a model function,
-and one line here.
+and one line here; a new lens model is a class and one line here.
 """
 
 from __future__ import annotations
@@ -12,6 +12,16 @@ from typing import Literal, TypeAlias
 
 from . import position, terrestrial
 from .base import Linearised
+from .lens import (
+    AffineLens,
+    BalancedLens,
+    BrownForwardLens,
+    BrownLens,
+    HarmonicLens,
+    Lens,
+    NormalisedLens,
+)
+from .orthogonal_lens import EbnerLens, GruenLens
 
 VariableKind: TypeAlias = Literal[
     "point", "pose", "calibration", "orientation", "refraction", "vertical", "edm"
@@ -78,3 +88,19 @@ KINDS: dict[str, Kind] = {
 """Kinds with a model of their own, by name. Control points and weighted variables become rows
 of `position.coordinate`, `position.photo_attitude` and `position.component`; image
 coordinates have a table of their own."""
+
+LENSES: dict[str, type[Lens]] = {
+    cls.kind: cls
+    for cls in (
+        Lens,
+        HarmonicLens,
+        BrownLens,
+        BrownForwardLens,
+        NormalisedLens,
+        BalancedLens,
+        AffineLens,
+        EbnerLens,
+        GruenLens,
+    )
+}
+"""Lens models by name."""

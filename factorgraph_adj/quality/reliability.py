@@ -180,7 +180,7 @@ class Reliability:
         one cannot be told from an error of the other (Förstner 1983).
         """
         at = np.asarray(rows, dtype=np.intp)
-        return self._correlations(at)[at]
+        return self.correlations_with(at)[at]
 
     def suspects(
         self, most: int = 10, *, inseparable: float = 0.9, critical: float | None = None
@@ -197,7 +197,7 @@ class Reliability:
         rows = order[size[order] > (critical or 0.0)]
         if not len(rows):
             return ()
-        rho = self._correlations(rows)
+        rho = self.correlations_with(rows)
         out = []
         for j, row in enumerate(rows.tolist()):
             close = np.flatnonzero(np.abs(rho[:, j]) >= inseparable)
@@ -206,7 +206,7 @@ class Reliability:
             out.append(Suspect(row, float(self.w[row]), partners))
         return tuple(out)
 
-    def _correlations(self, rows: Index) -> Array:
+    def correlations_with(self, rows: Index) -> Array:
         """Return the correlations of all test values with those of ``rows``, (n, k)."""
         pqp = response(self.solution, rows)
         scale = np.sqrt(np.where(self.controlled, self.precision, np.inf))

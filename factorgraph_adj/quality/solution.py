@@ -85,7 +85,8 @@ class ObservationRecord:
     kind: str
     """Its kind."""
     component: str
-    """Which component of it, empty for scalar kinds."""
+    """Which component of it, empty for scalar kinds: x, y; an axis of control or a weighted point;
+    a parameter of a weighted calibration."""
     observed: float
     """Observed value."""
     residual: float
@@ -125,7 +126,7 @@ class ObservationTable(Sequence[ObservationRecord]):
                 return ObservationRecord(
                     block.ids[i],
                     block.kind,
-                    block.components[c],
+                    block.component(i, c),
                     float(block.observed[i, c]),
                     float(self.residuals[row]),
                     float(self.sigmas[row]),

@@ -5,20 +5,32 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import nan, sqrt
-from typing import TypeVar
+from typing import Literal, TypeAlias, TypeVar
 
+import numpy as np
+
+from ..errors import AdjustmentError, InputError
 from ..graph.variables import calibration_name
 from ..io.numbers import Units
 from ..models.registry import VariableKind
 from ..network import Network
+from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
+from ..quality.rejections import Snooping
+from ..quality.relative import Place
+from ..quality.reliability import Reliability, reliability
 from ..quality.solution import CalibrationEstimate, Solution
+from ..quality.systematic import Label, Significance, TestedParameter, significance
+from ..quality.variance_components import VarianceComponents
 from ..rotation import angles_by_rotation, omega_phi_kappa
 from ..solve.tree import SingularError
 from ..types import Array
 from ..units import ANGLE, LENGTH
 from .rows import Rows
+from .set_aside import SetAside, set_aside
 
 Line = TypeVar("Line")
+Test: TypeAlias = Literal["baarda", "pope"]
+"""Which test values are shown: w, or τ = w/σ̂0."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +61,22 @@ class Report:
     """Rows after which a list is cut."""
     tables: str = ""
     """Folder where the CSV tables lie."""
+    n_suspects: int = 15
+    """Observations with the largest test values that are listed."""
+    alpha: float = 0.001
+    """Probability α0 of a false alarm of one test."""
+    power: float = 0.80
+    """Probability with which an error of the smallest detectable size is found."""
+    test: Test | None = None
+    """Which test values are shown; none: τ where σ are a posteriori, else w."""
+    confidence: float | None = None
+    """Probability of error ellipses; none: no ellipses are shown."""
+    snooping: Snooping | None = None
+    """Data snooping that the solution comes from."""
+    original: Network | None = None
+    """The network before anything was set aside."""
+    components: VarianceComponents | None = None
+    """Variance components that the weights of the solution come from."""
 
     @property
     def network(self) -> Network:
@@ -58,7 +86,8 @@ class Report:
     @cached_property
     def rows(self) -> Rows:
         """Its scalar observations."""
-        return Rows(self.solution, self.units)
+        residuals = self.solution.observations.residuals
+        return Rows(self.solution.equations, residuals, self.units)
 
     @cached_property
     def singular(self) -> bool:
@@ -72,6 +101,86 @@ class Report:
         except SingularError:
             return True
         return False
+
+    @cached_property
+    def _reliability(self) -> Reliability | str:
+        """Reliability of every observation, or why there is none."""
+        if self.snooping is not None and self.snooping.solution is self.solution:
+            return self.snooping.reliability
+        if self.singular:
+            return "no reliability: the normal equations are singular where the iteration stopped"
+        try:
+            return reliability(self.solution, alpha=self.alpha, power=self.power)
+        except InputError:
+            raise
+        except AdjustmentError as error:
+            return str(error)
+
+    @property
+    def reliability(self) -> Reliability | None:
+        """Reliability of every observation; none where it cannot be computed."""
+        return None if isinstance(self._reliability, str) else self._reliability
+
+    @property
+    def no_reliability(self) -> str:
+        """Why there is no reliability; empty if there is."""
+        return self._reliability if isinstance(self._reliability, str) else ""
+
+    @property
+    def pope(self) -> bool:
+        """Whether test values are τ."""
+        default = "pope" if self.solution.variance == "a-posteriori" else "baarda"
+        return (self.test or default) == "pope"
+
+    @property
+    def tests(self) -> tuple[Array, float]:
+        """Test values w or τ of all rows and their critical value; empty without reliability."""
+        rel = self.reliability
+        if rel is None:
+            return np.zeros(0), nan
+        return (rel.tau, rel.critical_tau) if self.pope else (rel.w, rel.critical_w)
+
+    @cached_property
+    def set_aside(self) -> SetAside | None:
+        """What data snooping set aside; none if there was none, or the network is not known."""
+        if self.snooping is None or self.original is None:
+            return None
+        return set_aside(self.solution, self.snooping, self.original, self.units)
+
+    @cached_property
+    def significance(self) -> Significance | None:
+        """Tests of calibration and additional parameters; none without a covariance."""
+        try:
+            return None if self.singular else significance(self.solution)
+        except AdjustmentError:
+            return None
+
+    def tested(self, kind: VariableKind, name: str, component: str) -> TestedParameter | None:
+        """Return the test of a parameter; none where there is none."""
+        return self._tests.get((kind, name, component))
+
+    @cached_property
+    def _tests(self) -> dict[Label, TestedParameter]:
+        found = self.significance
+        return {} if found is None else {p.label: p for p in found.parameters}
+
+    @cached_property
+    def ellipses(self) -> dict[str, ErrorEllipse]:
+        """Error ellipses of the points, if asked for."""
+        if self.confidence is None or self.singular:
+            return {}
+        found = error_ellipses(self.solution, confidence=self.confidence)
+        return dict(zip(self.network.points, found, strict=True))
+
+    @cached_property
+    def ellipsoids(self) -> dict[str, ErrorEllipsoid]:
+        """Error ellipsoids of projection centres that are not held, if asked for."""
+        if self.confidence is None or self.singular:
+            return {}
+        names = [n for n in self.network.photos if self.free("pose", n)]
+        places: list[Place] = [("pose", n) for n in names]
+        found = error_ellipsoids(self.solution, places, confidence=self.confidence)
+        return dict(zip(names, found, strict=True))
 
     @property
     def metre(self) -> float:
@@ -122,12 +231,15 @@ class Report:
     @cached_property
     def sigmas(self) -> dict[str, tuple[float, ...]]:
         """Standard deviations of points, metres."""
-        points = self.network.points
-        return {n: tuple(self.solution.standard_deviations(n).tolist()) for n in points}
+        variances = np.einsum("nii->ni", self.solution.point_covariances)
+        found = np.sqrt(np.maximum(variances, 0.0)).tolist()
+        names = self.solution.equations.unknowns["point"].names
+        return {n: tuple(s) for n, s in zip(names, found, strict=True)}
 
     def where(self, file: str) -> str:
         """Return where a table is, or how to get it."""
-        return f"{self.tables}/{file}" if self.tables else f"the table {file} (option --out)"
+        noun = "the table" if file.endswith(".csv") else "the file"
+        return f"{self.tables}/{file}" if self.tables else f"{noun} {file} (option --out)"
 
     def cut(self, rows: list[Line], what: str, file: str) -> tuple[list[Line], list[str]]:
         """Return the rows to show, and a line about those left out, if any are."""

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from math import isfinite, nan, sqrt
 
+from ..quality.check_points import check_points as compare
+from ..types import Array
 from ..units import format_angle
 from .context import Report
 from .layout import decimals, exponent, rms, short, table, title
+from .precision import ellipse_columns
 
 
 def points(report: Report) -> list[str]:
@@ -20,16 +23,18 @@ def points(report: Report) -> list[str]:
     digits = min(max(places + exponent(report.metre / report.small * 1.0001), 0), 9)
     axes = [i for i in range(3) if not all(given[n].fixed[i] for n in names)]
     shown, note = report.cut(list(given), "points", "points.csv")
+    figures, cells, meaning = ellipse_columns(report, places)
     rows = []
     for name in shown:
         xyz, fixed = solution.point(name).tolist(), given[name].fixed
         place = [f"{xyz[i] / report.metre:.{digits}f}" for i in axes]
         sigma = ["held" if fixed[i] else f"{sigmas[name][i]:.{places}f}" for i in axes]
-        rows.append([name, *place, *sigma])
+        rows.append([name, *place, *sigma, *cells.get(name, [""] * len(figures))])
     header = ["point", *(f"{'xyz'[i]} [{units.length}]" for i in axes)]
     header += [f"σ{'xyz'[i]} [{units.sigma_length}]" for i in axes]
-    out = [*title("Adjusted coordinates"), *table(header, rows)]
-    out += note
+    out = [*title("Adjusted coordinates"), *table([*header, *figures], rows), *note]
+    if meaning:
+        out.append(meaning)
     if len(names) > 1:
         free = {i: [sigmas[n][i] for n in names if not given[n].fixed[i]] for i in axes}
         mean = ", ".join(f"σ{'xyz'[i]} {rms(each):.{places}f}" for i, each in free.items())
@@ -43,25 +48,23 @@ def points(report: Report) -> list[str]:
 
 def check_points(report: Report) -> list[str]:
     """Differences at points with known coordinates that took no part, and their RMS."""
-    differences: dict[str, list[float]] = {}
-    for p in report.network.points.values():
-        if p.check is not None:
-            found = report.solution.point(p.name).tolist()
-            both = zip(found, p.check, strict=True)
-            differences[p.name] = [(a - b) / report.small for a, b in both]
-    if not differences:
+    found = compare(report.solution)
+    if not found.names:
         return []
-    known = [[d[i] for d in differences.values() if isfinite(d[i])] for i in range(3)]
-    places = decimals((abs(v) for axis in known for v in axis), default=2, most=5)
-    rows = [
-        [name, *(f"{v:.{places}f}" if isfinite(v) else "" for v in d)]
-        for name, d in differences.items()
-    ]
+    differences = (found.differences / report.small).tolist()
+    known = [abs(v) for three in differences for v in three if isfinite(v)]
+    places = decimals(known, default=2, most=5)
+
+    def row(name: str, values: Array | list[float]) -> list[str]:
+        return [name, *(f"{v:.{places}f}" if isfinite(v) else "" for v in values)]
+
+    rows = [row(name, d) for name, d in zip(found.names, differences, strict=True)]
     shown, note = report.cut(rows, "check points", "points.csv")
-    total = ["RMS", *(f"{rms(axis):.{places}f}" if axis else "" for axis in known)]
+    total = row("RMS", found.rms / report.small)
+    expected = row("RMS σ", found.rms_sigma / report.small)
     header = ["check point", *(f"d{a} [{report.units.sigma_length}]" for a in "xyz")]
     heading = title("Check points: adjusted − known coordinates, which took no part")
-    return [*heading, *table(header, [*shown, total]), *note]
+    return [*heading, *table(header, [*shown, total, expected]), *note]
 
 
 def photos(report: Report) -> list[str]:

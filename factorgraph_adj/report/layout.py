@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from math import floor, isfinite, log10, nan, sqrt
+from textwrap import wrap
+from unicodedata import combining
 
 WIDTH = 100
 """Width of a protocol's heading."""
+NO_BREAK = "\u00a0"
+"""A blank at which no line is broken."""
 
 
 def title(text: str) -> list[str]:
@@ -14,18 +18,68 @@ def title(text: str) -> list[str]:
     return [text, "-" * len(text)]
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> list[str]:
-    """Return lines of columns as wide as they need; the first ``left`` are flush left."""
+def table(
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    left: int = 1,
+    notes: Sequence[str] = (),
+) -> list[str]:
+    """Return lines of columns as wide as they need.
+
+    Args:
+        header: names of the columns.
+        rows: cells, row by row.
+        left: how many columns are flush left; the others are flush right.
+        notes: what stands under each row, none where it is empty; for all rows if for any.
+    """
     cells = [list(header), *(list(r) for r in rows)]
-    widths = [max(len(r[i]) for r in cells) for i in range(len(header))]
+    widths = [max(_width(r[i]) for r in cells) for i in range(len(header))]
     lines = [
         "  ".join(
-            c.ljust(w) if i < left else c.rjust(w)
+            c + " " * (w - _width(c)) if i < left else " " * (w - _width(c)) + c
             for i, (c, w) in enumerate(zip(r, widths, strict=True))
         )
         for r in cells
     ]
-    return [f"  {lines[0]}", "  " + "-" * len(lines[0]), *(f"  {line}" for line in lines[1:])]
+    out = [f"  {lines[0]}", "  " + "-" * (sum(widths) + 2 * len(widths) - 2)]
+    for i, line in enumerate(lines[1:]):
+        out.append(f"  {line}")
+        if notes and notes[i]:
+            out += paragraph(notes[i], indent=6)
+    return out
+
+
+def _width(text: str) -> int:
+    """Return the columns that a text takes; accents that stand over a letter take none."""
+    return len(text) if text.isascii() else sum(not combining(c) for c in text)
+
+
+def paragraph(text: str, *, indent: int = 2) -> list[str]:
+    """Return a text as lines that are as wide as a protocol; `whole` names are not broken."""
+    blank = " " * indent
+    lines = wrap(
+        text,
+        WIDTH,
+        initial_indent=blank,
+        subsequent_indent=blank,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    return [line.replace(NO_BREAK, " ") for line in lines]
+
+
+def whole(name: str) -> str:
+    """Return a name that `paragraph` writes on one line."""
+    return name.replace(" ", NO_BREAK)
+
+
+def without_empty(
+    header: Sequence[str], rows: Sequence[Sequence[str]]
+) -> tuple[list[str], list[list[str]]]:
+    """Return header and rows without the columns that no row fills."""
+    keep = [i for i in range(len(header)) if any(r[i] for r in rows)]
+    return [header[i] for i in keep], [[r[i] for i in keep] for r in rows]
 
 
 def exponent(value: float) -> int:
@@ -57,6 +111,17 @@ def with_sigma(value: float, sigma: float) -> str:
     if value == 0 or exponent(abs(value)) > -4:
         return f"{value:.{max(-last, 0)}f}" if last > -12 else f"{value:.3e}"
     return f"{value:.{max(exponent(abs(value)) - last, 1)}e}"
+
+
+def percent(share: float) -> str:
+    """Return a share as a percentage, with as many digits as it has."""
+    return f"{100 * share:.6g} %"
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Return names in a row, cut with their number."""
+    shown = ", ".join(names[:most])
+    return shown if len(names) <= most else f"{shown} … ({len(names)} in all)"
 
 
 def rms(values: Sequence[float]) -> float:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..graph.blocks import Block
+from ..graph.equations import Equations
+from ..graph.image_blocks import ImageIds
 from ..io.numbers import Units
-from ..observations import ControlPoint
-from ..quality.solution import Solution
-from ..types import Array
+from ..types import Array, Index
 from ..units import ANGLE, LENGTH, format_angle
 
 MOST_CAMERAS = 8
@@ -37,16 +37,18 @@ class Scale:
         return f"{value / LENGTH.get(self.unit, 1.0):.{digits}f}"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Row:
     """One scalar observation after the adjustment, in the units of the solution."""
 
+    number: int
+    """Its number among all rows."""
     id: str
     """Id of the observation."""
     kind: str
     """Kind."""
     names: tuple[str, ...]
-    """Points and photo."""
+    """Points and photo; none of weighted unknowns, whose id says what they are."""
     component: str
     """Which component of it; empty where there is one only."""
     observed: float
@@ -60,6 +62,30 @@ class Row:
     source: str
     """File and line, where it was read from one."""
 
+    @property
+    def kind_name(self) -> str:
+        """Kind, for people."""
+        return kind_name(self.kind, weighted=not self.names)
+
+    @property
+    def what(self) -> str:
+        """What was observed: points, photo and component."""
+        if not self.names:
+            # A weighted unknown; its id ends in the component.
+            return (
+                self.id if self.id.endswith(f" {self.component}") else self.with_component(self.id)
+            )
+        return self.with_component(("/" if self.kind == "image" else " ").join(self.names))
+
+    @property
+    def own_id(self) -> str:
+        """Id, where it says more than `what`."""
+        return self.id if self.names and self.kind != "image" else ""
+
+    def with_component(self, name: str) -> str:
+        """Return a name with the component, if there are several."""
+        return f"{name} {self.component}".strip()
+
 
 @dataclass(frozen=True)
 class Group:
@@ -69,8 +95,8 @@ class Group:
     """Kind, and camera."""
     observations: int
     """Number of observations."""
-    scalars: int
-    """Number of scalar components."""
+    rows: Index
+    """Rows of their scalar components."""
     sigma: tuple[float, float]
     """Smallest and largest a-priori standard deviation."""
     rms: float
@@ -82,17 +108,25 @@ class Group:
     scale: Scale
     """Units of σ and v."""
 
+    @property
+    def scalars(self) -> int:
+        """Number of scalar components."""
+        return len(self.rows)
+
 
 class Rows:
-    """The scalar observations of a solution."""
+    """Scalar observations and their residuals."""
 
-    def __init__(self, solution: Solution, units: Units) -> None:
-        """Look at a solution."""
-        self.solution = solution
+    def __init__(self, equations: Equations, residuals: Array, units: Units) -> None:
+        """Look at the rows of ``equations``."""
+        self.equations = equations
         self.units = units
-        self.network = solution.network
+        self.network = equations.network
         self._photos, self._points = tuple(self.network.photos), tuple(self.network.points)
-        self._residuals: Array = solution.observations.residuals
+        self._residuals = residuals
+
+    def __len__(self) -> int:
+        return self.equations.n_rows
 
     def scale(self, block: Block, photo: int | None = None) -> Scale:
         """Return the units of a block; those of image coordinates are their camera's."""
@@ -108,26 +142,22 @@ class Rows:
 
     def all(self) -> Iterator[Row]:
         """Iterate over every scalar observation."""
-        for block in self.solution.equations.blocks:
+        for block in self.equations.blocks:
             yield from self._of_block(block, range(block.n))
 
-    def largest(self, most: int) -> list[Row]:
-        """Return the rows with the largest |v/σ|, largest first."""
-        size = np.abs(self.solution.observations.normalised)
-        order = np.argsort(-size, kind="stable")[:most]
+    def at(self, numbers: Iterable[int]) -> list[Row]:
+        """Return some of them, by number."""
         out: list[Row] = []
-        for index in order.tolist():
-            block = next(
-                b for b in self.solution.equations.blocks if b.rows.start <= index < b.rows.stop
-            )
-            i, component = divmod(index - block.first_row, block.dimension)
+        for number in numbers:
+            block = next(b for b in self.equations.blocks if b.rows.start <= number < b.rows.stop)
+            i, component = divmod(int(number) - block.first_row, block.dimension)
             out.append(list(self._of_block(block, [i]))[component])
         return out
 
     def groups(self) -> list[Group]:
         """Return figures by kind."""
         found: dict[str, list[tuple[Block, Array, Array, Array]]] = {}
-        for block in self.solution.equations.blocks:
+        for block in self.equations.blocks:
             v = self._residuals[block.rows].reshape(block.observed.shape)
             labels = self._labels(block)
             for label in dict.fromkeys(labels.tolist()):
@@ -144,7 +174,7 @@ class Rows:
                 Group(
                     label,
                     sum(_n_observations(p[0], p[3]) for p in parts),
-                    len(v),
+                    np.concatenate([_numbers(p[0])[p[3]].ravel() for p in parts]),
                     (float(sigma.min()), float(sigma.max())),
                     float(np.sqrt(np.mean(v**2))),
                     float(np.sqrt(np.mean(norm**2))),
@@ -156,9 +186,8 @@ class Rows:
 
     def _labels(self, block: Block) -> Array:
         """Return the group of each observation of a block."""
-        name = block.kind.replace("weighted_", "weighted ").replace("_", " ")
-        if block.kind == "control" and block.ids[0] not in self.network.observations:
-            name = "weighted coordinates"
+        weighted = block.kind == "control" and block.ids[0] not in self.network.observations
+        name = kind_name(block.kind, weighted=weighted)
         if block.kind != "image" or len(self.network.cameras) == 1:
             return np.full(block.n, name)
         by = "name" if len(self.network.cameras) <= MOST_CAMERAS else "unit"
@@ -166,35 +195,32 @@ class Rows:
         labels = np.array([f"image, {getattr(c, by)}" for c in cameras])
         return np.asarray(labels[block.variables[0][1]])
 
-    def _of_block(self, block: Block, rows: range | list[int]) -> Iterator[Row]:
+    def _of_block(self, block: Block, rows: Sequence[int]) -> Iterator[Row]:
         first, d = block.first_row, block.dimension
         for i in rows:
-            ident, source, axes = str(block.ids[i]), "", block.components
+            ident, source = str(block.ids[i]), ""
             names: tuple[str, ...] = ()
             photo = None
-            observation = self.network.observations.get(ident)
-            if block.kind == "image":
+            if isinstance(block.ids, ImageIds):
                 photo = int(block.variables[0][1][i])
                 names = (self._photos[photo], self._points[int(block.variables[2][1][i])])
-                source = block.labels(i).partition(": image ")[0]
-                source = "" if source == block.labels(i) else source
-            elif observation is not None and not block.kind.startswith("weighted"):
-                names = observation.names()
-                source = getattr(observation, "source", None) or ""
-                if isinstance(observation, ControlPoint):
-                    before = 0
-                    while i - before > 0 and block.ids[i - before - 1] == ident:
-                        before += 1
-                    axes = (observation.axes[before],)
+                source = block.ids.source(i)
+            elif not block.kind.startswith("weighted"):
+                observation = self.network.observations.get(ident)
+                if observation is not None:
+                    names = observation.names()
+                    source = getattr(observation, "source", None) or ""
             scale = self.scale(block, photo)
             for c in range(d):
+                row = first + i * d + c
                 yield Row(
+                    row,
                     ident,
                     block.kind,
                     names,
-                    axes[c],
+                    block.component(i, c),
                     float(block.observed[i, c]),
-                    float(self._residuals[first + i * d + c]),
+                    float(self._residuals[row]),
                     float(block.sigma[i, c]),
                     scale,
                     source,
@@ -204,6 +230,18 @@ class Rows:
 def image_scale(unit: str) -> Scale:
     """Return the units of image coordinates: micrometres for σ and v of millimetres."""
     return Scale(unit, "um", 1e-3) if unit == "mm" else Scale(unit, unit, 1.0)
+
+
+def kind_name(kind: str, *, weighted: bool = False) -> str:
+    """Return a kind for people; control that is a weighted point is named so."""
+    if kind == "control" and weighted:
+        return "weighted coordinates"
+    return kind.replace("_", " ")
+
+
+def _numbers(block: Block) -> Index:
+    """Return the numbers of the rows of a block, (n, d)."""
+    return np.arange(block.rows.start, block.rows.stop).reshape(block.observed.shape)
 
 
 def _n_observations(block: Block, rows: Array) -> int:

@@ -8,34 +8,47 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict
-from math import isfinite
+from math import isfinite, nan
 from pathlib import Path
-from typing import Any
 
-from ..frames import GeocentricFrame, LocalFrame
+import numpy as np
+
 from ..io.atomic import write_files
 from ..io.numbers import Units, write
-from ..io.tables import write_table
-from ..quality.global_test import global_test
+from ..io.tables import write_columns, write_table
+from ..models.registry import VariableKind
+from ..network import Network
+from ..quality.rejections import Snooping
 from ..quality.solution import Solution
-from .context import Report
+from ..quality.variance_components import VarianceComponents
+from .context import Report, Test
 from .coordinates import by_photo
+from .observation_tables import figures, observations_table, snooping_table
+from .precision import figure, photo_columns, point_columns
+from .summary import finite, summary
 from .text import render
 from .unknowns import small_unknowns
 
-FORMAT = 1
-"""Version of solution.json."""
-OBSERVATION_COLUMNS = (
-    *("id", "kind", "from", "to", "to2", "photo", "component", "observed", "unit"),
-    *("residual", "sigma", "small_unit", "normalised", "source"),
+UNKNOWN_COLUMNS = (
+    *("kind", "name", "component", "value", "sigma", "unit", "state"),
+    *("t", "significant"),
 )
-UNKNOWN_COLUMNS = ("kind", "name", "component", "value", "sigma", "unit", "state")
 PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
 def write_solution(
-    solution: Solution, folder: str | Path, *, units: Units | None = None, most: int = 60
+    solution: Solution,
+    folder: str | Path,
+    *,
+    units: Units | None = None,
+    most: int = 60,
+    alpha: float = 0.001,
+    power: float = 0.80,
+    test: Test | None = None,
+    confidence: float | None = None,
+    snooping: Snooping | None = None,
+    original: Network | None = None,
+    components: VarianceComponents | None = None,
 ) -> None:
     """Write protocol.txt, solution.json and the CSV tables into a folder, all or nothing.
 
@@ -44,20 +57,47 @@ def write_solution(
         folder: made if it is not there; files of an earlier solution are replaced.
         units: units of the tables and the protocol.
         most: rows after which the protocol cuts a list.
+        alpha: as for `protocol`.
+        power: as for `protocol`.
+        test: as for `protocol`.
+        confidence: as for `protocol`.
+        snooping: as for `protocol`.
+        original: as for `protocol`.
+        components: as for `protocol`.
 
     Raises:
         InputError: the folder cannot be written to; what was there before is there still.
     """
-    write_tables(Report(solution, units or Units(), most, str(folder)), folder)
+    report = Report(
+        solution,
+        units or Units(),
+        most,
+        str(folder),
+        alpha=alpha,
+        power=power,
+        test=test,
+        confidence=confidence,
+        snooping=snooping,
+        original=original,
+        components=components,
+    )
+    write_tables(report, folder)
 
 
 def write_tables(report: Report, folder: str | Path) -> None:
     """Write the files of a report, see `write_solution`."""
-    files = {
+    files: dict[str, str | None] = {
         "protocol.txt": render(report),
-        "solution.json": json.dumps(_finite(_summary(report)), indent=1, ensure_ascii=False) + "\n",
-        "observations.csv": write_table(OBSERVATION_COLUMNS, _observations(report)),
+        "solution.json": json.dumps(finite(summary(report)), indent=1, ensure_ascii=False) + "\n",
+        "observations.csv": observations_table(report),
+        "points.csv": None,
+        "unknowns.csv": None,
+        "photos.csv": None,
+        "snooping.csv": snooping_table(report) or None,
+        "variance_components.csv": None,
     }
+    if report.components is not None:
+        files["variance_components.csv"] = _components_table(report.components)
     if not report.singular:
         files["points.csv"] = _points_table(report)
         files["unknowns.csv"] = write_table(UNKNOWN_COLUMNS, _unknowns(report))
@@ -70,81 +110,66 @@ def write_tables(report: Report, folder: str | Path) -> None:
 
 
 def _points_table(report: Report) -> str:
-    small = report.units.sigma_length
-    columns = [
-        *("name", "x", "y", "z", "unit", *(f"sigma_{a}_{small}" for a in "xyz")),
-        *(f"covariance_{p}_{small}2" for p in PAIRS),
-        *(f"check_d{a}_{small}" for a in "xyz"),
-    ]
-    return write_table(columns, _points(report, report.units.length, small))
+    solution, length, small = report.solution, report.units.length, report.units.sigma_length
+    given = report.network.points
+    found = solution.state["point"]
+    columns = {"name": list(given)}
+    columns |= {a: [write(v, length) for v in found[:, i].tolist()] for i, a in enumerate("xyz")}
+    columns["unit"] = [length] * len(given)
+    variances = np.maximum(np.einsum("nii->ni", solution.point_covariances), 0.0)
+    for i, a in enumerate("xyz"):
+        columns[f"sigma_{a}_{small}"] = figures(np.sqrt(variances[:, i]) / report.small)
+    for pair in PAIRS:
+        i, j = ("xyz".index(a) for a in pair)
+        covariance = solution.point_covariances[:, i, j] / report.small**2
+        columns[f"covariance_{pair}_{small}2"] = figures(covariance)
+    columns |= point_columns(report)
+    none = (nan, nan, nan)
+    check = np.array([p.check or none for p in given.values()], dtype=float).reshape(-1, 3)
+    for i, a in enumerate("xyz"):
+        columns[f"check_d{a}_{small}"] = figures((found[:, i] - check[:, i]) / report.small)
+    return write_columns(columns)
 
 
 def _photos_table(report: Report) -> str:
-    small, small_angle = report.units.sigma_length, report.units.sigma_angle
-    columns = [
-        *("name", "camera", "x", "y", "z", "unit", "omega", "phi", "kappa", "angle_unit"),
-        *(f"sigma_{a}_{small}" for a in "xyz"),
-        *(f"sigma_{a}_{small_angle}" for a in ("omega", "phi", "kappa")),
-        *("image_points", "normalised_rms"),
-    ]
-    return write_table(columns, _photos(report, report.units.length, report.units.angle))
-
-
-def _points(report: Report, length: str, small: str) -> Iterator[dict[str, str]]:
-    for p in report.network.points.values():
-        found = report.solution.point(p.name).tolist()
-        covariance = report.solution.covariance(p.name).tolist()
-        out = {"name": p.name, "unit": length}
-        out |= {a: write(v, length) for a, v in zip("xyz", found, strict=True)}
-        for i, a in enumerate("xyz"):
-            out[f"sigma_{a}_{small}"] = _figure(max(covariance[i][i], 0.0) ** 0.5 / report.small)
-            if p.check is not None and isfinite(p.check[i]):
-                out[f"check_d{a}_{small}"] = _figure((found[i] - p.check[i]) / report.small)
-        for pair in PAIRS:
-            value = covariance["xyz".index(pair[0])]["xyz".index(pair[1])]
-            out[f"covariance_{pair}_{small}2"] = _figure(value / report.small**2)
-        yield out
-
-
-def _photos(report: Report, length: str, angle: str) -> Iterator[dict[str, str]]:
     counts, norms = by_photo(report)
+    length, angle = report.units.length, report.units.angle
     small, small_angle = report.units.sigma_length, report.units.sigma_angle
-    names = ("omega", "phi", "kappa")
-    for f in report.network.photos.values():
-        pose = report.poses[f.name]
-        out = {"name": f.name, "camera": f.camera, "unit": length, "angle_unit": angle}
-        out |= {a: write(v, length) for a, v in zip("xyz", pose.position, strict=True)}
-        angles = zip(names, pose.angles, strict=True)
-        out |= {a: write(v, angle) for a, v in angles}
-        for a, s in zip("xyz", pose.sigma_position, strict=True):
-            out[f"sigma_{a}_{small}"] = _figure(s / report.small)
-        for a, s in zip(names, pose.sigma_angles, strict=True):
-            out[f"sigma_{a}_{small_angle}"] = _figure(s / report.radian)
-        out["image_points"] = str(counts[f.name])
-        out["normalised_rms"] = _figure(norms[f.name])
-        yield out
+    names = list(report.network.photos)
+    poses = [report.poses[n] for n in names]
+    columns = {"name": names, "camera": [f.camera for f in report.network.photos.values()]}
+    columns |= {a: [write(p.position[i], length) for p in poses] for i, a in enumerate("xyz")}
+    columns["unit"] = [length] * len(names)
+    about = ("omega", "phi", "kappa")
+    columns |= {a: [write(p.angles[i], angle) for p in poses] for i, a in enumerate(about)}
+    columns["angle_unit"] = [angle] * len(names)
+    for i, a in enumerate("xyz"):
+        columns[f"sigma_{a}_{small}"] = [figure(p.sigma_position[i] / report.small) for p in poses]
+    for i, a in enumerate(about):
+        sigmas = [figure(p.sigma_angles[i] / report.radian) for p in poses]
+        columns[f"sigma_{a}_{small_angle}"] = sigmas
+    columns |= photo_columns(report)
+    columns["image_points"] = [str(counts[n]) for n in names]
+    columns["normalised_rms"] = [figure(norms[n]) for n in names]
+    return write_columns(columns)
 
 
-def _observations(report: Report) -> Iterator[dict[str, str]]:
-    for r in report.rows.all():
-        photo = r.kind in ("image", "photo_position")
-        points = r.names[1:] if photo else r.names
-        yield {
-            "id": r.id,
-            "kind": r.kind,
-            "from": points[0] if points else "",
-            "to": points[1] if len(points) > 1 else "",
-            "to2": points[2] if len(points) > 2 else "",
-            "photo": r.names[0] if photo else "",
-            "component": r.component,
-            "observed": _value(r.observed, r.scale.unit),
-            "unit": r.scale.unit,
-            "residual": _figure(r.residual / r.scale.size),
-            "sigma": _figure(r.sigma / r.scale.size),
-            "small_unit": r.scale.small,
-            "normalised": _figure(r.residual / r.sigma),
-            "source": r.source,
+def _components_table(found: VarianceComponents) -> str:
+    return write_columns(
+        {
+            "group": [c.name for c in found.components],
+            "scalars": [str(c.n) for c in found.components],
+            "redundancy": [figure(c.redundancy) for c in found.components],
+            "factor": [figure(c.factor) for c in found.components],
+            "sigma_factor": [figure(c.sigma) for c in found.components],
+            "freedom": [figure(c.freedom) for c in found.components],
+            "p_value": [figure(c.p_value) for c in found.components],
+            "lower_95": [figure(c.interval()[0]) for c in found.components],
+            "upper_95": [figure(c.interval()[1]) for c in found.components],
+            "state": [c.state for c in found.components],
+            "note": [c.note for c in found.components],
         }
+    )
 
 
 def _unknowns(report: Report) -> Iterator[dict[str, str]]:
@@ -160,9 +185,10 @@ def _unknowns(report: Report) -> Iterator[dict[str, str]]:
                 "name": name,
                 "component": parameter,
                 "value": write(float(e.values[i])),
-                "sigma": _figure(float(e.sigmas[i])),
+                "sigma": figure(float(e.sigmas[i])),
                 "unit": camera.unit,
                 "state": state,
+                **_test(report, "calibration", name, parameter),
             }
     for (station, chosen), given in report.network.orientations.items():
         found = report.solution.orientation(station, chosen)
@@ -171,7 +197,7 @@ def _unknowns(report: Report) -> Iterator[dict[str, str]]:
             "name": f"{station}/{chosen}",
             "component": "orientation",
             "value": write(float(found.values[0]), "rad"),
-            "sigma": _figure(float(found.sigmas[0])),
+            "sigma": figure(float(found.sigmas[0])),
             "unit": "rad",
             "state": "held" if given.fixed[0] else "free",
         }
@@ -180,118 +206,16 @@ def _unknowns(report: Report) -> Iterator[dict[str, str]]:
             "kind": u.kind,
             "name": u.name,
             "component": u.component,
-            "value": _figure(u.value / u.size),
-            "sigma": _figure(u.sigma / u.size),
+            "value": figure(u.value / u.size),
+            "sigma": figure(u.sigma / u.size),
             "unit": u.unit,
             "state": "held" if u.held else "free",
+            **_test(report, u.kind, u.name, u.component),
         }
 
 
-def _value(value: float, unit: str) -> str:
-    return write(value, "" if unit == "px" else unit) if unit != "mm" else repr(value)
-
-
-def _figure(value: float) -> str:
-    """Return a derived figure with enough digits for any further use."""
-    return f"{value:.9g}" if isfinite(value) else ""
-
-
-# -- JSON -----------------------------------------------------------------------------------------
-
-
-def _summary(report: Report) -> dict[str, Any]:
-    s, network = report.solution, report.network
-    frame = network.frame
-    kind = "local" if isinstance(frame, LocalFrame) else "topocentric"
-    test = global_test(s)
-    return {
-        "format": FORMAT,
-        "name": network.name,
-        "frame": "geocentric" if isinstance(frame, GeocentricFrame) else kind,
-        "converged": s.converged,
-        "reason": s.reason,
-        "iterations": s.iterations,
-        "n_observations": s.n_observations,
-        "n_unknowns": s.n_unknowns,
-        "datum": "given" if s.datum is None else "free",
-        "datum_defect": s.datum_defect,
-        "redundancy": s.redundancy,
-        "vtpv": s.vtpv,
-        "sigma0": s.sigma0,
-        "variance": s.variance,
-        "global_test": {**asdict(test), "accepted": test.accepted},
-        "observations": [
-            {
-                "kind": g.label,
-                "number": g.observations,
-                "scalars": g.scalars,
-                "normalised_rms": g.normalised_rms,
-                "largest": g.largest,
-            }
-            for g in report.rows.groups()
-        ],
-        **({} if report.singular else _unknown_values(report)),
-    }
-
-
-def _unknown_values(report: Report) -> dict[str, Any]:
-    s, network = report.solution, report.network
-    return {
-        "points": {
-            name: {"xyz": s.point(name).tolist(), "sigma": list(report.sigmas[name])}
-            for name in network.points
-        },
-        "photos": {name: _pose(report, name) for name in network.photos},
-        "calibrations": {name: _calibration(report, name) for name in report.calibrations},
-        "orientations": [
-            {"station": station, "set": chosen, **_estimate(s.orientation(station, chosen))}
-            for station, chosen in network.orientations
-        ],
-        "others": [
-            {
-                "kind": u.kind,
-                "name": u.name,
-                "component": u.component,
-                "value": u.value,
-                "sigma": u.sigma,
-            }
-            for u in small_unknowns(report)
-        ],
-    }
-
-
-def _pose(report: Report, name: str) -> dict[str, Any]:
-    pose = report.poses[name]
-    return {
-        "position": list(pose.position),
-        "world_R_camera": pose.rotation.tolist(),
-        "omega_phi_kappa": list(pose.angles),
-        "sigma_position": list(pose.sigma_position),
-        "sigma_omega_phi_kappa": list(pose.sigma_angles),
-    }
-
-
-def _calibration(report: Report, name: str) -> dict[str, Any]:
-    e = report.calibrations[name]
-    camera = report.network.cameras[name.split("@")[0]]
-    return {
-        "lens": camera.lens.kind,
-        "unit": e.unit,
-        "parameters": list(e.names),
-        "values": e.values.tolist(),
-        "sigma": e.sigmas.tolist(),
-        "correlation": e.correlation.tolist(),
-    }
-
-
-def _estimate(e: Any) -> dict[str, float]:
-    return {"value": float(e.values[0]), "sigma": float(e.sigmas[0])}
-
-
-def _finite(value: Any) -> Any:
-    """Return a JSON value with null for numbers that are not finite."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_finite(v) for v in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
+def _test(report: Report, kind: VariableKind, name: str, component: str) -> dict[str, str]:
+    tested = report.tested(kind, name, component)
+    if tested is None:
+        return {}
+    return {"t": figure(tested.t), "significant": "yes" if tested.significant else "no"}

@@ -7,17 +7,21 @@ from math import isfinite
 
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..io.numbers import Units
+from ..network import Network
 from ..quality.global_test import global_test
+from ..quality.rejections import Snooping
 from ..quality.solution import Solution
+from ..quality.variance_components import VarianceComponents
 from ..units import format_angle
-from .context import Report
+from .context import Report, Test
 from .coordinates import check_points, photos, points
 from .layout import WIDTH, short, table, title
-from .unknowns import calibrations, orientations, others
+from .precision import centres
+from .reliability import reliability, suspects, weakest
+from .snooping import components, snooping
+from .unknowns import calibrations, orientations, others, overparametrised
 
 DIRECTIONS = {"e": "east", "w": "west", "n": "north", "s": "south"}
-SUSPECTS = 15
-"""Largest residuals that are listed."""
 
 
 def protocol(
@@ -26,29 +30,70 @@ def protocol(
     units: Units | None = None,
     most: int = 60,
     tables: str = "",
+    alpha: float = 0.001,
+    power: float = 0.80,
+    test: Test | None = None,
+    confidence: float | None = None,
+    snooping: Snooping | None = None,
+    original: Network | None = None,
+    components: VarianceComponents | None = None,
 ) -> str:
     """Return the protocol of an adjustment.
 
     What was adjusted, how many observations of each kind, datum, iterations and why they
-    ended, σ̂0 and its test, adjusted coordinates, photos, calibrations and other unknowns with
-    their standard deviations, check points, and the largest normalised residuals.
+    ended, σ̂0 and its test, redundancy numbers by kind, weakest observations and points,
+    adjusted coordinates, photos, calibrations and other unknowns with their standard
+    deviations and tests, check points, and the largest test values: estimated errors, and what
+    they are not to be told apart from.
 
     Args:
         solution: what `adjust` found.
         units: units of coordinates, angles and their standard deviations.
         most: rows after which a list is cut, with a note of what is left out.
         tables: folder where the CSV tables lie, for those notes.
+        alpha: probability α0 of a false alarm of one test.
+        power: probability with which an error of the smallest detectable size is found.
+        test: ``baarda`` for w, ``pope`` for τ; none: τ where σ are a posteriori.
+        confidence: probability of error ellipses of points and ellipsoids of projection centres.
+        snooping: where the solution is that of data snooping, or was adjusted from its network.
+        original: the network that was snooped, with what was set aside.
+        components: where the weights come from variance components.
+
+    Raises:
+        InputError: probabilities outside (0, 1), α0 ≥ power.
     """
-    return render(Report(solution, units or Units(), most, tables))
+    report = Report(
+        solution,
+        units or Units(),
+        most,
+        tables,
+        alpha=alpha,
+        power=power,
+        test=test,
+        confidence=confidence,
+        snooping=snooping,
+        original=original,
+        components=components,
+    )
+    return render(report)
 
 
 def render(report: Report) -> str:
     """Return the protocol of a report."""
-    precise = (points, check_points, photos, calibrations, orientations, others)
+    precise = (
+        points,
+        check_points,
+        photos,
+        centres,
+        calibrations,
+        orientations,
+        others,
+        overparametrised,
+    )
     sections = (
-        *(_overview, _observations, _result),
+        *(_overview, _observations, _result, snooping, components, reliability, weakest),
         *(() if report.singular else precise),
-        _residuals,
+        suspects,
     )
     texts = [section(report) for section in sections]
     lines = [line.rstrip() for text in texts if text for line in [*text, ""]]
@@ -73,7 +118,7 @@ def _overview(report: Report) -> list[str]:
     out = [
         f"Adjustment of {network.name or 'a network without a name'}",
         "=" * WIDTH,
-        f"  program        factorgraph_adj {_version()}",
+        f"  program        factorgraph_adj {program_version()}",
         f"  frame          {_frame(network.frame)}",
         f"  points         {len(network.points)}" + (f" ({parts})" if parts else ""),
     ]
@@ -87,7 +132,8 @@ def _overview(report: Report) -> list[str]:
     return out
 
 
-def _version() -> str:
+def program_version() -> str:
+    """Return the version of this package; empty where it is not installed."""
     try:
         return version("factorgraph_adj")
     except PackageNotFoundError:  # run from a source tree that is not installed
@@ -121,7 +167,8 @@ def _observations(report: Report) -> list[str]:
                 f"{g.largest:.2f}",
             ]
         )
-    header = ["kind", "number", "scalars", "σ a priori", "RMS v", "RMS v/σ", "max |v/σ|"]
+    stated = "σ a priori" if report.components is None else "σ estimated"
+    header = ["kind", "number", "scalars", stated, "RMS v", "RMS v/σ", "max |v/σ|"]
     return [*title("Observations"), *table(header, rows)]
 
 
@@ -177,31 +224,3 @@ def _motions(solution: Solution) -> str:
         what, _, axis = name.replace(" in ", " ").replace(" about ", " ").partition(" ")
         found.setdefault(what, []).append(axis)
     return ", ".join(f"{what} {' '.join(axes)}".strip() for what, axes in found.items())
-
-
-def _residuals(report: Report) -> list[str]:
-    rows = []
-    for r in report.rows.largest(SUSPECTS):
-        name = ("/" if r.kind == "image" else " ").join(r.names) or r.id
-        v, sigma = r.residual / r.scale.size, r.sigma / r.scale.size
-        rows.append(
-            [
-                r.kind.replace("_", " "),
-                f"{name} {r.component}".strip(),
-                r.id if r.names and r.kind != "image" else "",
-                r.source,
-                f"{short(v)} {r.scale.small}".strip(),
-                short(sigma),
-                f"{v / sigma:.2f}",
-            ]
-        )
-    if not rows:
-        return []
-    header = ["kind", "what", "id", "from", "v", "σ", "v/σ"]
-    keep = [i for i in range(len(header)) if i not in (2, 3) or any(r[i] for r in rows)]
-    shown = [[r[i] for i in keep] for r in rows]
-    return [
-        *title("Largest normalised residuals (v = computed − observed)"),
-        *table([header[i] for i in keep], shown, left=len(keep) - 3),
-        f"  all {len(report.solution.observations)} in {report.where('observations.csv')}",
-    ]

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import isfinite
 
 from ..entities import Camera
 from ..models.registry import VariableKind
-from ..quality.solution import CalibrationEstimate
+from ..quality.systematic import TestedParameter
 from ..units import format_angle
 from .context import Report
-from .layout import short, table, title, with_sigma
+from .layout import paragraph, percent, short, table, title, with_sigma
 
+SENTENCES = 10
+"""Warnings that are listed."""
 STRONG = 0.8
 """Correlation from which parameters of a calibration are named together."""
 
@@ -23,21 +24,21 @@ def calibrations(report: Report) -> list[str]:
     out: list[str] = []
     for name in names[:few]:
         camera = report.network.cameras[name.split("@")[0]]
-        out += ["", *_calibration(name, camera, report.calibrations[name])]
+        out += ["", *_calibration(report, name, camera)]
     if len(names) > few:
         out += ["", f"  … {len(names) - few} more calibrations in {report.where('unknowns.csv')}"]
     return out[1:]
 
 
-def _calibration(name: str, camera: Camera, estimate: CalibrationEstimate) -> list[str]:
-    rows = []
+def _calibration(report: Report, name: str, camera: Camera) -> list[str]:
+    estimate, rows = report.calibrations[name], []
     for i, parameter in enumerate(estimate.names):
         value, sigma = float(estimate.values[i]), float(estimate.sigmas[i])
         if not camera.fixed[i]:
-            weighted = "weighted" if isfinite(camera.sigma[i]) else ""
-            rows.append([parameter, with_sigma(value, sigma), f"{sigma:.2g}", weighted])
+            t, verdict = _verdict(report.tested("calibration", name, parameter))
+            rows.append([parameter, with_sigma(value, sigma), f"{sigma:.2g}", t, verdict])
         elif value != 0.0 or i < 3:
-            rows.append([parameter, f"{value:.8g}", "held", ""])
+            rows.append([parameter, f"{value:.8g}", "held", "", ""])
     free = [i for i, held in enumerate(camera.fixed) if not held]
     strong = [
         f"{estimate.names[i]}–{estimate.names[j]} {estimate.correlation[i, j]:+.2f}"
@@ -46,9 +47,47 @@ def _calibration(name: str, camera: Camera, estimate: CalibrationEstimate) -> li
         if abs(estimate.correlation[i, j]) >= STRONG
     ]
     out = title(f"Calibration of {name} (lens model {camera.lens.kind}; image unit {camera.unit})")
-    out += table(["parameter", "value", "σ", ""], rows)
+    tested = any(r[3] for r in rows)
+    header = ["parameter", "value", "σ", *(["t"] if tested else []), ""]
+    out += table(header, rows if tested else [[*r[:3], r[4]] for r in rows])
     if len(free) > 1:
         out.append(f"  correlations from {STRONG}: {', '.join(strong) or 'none'}")
+    if tested:
+        out.append(_meaning(report))
+    return out
+
+
+def _verdict(tested: TestedParameter | None) -> tuple[str, str]:
+    """Return t and what it says; nothing of principal distance and point without a given σ."""
+    if tested is None or not (tested.additional or tested.weighted):
+        return "", ""
+    if tested.weighted:
+        words = "weighted, differs from what was given" if tested.significant else "weighted"
+    else:
+        words = "significant" if tested.significant else "not significant"
+    return f"{tested.t:.2f}", words
+
+
+def _meaning(report: Report) -> str:
+    found = report.significance
+    assert found is not None
+    return (
+        f"  t against 0, or what was given if weighted: significant from {found.critical:.2f} "
+        f"({percent(1 - found.alpha)})"
+    )
+
+
+def overparametrised(report: Report) -> list[str]:
+    """Parameters that cannot be told apart."""
+    found = report.significance
+    if found is None or not found.overparametrised:
+        return []
+    sentences = found.overparametrised
+    out = title(f"Overparametrised: not to be told apart, correlations from {found.limit:g}")
+    for sentence in sentences[:SENTENCES]:
+        out += paragraph(sentence)
+    if len(sentences) > SENTENCES:
+        out.append(f"  … {len(sentences) - SENTENCES} more in {report.where('solution.json')}")
     return out
 
 
@@ -132,9 +171,15 @@ def others(report: Report) -> list[str]:
         shown = f"{value:.5g}" if u.held else with_sigma(value, sigma)
         label = f"{u.sign} [{u.unit}]" if u.unit else u.sign
         what = f"{nouns[u.kind]} {u.name}".strip()
-        rows.append([what, label, shown, "held" if u.held else short(sigma)])
+        test = _verdict(report.tested(u.kind, u.name, u.component))
+        rows.append([what, label, shown, "held" if u.held else short(sigma), *test])
     if not rows:
         return []
     shown_rows, note = report.cut(rows, "unknowns", "unknowns.csv")
     heading = title("Refraction, verticals, distance meters")
-    return [*heading, *table(["unknown", "", "value", "σ"], shown_rows, left=2), *note]
+    header = ["unknown", "", "value", "σ", "t", ""]
+    if not any(r[4] for r in rows):
+        header, shown_rows = header[:4], [r[:4] for r in shown_rows]
+    else:
+        note = [*note, _meaning(report)]
+    return [*heading, *table(header, shown_rows, left=2), *note]

@@ -21,7 +21,8 @@ from ..models.image import depth
 from ..network import DatumChoice, Network
 from ..quality.solution import Solution
 from ..types import Array, Mask
-from .datum import Defect, FreeDatum, find_defects, minimal_datum, transform
+from .datum import Defect, FreeDatum, find_defects, minimal_datum
+from .free_network import carry, datum_columns
 from .inner import follow
 from .linear import ExtraRows
 from .normal import NormalEquations, Solver
@@ -44,10 +45,6 @@ SMALL_ENOUGH_TO_EXPLAIN = 5000
 """Columns up to which a vanished pivot is explained at once, not at the end of the iteration."""
 SLOW = 1e-6
 """Relative decrease of vᵀPv of a step, below which several in a row lead nowhere."""
-MOST_TRANSFORMATIONS = 20
-"""Times that a solution is moved towards inner constraints; two or three suffice as a rule."""
-CARRIED = 1e-12
-"""Motion that is left, relative to the coordinates, where a solution is on its constraints."""
 DOUBTFUL = 0.25
 """Part of the predicted decrease below which points follow a step of the cameras on their own."""
 FAST = 0.1
@@ -96,8 +93,12 @@ class _Run:
     def normal(self) -> NormalEquations:
         """Return the normal equations at the solution."""
         if self.at_solution is None:
-            self.at_solution = NormalEquations(self.solver, self.state, self.extra(self.state))
+            self.at_solution = self.normal_at(self.state)
         return self.at_solution
+
+    def normal_at(self, state: State) -> NormalEquations:
+        """Return the normal equations at any state."""
+        return NormalEquations(self.solver, state, self.extra(state))
 
     def vtpv(self, state: State) -> float:
         """Return vᵀPv; infinite where a sight has no answer."""
@@ -189,6 +190,7 @@ def adjust(
         variance=variance,
         n_extra=sum(len(e.residual) for e in run.extra(run.state)),
         normal=run.normal,
+        normal_at=run.normal_at,
         constraint=run.constraint,
     )
 
@@ -228,7 +230,7 @@ def _iterate(
     bound = last = np.inf
     slow = 0
     for iteration in range(1, max_iterations + 1):
-        normal = NormalEquations(run.solver, run.state, run.extra(run.state))
+        normal = run.normal_at(run.state)
         vtpv = normal.system.vtpv
         if not np.isfinite(vtpv):
             _name_overflow(run)
@@ -275,7 +277,7 @@ def _iterate(
         growth = 2.0
         if slow >= 5:
             if run.equations.unknowns.n_columns <= SMALL_ENOUGH_TO_EXPLAIN:
-                _explain(run, NormalEquations(run.solver, run.state, run.extra(run.state)))
+                _explain(run, run.normal_at(run.state))
             return iteration, False, _drifting(run, bound), after
         damping *= max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
         if damping < LEAST_DAMPING:
@@ -335,17 +337,6 @@ def _moved(run: _Run, step: Array, bound: float, expected: float) -> tuple[State
     return moved, after
 
 
-def _difference(run: _Run, state: State) -> Array:
-    """Return x − x₀ of the points, (n_columns,): what inner constraints act on."""
-    table = run.equations.unknowns["point"]
-    on = np.flatnonzero(table.offset >= 0)
-    out = np.zeros(run.equations.unknowns.n_columns)
-    columns = table.offset[on, None] + np.arange(3)
-    out[columns] = state["point"][on] - run.start["point"][on]
-    out[~run.equations.unknowns.free] = 0.0
-    return out
-
-
 def _settle_datum(run: _Run, normal: NormalEquations) -> None:
     """Find the datum defects; hold what a free network needs, or say what is missing."""
     unknowns = run.equations.unknowns
@@ -366,61 +357,35 @@ def _settle_datum(run: _Run, normal: NormalEquations) -> None:
             defect=sum(d.size for d in defects),
         )
     motions = defects[0].motions
-    columns = _datum_columns(run.equations, motions)
+    columns = datum_columns(run.equations, motions)
     held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
     run.constraint[held] = normal.diagonal[held]
     run.datum = FreeDatum(motions, columns)
 
 
 def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> bool:
-    """Move the solution onto the inner constraints; return whether it is at rest there too.
-
-    The motions of the defect are renewed at every state: inner constraints and covariances
-    belong to those at the solution.
-    """
+    """Move the solution onto the inner constraints; return whether it is at rest there too."""
     assert run.datum is not None
-    # A solution that is not at rest may have points on their way to infinity: once is enough.
-    for _ in range(MOST_TRANSFORMATIONS if at_rest else 1):
-        normal = NormalEquations(run.solver, run.state, run.extra(run.state))
-        run.at_solution = normal
-        found = find_defects(normal.system, run.state, normal.diagonal, free=run.free)
-        if len(found) != 1 or found[0].size != run.datum.motions.shape[1]:
-            break
-        run.defects = tuple(found)
-        run.datum = FreeDatum(found[0].motions, run.datum.columns)
-        if at_rest:
-            step = _step(run, normal, 0.0)
-            if step is not None and step[2] > tolerance:
-                run.state = run.equations.unknowns.retract(run.state, step[0])
-                run.at_solution = None
-                continue
-        amounts = run.datum.project(_difference(run, run.state))
-        shift = float(np.abs(run.datum.motions @ amounts).max())
-        if shift < CARRIED * (1.0 + float(np.abs(run.state["point"]).max())):
-            return at_rest
-        run.state = transform(run.equations, run.state, found[0], amounts)
-        run.at_solution = None
-    return False
 
+    def step(normal: NormalEquations) -> tuple[Array, float] | None:
+        found = _step(run, normal, 0.0)
+        return None if found is None else (found[0], found[2])
 
-def _datum_columns(equations: Equations, motions: Array) -> Mask:
-    """Return the coordinates that carry the datum: flagged points, or all, or the photos."""
-    unknowns, network = equations.unknowns, equations.network
-    chosen = np.zeros(unknowns.n_columns, dtype=bool)
-    table = unknowns["point"]
-    flagged = np.array([p.datum for p in network.points.values()], dtype=bool)
-    on = (table.offset >= 0) & (flagged if flagged.any() else True)
-    for axis in range(3):
-        chosen[table.offset[on] + axis] = True
-    chosen &= unknowns.free
-    if int(np.linalg.matrix_rank(motions[chosen])) < motions.shape[1]:
-        raise DatumError(
-            f"the datum points ({int(on.sum())}) cannot carry a datum with "
-            f"{motions.shape[1]} defects: flag more points, not on one line",
-            defect=motions.shape[1],
-            names=[n for n, o in zip(table.names, on, strict=True) if o][:12],
-        )
-    return chosen
+    carried = carry(
+        run.equations,
+        run.state,
+        run.start,
+        run.datum,
+        run.defects,
+        normal_at=run.normal_at,
+        step=step,
+        tolerance=tolerance,
+        at_rest=at_rest,
+        free=run.free,
+    )
+    run.state, run.at_solution = carried.state, carried.normal
+    run.datum, run.defects = carried.datum, carried.defects
+    return carried.at_rest
 
 
 def _explain(run: _Run, normal: NormalEquations) -> None:

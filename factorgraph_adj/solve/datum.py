@@ -329,3 +329,19 @@ class FreeDatum:
     def project(self, moved: Array) -> Array:
         """Return t such that G_Dᵀ (moved + G t)_D = 0, for moved = x − x₀ (n_columns,)."""
         return np.asarray(-self.inverse @ (self.motions[self.columns].T @ moved[self.columns]))
+
+    def transformed(
+        self, block: Array, a: tuple[Array, Array], b: tuple[Array, Array], square: Array
+    ) -> Array:
+        """S-transform a block of cofactors Q_ab onto the inner constraints.
+
+        Q_ab − g_a F_bᵀ − F_a g_bᵀ + g_a E g_bᵀ with g = G (G_DᵀG_D)⁻¹, F = Q G_D, E = G_DᵀF.
+
+        Args:
+            block: Q_ab, (..., k, l).
+            a: G and F of its rows, (..., k, d) each.
+            b: G and F of its columns, (..., l, d) each.
+            square: E, (d, d).
+        """
+        ga, gb = a[0] @ self.inverse, np.swapaxes(b[0] @ self.inverse, -1, -2)
+        return np.asarray(block - ga @ np.swapaxes(b[1], -1, -2) - a[1] @ gb + ga @ square @ gb)

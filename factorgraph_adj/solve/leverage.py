@@ -25,7 +25,7 @@ from .datum import FreeDatum, minimal_datum
 from .factor import Factor
 from .linear import LinearBlock, LinearSystem
 from .plan import Plan
-from .point_blocks import PointCholesky, point_blocks
+from .point_blocks import factorise_points
 from .rays import joined
 from .reduction import RayCovariances, ReducedPoints
 from .selected_inverse import SelectedInverse
@@ -34,6 +34,9 @@ from .tree import TreeFactors
 AT_ONCE = 8_000_000
 """Elements of joint covariances that are held at once."""
 POINTS: tuple[VariableKind, ...] = ("point",)
+CANCELLING = 1e3
+"""Σ |a| σ over the unknowns of an observation, σ of its own being 1, from which on the sum A Q Aᵀ,
+at most 1, loses six digits and more."""
 NOTHING = 1e-9
 """Relative length of what a motion of the datum moves besides points, where that is nothing."""
 
@@ -142,7 +145,7 @@ def point_leverages(
         # Without what a minimal datum adds to the diagonal of a point.
         rays = factor.points.rays
         rows = joined([system.blocks[i].a[2] for i in rays.places], rays)
-        alone = PointCholesky(point_blocks(rays, system, rows, np.zeros(system.unknowns.n_columns)))
+        alone = factorise_points(rays, system, rows, np.zeros(system.unknowns.n_columns))
     for place, lb in enumerate(only.blocks):
         slots = [j for j, (kind, _) in enumerate(lb.block.variables) if kind == "point"]
         inner, outer = parts[place]
@@ -213,6 +216,9 @@ def _from_tree(lb: LinearBlock, rows: Index, inverse: SelectedInverse, out: Bloc
         a = np.concatenate([lb.a[j][chunk] for j in slots], axis=2)
         along = joint @ a.transpose(0, 2, 1)
         out.hat[chunk] = a @ along
+        seen = np.abs(a) @ np.sqrt(np.einsum("nkk->nk", joint))[:, :, None]
+        for i in np.flatnonzero(seen.max(axis=(1, 2)) > CANCELLING).tolist():
+            out.hat[chunk[i]] = inverse.leverage(columns[i], a[i])
         if not kinds.all():
             a1 = a[:, :, ~kinds]
             out.others[chunk] = a1 @ joint[:, ~kinds][:, :, ~kinds] @ a1.transpose(0, 2, 1)
@@ -283,7 +289,7 @@ def _from_rays(
         unknown = c >= 0
         a = np.concatenate(pieces, axis=2)[:, :, unknown]
         sigma = border[np.ix_(c[unknown], c[unknown])]
-        half = (a.reshape(-1, a.shape[2]) @ sigma).reshape(a.shape)
+        half = (a.reshape(2 * len(a), a.shape[2]) @ sigma).reshape(a.shape)
         others[photo.rows] = half @ a.transpose(0, 2, 1)
     ku = joint.inner[rays.point] @ u
     cross = u.transpose(0, 2, 1) @ z

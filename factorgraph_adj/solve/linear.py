@@ -12,6 +12,7 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..graph.blocks import Block
 from ..graph.equations import Equations
@@ -120,21 +121,22 @@ class LinearSystem:
 
     def gradient(self) -> Array:
         """Return AᵀPv, (n_columns,)."""
-        return self.transposed(np.concatenate([self.residual, *(e.residual for e in self.extra)]))
+        v = np.concatenate([self.residual, *(e.residual for e in self.extra)])
+        return self.transposed(v[:, None])[:, 0]
 
     def transposed(self, z: Array) -> Array:
-        """Return Aᵀ z (n_columns,), A whitened, for z (rows,) with extra rows at the end."""
+        """Return Aᵀ Z (n_columns, k), A whitened, for Z (rows, k); extra rows at the end."""
         v = z
         if self.equations.clusters:
             v = z.copy()
             for c in self.equations.clusters:
                 v[c.rows] = c.whitener.T @ z[c.rows]
-        out = np.zeros(self.unknowns.n_columns)
+        out = np.zeros((self.unknowns.n_columns, z.shape[1]))
         for lb in self.blocks:
-            w = v[lb.block.rows].reshape(lb.block.observed.shape)
+            w = v[lb.block.rows].reshape(*lb.block.observed.shape, -1)
             for offset, a in zip(lb.offsets, lb.a, strict=True):
                 if len(a):
-                    _add(out, offset, (w[:, None, :] @ a)[:, 0])
+                    _add_transposed(out, a, offset, w)
         first = self.equations.n_rows
         for e in self.extra:
             np.add.at(out, e.columns, e.a.T @ z[first : first + len(e.a)])
@@ -223,6 +225,31 @@ def _add_product(rows: Array, a: Array, offset: Index, g: Array) -> None:
     on = offset >= 0
     for j in range(a.shape[2]):
         rows += a[:, :, j, None] * np.where(on[:, None], g[np.maximum(offset + j, 0)], 0.0)[:, None]
+
+
+def _add_transposed(out: Array, a: Array, offset: Index, w: Array) -> None:
+    """Add Aᵀ W to out (n_columns, k), for partials (n, d, j) at each offset and W (n, d, k)."""
+    starts = _runs(offset)
+    j = a.shape[2]
+    if len(starts) < len(offset) / 8:
+        for start, stop in zip(starts, np.r_[starts[1:], len(offset)], strict=True):
+            first = offset[start]
+            if first >= 0:
+                part = w[start:stop].reshape(-1, w.shape[2])
+                out[first : first + j] += a[start:stop].reshape(-1, j).T @ part
+        return
+    on = offset >= 0
+    if not on.all():
+        offset, a, w = offset[on], a[on], w[on]
+    values = a.transpose(0, 2, 1) @ w
+    n = len(offset)
+    for i in range(j):
+        if w.shape[2] == 1:
+            weights = values[:, i, 0]
+            out[:, 0] += np.bincount(offset + i, weights=weights, minlength=len(out))
+            continue
+        places = (np.ones(n), offset + i, np.arange(n + 1))
+        out += np.asarray(csr_array(places, shape=(n, len(out))).T @ values[:, i])
 
 
 def _runs(offset: Index) -> Index:

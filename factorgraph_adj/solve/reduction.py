@@ -13,7 +13,7 @@ import numpy as np
 
 from ..types import Array, Index
 from .linear import LinearSystem
-from .point_blocks import PointCholesky, point_blocks
+from .point_blocks import factorise_points
 from .rays import Rays, joined
 
 
@@ -32,8 +32,7 @@ class ReducedPoints:
         j_pose, j_lens, j_point = (
             joined([system.blocks[i].a[slot] for i in rays.places], rays) for slot in range(3)
         )
-        h = point_blocks(rays, system, j_point, extra)
-        self.cholesky = PointCholesky(h)
+        self.cholesky = factorise_points(rays, system, j_point, extra)
         self._rays(j_pose, j_lens, j_point)
         self.normal = self._normal(j_pose, j_lens, extra)
 

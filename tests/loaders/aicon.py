@@ -21,11 +21,19 @@ CAMERA = "camera"
 FREE = ("c", "x0", "y0", "A1", "A2", "B1", "B2")
 """What the report lists as calibrated; A3, C1, C2 are held."""
 
+SIGMA = 0.0005
+"""A-priori standard deviation of image coordinates, mm."""
 
 Start = Literal["published", "photos astray", "perturbed"]
 
 
-def read_aicon(folder: Path, *, name: str = "example", start: Start = "published") -> Network:
+def read_aicon(
+    folder: Path,
+    *,
+    name: str = "example",
+    start: Start = "published",
+    with_rejected: bool = False,
+) -> Network:
     """Return the block as a free network over its active points, in metres.
 
     Image coordinates and their a-priori standard deviations are those of the report, see
@@ -36,6 +44,7 @@ def read_aicon(folder: Path, *, name: str = "example", start: Start = "published
         name: what they are called.
         start: the published solution; the same with "photos astray" by 20 mm and 5 mrad and a
             nominal calibration; or "perturbed", points by 5 mm too. From a fixed seed.
+        with_rejected: put back the image points that AICON rejected, see `rejected_image_points`.
     """
     network = Network("AICON close-range block", datum="free")
     rng = np.random.default_rng(1)
@@ -65,10 +74,28 @@ def read_aicon(folder: Path, *, name: str = "example", start: Start = "published
         network.add_image_points(
             photo, points[rows].tolist(), table[rows, :2], sigma=table[rows, 2:4]
         )
+    if with_rejected:
+        for photo, point, x, y in rejected_image_points(folder, name=name):
+            network.add_image_points(photo, [point], np.array([[x, y]]), sigma=SIGMA)
     for fields in _rows(folder / f"{name}.scale"):
         _, _, a, b, length, sigma, _ = fields
         network.add(SlopeDistance(a, b, MM * float(length), sigma=MM * float(sigma), id="bar"))
     return network
+
+
+def rejected_image_points(
+    folder: Path, *, name: str = "example"
+) -> list[tuple[str, str, float, float]]:
+    """Return photo, point, x and y (mm) of the real measurements that AICON rejected.
+
+    Only those of points that take part in the adjustment.
+    """
+    active = {f[0] for f in _rows(folder / f"{name}.obc") if f[8] == "1"}
+    return [
+        (f[0], f[1], float(f[2]), float(f[3]))
+        for f in _rows(folder / f"{name}.phc")
+        if f[9] == "0" and f[1] in active
+    ]
 
 
 def image_reference(folder: Path) -> tuple[Array, Array, Array]:

@@ -21,6 +21,7 @@ What was found about the frame of Comp3D, from its printed values:
 from __future__ import annotations
 
 import csv
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -256,3 +257,18 @@ def read_table(path: Path) -> list[dict[str, str]]:
     """Read a table of results."""
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
+
+
+@dataclass(frozen=True)
+class Ellipsoid:
+    """A standard error ellipsoid as Comp3D prints it, scaled by its σ0."""
+
+    axes: Array
+    """Semi-axis (m), azimuth and inclination (gon, both from 0 to 200) of each axis, (3, 3)."""
+
+
+def read_ellipsoids(path: Path) -> dict[str, Ellipsoid]:
+    """Read the ellipsoids of the points of a result (.comp): JSON behind ``data=``."""
+    text = path.read_text(encoding="utf-8")
+    points = json.loads(text[text.index("{") :])["points"]
+    return {n: Ellipsoid(np.array(p["ellips"]["axes"])) for n, p in points.items()}

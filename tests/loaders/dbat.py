@@ -239,7 +239,7 @@ def _table(path: Path) -> Iterator[list[str]]:
             yield [field.strip() for field in line.split(",")]
 
 
-# -- what DBAT found ------------------------------------------------------------------------------
+# -- what others found -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -328,3 +328,27 @@ def read_report(path: Path) -> Report:
         photos,
         points,
     )
+
+
+def read_reliability(folder: Path) -> tuple[list[tuple[str, str, str]], Array]:
+    """Return photo, point and component of each row of ``reference_reliability.csv``, and figures.
+
+    An independent computation: v/σ, redundancy number, w a priori, w a posteriori, ∇/σ and δ̄, with
+    δ0 = 4.132. It numbers its image points in the order of the files of measurements; control
+    coordinates (photo "") follow in the order of the control file, without check points.
+    """
+    images: list[tuple[str, str]] = []
+    if (folder / "sxb.xml").exists():
+        for file in ("markpts.txt", "smartpts.txt"):
+            images += [(f[1], f[0]) for f in _table(folder / "measurements" / file)]
+        control = [f[0] for f in _table(folder / "reference/sxb-control.txt")]
+        control = [name for name in control if name not in ("351", "410")]
+    else:
+        images = [(f[0], f[1]) for f in _table(folder / "measurements/markpts.txt")]
+        control = []
+    of_row = [(*both, axis) for both in images for axis in "xy"]
+    of_row += [("", name, axis) for name in control for axis in "XYZ"]
+    rows = list(_table(folder / "reference_reliability.csv"))[1:]
+    for (photo, _, axis), row in zip(of_row, rows, strict=True):
+        assert row[1] == ("img" if photo else "ctrl") and row[4] == axis
+    return of_row, np.array([[float(v) for v in row[5:]] for row in rows])

@@ -32,6 +32,8 @@ class GamaObservation:
     """In per cent: 100 (1 − √(q_ll of the adjusted value / q_ll of the observation))."""
     standardised: float | None
     """|v| / its standard deviation."""
+    error: float | None
+    """Error of the observation if it alone is wrong, true − observed, mm or cc."""
 
     @property
     def redundancy(self) -> float:
@@ -139,7 +141,7 @@ def _observation(element: ElementTree.Element) -> GamaObservation:
         return float(_text(element, tag))
 
     names = (_text(element, tag) for tag in ("from", "to", "left", "right", "id"))
-    standardised = _text(element, "std-residual")
+    standardised, error = _text(element, "std-residual"), _text(element, "err-obs")
     return GamaObservation(
         element.tag.removeprefix(NAMESPACE),
         tuple(n for n in names if n),
@@ -149,4 +151,5 @@ def _observation(element: ElementTree.Element) -> GamaObservation:
         number("qrr"),
         number("f"),
         float(standardised) if standardised else None,
+        float(error) if error else None,
     )

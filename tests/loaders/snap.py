@@ -208,3 +208,51 @@ def read_zenith_angles(folder: Path, *, radius: float = MEAN_EARTH_RADIUS) -> Ne
             angle = dms(*part[2:5])
             network.add(ZenithAngle(part[0], part[1], angle, sigma=sigma, refraction=group))
     return network
+
+
+@dataclass(frozen=True)
+class ListedResidual:
+    """A line of the table of residuals; lengths in metres, angles in seconds of arc."""
+
+    kind: str
+    """SNAP's type."""
+    stations: tuple[str, str]
+    """From, to."""
+    sigma: float
+    """Of the observation."""
+    sigma_adjusted: float
+    """Of its adjusted value."""
+    residual: float
+    """Observed − computed."""
+    sigma_residual: float
+    """Of the residual."""
+    standardised: float | None
+    """|residual| / its σ; none where the observation is not controlled."""
+    weak: bool
+    """Whether it is flagged (@) for a redundancy below 0.10."""
+
+
+def read_residuals(path: Path) -> list[ListedResidual]:
+    """Return the table of residuals of ``testrc.lst``: zenith angles, distances, bearings."""
+    table = path.read_text().split("OBSERVATION RESIDUALS")[1].split("ERROR SUMMARY")[0]
+    out = []
+    for line in table.splitlines():
+        part = line.split()
+        if len(part) < 9 or part[2] not in ("ZD", "ED", "PB"):
+            continue
+        width = 1 if part[2] == "ED" else 3
+        sigma = float(part[3 + width])
+        adjusted, residual, of_residual, size = part[4 + 2 * width : 8 + 2 * width]
+        out.append(
+            ListedResidual(
+                part[2],
+                (part[0], part[1]),
+                sigma,
+                float(adjusted),
+                float(residual),
+                float(of_residual),
+                None if size == "-" else float(size),
+                part[-1] == "@",
+            )
+        )
+    return out

@@ -1,0 +1,269 @@
+"""Which observations one round of data snooping sets aside.
+
+Of those with a test value above the critical one, the largest first, each goes if
+
+1. its test value is at least ``share`` of the largest that can go;
+2. none of its test values is correlated by more than `MOST_CORRELATION` with that of a larger
+   one set aside in this round: that one may explain it;
+3. without those, in the linear model, it is still above the critical value;
+4. the others still determine everything without it.
+
+With the correlations R of the test values w, those without the set S are
+
+    w_j' = (w_j − R_jS R_SS⁻¹ w_S) / √(1 − R_jS R_SS⁻¹ R_Sj),
+
+and everything is determined as long as R_SS is regular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..graph.equations import Equations
+from ..types import Array, Index, Mask
+from .reliability import UNCONTROLLED, Reliability
+
+MOST_CORRELATION = 0.5
+"""Correlation of test values above which the smaller one waits for the next round."""
+INSEPARABLE = 0.9
+"""Correlation of test values from which on two observations cannot be told apart."""
+MOST_ROWS = 400
+"""Components of observations that are looked at in one round, the largest first."""
+MOST_ROWS_AT_ONCE = 3000
+"""The same where all that stand out by other means go at once."""
+SPACE = 20_000_000
+"""Numbers in the correlations that are computed at once."""
+FLAT = 1e-10
+"""Smallest eigenvalue of the normal matrix of a point relative to the largest, below which its
+rays do not determine it."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """The observations of a solution as units that are set aside as a whole."""
+
+    number: Index
+    """Number of the observation of each scalar row, (n,)."""
+    first: Index
+    """First row of each observation, (m,)."""
+    size: Index
+    """Number of its rows, (m,)."""
+
+    @classmethod
+    def of(cls, equations: Equations) -> Units:
+        """Return the observations of a network."""
+        number = equations.observation_of_row
+        first = np.flatnonzero(np.diff(number, prepend=-1))
+        return cls(number, first, np.diff(np.append(first, len(number))))
+
+    def rows(self, unit: int) -> Index:
+        """Return the rows of one."""
+        return np.arange(self.first[unit], self.first[unit] + self.size[unit])
+
+    def largest(self, values: Array) -> Array:
+        """Return the largest of |values| (n,) of each observation, (m,); NaN counts as 0."""
+        return np.asarray(np.maximum.reduceat(np.nan_to_num(np.abs(values)), self.first))
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An observation that a round sets aside, or would have to."""
+
+    unit: int
+    """Its number."""
+    row: int
+    """Row of its largest test value."""
+    test: float
+    """That value."""
+    inseparable: tuple[tuple[int, float], ...]
+    """Rows of other observations that it cannot be told from, with the correlations."""
+    point: int | None = None
+    """Number of the point that has to go with it, since its other rays cannot determine it."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What one round does."""
+
+    chosen: tuple[Candidate, ...]
+    """Set aside, the largest first."""
+    blocked: tuple[Candidate, ...]
+    """Above the critical value, but without them something would be undetermined."""
+
+
+def choose(
+    rel: Reliability,
+    test: Array,
+    *,
+    scale: float,
+    critical: float,
+    share: float,
+    stuck: Collection[int] = (),
+    every: bool = False,
+) -> Choice:
+    """Choose what to set aside.
+
+    Args:
+        rel: reliability of the solution.
+        test: the test values that decide, (n,); NaN where there is none.
+        scale: ``rel.w`` / test.
+        critical: critical value of ``test``.
+        share: part of the largest test value that others must reach to go with it.
+        stuck: observations that cannot go.
+        every: all that stand out by ``test`` go, as long as the rest determines everything:
+            conditions 2 and 3 are left out.
+    """
+    most_rows = MOST_ROWS_AT_ONCE if every else MOST_ROWS
+    equations = rel.solution.equations
+    units = Units.of(equations)
+    size = units.largest(test)
+    size[list(stuck)] = 0.0
+    order = np.argsort(-size, kind="stable")
+    order = order[(size[order] > critical) & (size[order] >= share * size[order[0]])]
+    # Something may be blocked, and the share is that of the largest that is not.
+    candidates = order[np.cumsum(units.size[order]) <= max(most_rows, int(units.size.max()))]
+    if not len(candidates):
+        return Choice((), ())
+    search = _Search(rel, units, candidates, test, scale)
+    for unit in candidates.tolist():
+        if every or search.stands_out(unit, critical):
+            search.consider(unit)
+    chosen, blocked = search.chosen, search.blocked
+    if not chosen and blocked and len(candidates) < int(np.sum(size > critical)):
+        others = choose(
+            rel,
+            test,
+            scale=scale,
+            critical=critical,
+            share=share,
+            stuck=[*stuck, *(b.unit for b in blocked)],
+            every=every,
+        )
+        return Choice(others.chosen, (*blocked, *others.blocked))
+    return Choice(tuple(chosen), tuple(blocked))
+
+
+class _Search:
+    """The linear model, in which one candidate after the other goes."""
+
+    def __init__(
+        self, rel: Reliability, units: Units, candidates: Index, test: Array, scale: float
+    ) -> None:
+        self.rel, self.units, self.test = rel, units, test
+        self.rows = np.concatenate([units.rows(int(u)) for u in candidates])
+        self.place = {int(row): i for i, row in enumerate(self.rows)}
+        self.rho, self.partners = _correlations(rel, self.rows, units)
+        self.left = self.rho.copy()
+        self.w = np.nan_to_num(rel.w[self.rows]) / scale
+        self.gone: list[int] = []
+        self.only_images = _only_images(rel.solution.equations)
+        self.lost_points: set[int] = set()
+        self.chosen: list[Candidate] = []
+        self.blocked: list[Candidate] = []
+
+    def stands_out(self, unit: int, critical: float) -> bool:
+        """Return whether those that went neither resemble a unit nor explain its test value."""
+        at = self._at(unit)
+        rho = np.abs(self.rho[at][:, self.gone])
+        if np.nanmax(rho, initial=0.0) > MOST_CORRELATION:
+            return False
+        left = np.diag(self.left)[at]
+        still = np.abs(self.w[at]) / np.sqrt(np.where(left > UNCONTROLLED, left, np.inf))
+        return bool(np.nanmax(still, initial=0.0) > critical)
+
+    def consider(self, unit: int) -> None:
+        """Let a unit go, if the rest determines everything; alone or with its point."""
+        at = self._at(unit)
+        own = self.rows[at]
+        row = int(own[np.argmax(np.nan_to_num(np.abs(self.test[own])))])
+        candidate = Candidate(unit, row, float(self.test[row]), self.partners[self.place[row]])
+        point = _tie_point(self.rel.solution.equations, row, self.only_images)
+        if point is not None and point in self.lost_points:
+            return
+        block = self.left[np.ix_(at, at)]
+        whole = bool(np.isfinite(block).all()) and np.linalg.eigvalsh(block)[0] > UNCONTROLLED
+        if not whole:
+            if point is not None and not self._determined(point, row):
+                self.lost_points.add(point)
+                candidate = replace(candidate, point=point)
+            else:
+                if not self.gone:
+                    self.blocked.append(candidate)
+                return
+        self.chosen.append(candidate)
+        self._let_go(at)
+
+    def _at(self, unit: int) -> Index:
+        return np.array([self.place[int(row)] for row in self.units.rows(unit)], dtype=np.intp)
+
+    def _let_go(self, at: Index) -> None:
+        """Condition the others on the unit being gone."""
+        at = at[np.isfinite(np.diag(self.rho)[at])]
+        gain = self.left[:, at] @ np.linalg.pinv(self.left[np.ix_(at, at)], rcond=UNCONTROLLED)
+        self.w = self.w - gain @ self.w[at]
+        self.left = self.left - gain @ self.left[at]
+        self.gone.extend(at.tolist())
+
+    def _determined(self, point: int, row: int) -> bool:
+        """Return whether the rays of a point that are left determine it without that of ``row``."""
+        solution = self.rel.solution
+        number = self.units.number
+        gone = {int(number[r]) for r in self.rows[self.gone]} | {int(number[row])}
+        normal = np.zeros((3, 3))
+        for lb in solution.normal().system.blocks:
+            if lb.block.kind != "image":
+                continue
+            for i in np.flatnonzero(lb.block.variables[2][1] == point).tolist():
+                if int(number[lb.block.first_row + 2 * i]) not in gone:
+                    normal += lb.a[2][i].T @ lb.a[2][i]
+        values = np.linalg.eigvalsh(normal)
+        return bool(values[0] > FLAT * values[-1])
+
+
+def _correlations(
+    rel: Reliability, rows: Index, units: Units
+) -> tuple[Array, list[tuple[tuple[int, float], ...]]]:
+    """Return the correlations (k, k) of test values, and what each row cannot be told from.
+
+    They are NaN where a row is not controlled.
+    """
+    n = len(rel.w)
+    step = max(1, SPACE // max(1, n))
+    rho, partners = [], []
+    for start in range(0, len(rows), step):
+        part = rows[start : start + step]
+        every = rel.correlations_with(part)
+        rho.append(every[rows])
+        for j, row in enumerate(part.tolist()):
+            close = np.flatnonzero(np.abs(every[:, j]) >= INSEPARABLE)
+            close = close[units.number[close] != units.number[row]]
+            close = close[np.argsort(-np.abs(every[close, j]), kind="stable")]
+            partners.append(tuple((int(i), float(every[i, j])) for i in close))
+    out = np.concatenate(rho, axis=1)
+    out[~rel.controlled[rows]] = np.nan
+    return out, partners
+
+
+def _tie_point(equations: Equations, row: int, only_images: Mask) -> int | None:
+    """Return the point of an image ray, if it is free and nothing but images observe it."""
+    block = next(b for b in equations.blocks if b.rows.start <= row < b.rows.stop)
+    if block.kind != "image":
+        return None
+    point = int(block.variables[2][1][(row - block.first_row) // 2])
+    if not equations.unknowns["point"].free[point].all():
+        return None
+    return point if only_images[point] else None
+
+
+def _only_images(equations: Equations) -> Mask:
+    """Return which points nothing but images observe, by number."""
+    out = np.ones(len(equations.unknowns["point"].names), dtype=bool)
+    for block in equations.blocks:
+        if block.kind != "image":
+            for kind, index in block.variables:
+                if kind == "point":
+                    out[index] = False
+    return out

@@ -1,0 +1,307 @@
+"""Error ellipses and ellipsoids, absolute and relative, of points and projection centres.
+
+The covariance Σ of a place, or of the difference of two, is turned into the local horizon
+(east, north, up, `Frame.basis` without deflections); relative figures lie in the horizon of the
+midpoint. An ellipse is the 2-D confidence region of the plan position whatever the height, an
+ellipsoid the 3-D one:
+
+    semi-axes = k √λ, λ the eigenvalues of Σ
+
+with k = 1 for standard ellipses, and at a confidence p (`confidence_factor`)
+
+    σ0 known            k² = χ²_{p; dim}
+    σ̂0 of r redundant   k² = dim · F_{p; dim, r}
+
+Azimuths count clockwise from north, in [0, π): an axis has no direction. The dip of an axis is
+positive where it goes down in the direction of its azimuth. Azimuths of axes as long as another
+are arbitrary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as fisher
+
+from ..errors import InputError
+from ..types import Array
+from .relative import Place, covariance, covariances, position
+from .solution import Solution
+
+NOTHING = 1e-12
+"""Component of a unit vector that is none but for rounding."""
+
+
+def confidence_factor(
+    dimension: int, confidence: float | None, *, redundancy: int | None = None
+) -> float:
+    """Return k, semi-axes of a confidence region over those of the standard one.
+
+    Args:
+        dimension: 1 of an interval, 2 of an ellipse, 3 of an ellipsoid: 1.960, 2.448 and 2.795
+            at 95 %.
+        confidence: probability p with which the region covers the truth; none: k = 1.
+        redundancy: r of the estimated σ̂0 that scales the covariance: √(dim F_{p; dim, r}); none:
+            σ0 is known, √χ²_{p; dim}.
+
+    Raises:
+        InputError: a probability outside (0, 1), no redundancy.
+    """
+    if confidence is None:
+        return 1.0
+    if not 0 < confidence < 1:
+        raise InputError(f"the confidence must lie between 0 and 1, or be none, not {confidence}")
+    if redundancy is None:
+        return float(np.sqrt(chi2.ppf(confidence, dimension)))
+    if redundancy < 1:
+        raise InputError(f"σ̂0 needs redundant observations, not {redundancy}")
+    return float(np.sqrt(dimension * fisher.ppf(confidence, dimension, redundancy)))
+
+
+def factor_of(solution: Solution, dimension: int, confidence: float | None) -> float:
+    """Return the `confidence_factor` that belongs to how a solution scales its covariances."""
+    estimated = solution.variance == "a-posteriori" and solution.redundancy > 0
+    redundancy = solution.redundancy if estimated else None
+    return confidence_factor(dimension, confidence, redundancy=redundancy)
+
+
+@dataclass(frozen=True)
+class ConfidenceInterval:
+    """Interval of a height or height difference."""
+
+    a: Place
+    """Of which place."""
+    b: Place | None
+    """Relative to which one, none for the height itself."""
+    sigma: float
+    """Standard deviation along the plumb line, metres."""
+    confidence: float | None
+    """Probability of the interval ± `half_width`; none: standard deviation."""
+    factor: float
+    """K = half width / σ."""
+
+    @property
+    def half_width(self) -> float:
+        """Half width, metres."""
+        return self.factor * self.sigma
+
+
+@dataclass(frozen=True)
+class ErrorEllipse:
+    """Confidence ellipse of a plan position, or of the difference of two."""
+
+    a: Place
+    """Of which place."""
+    b: Place | None
+    """Relative to which one, none for an absolute ellipse."""
+    centre: Array
+    """Adjusted place, midpoint of two, (3,) metres in the frame of the network."""
+    semi_axes: tuple[float, float]
+    """Semi-major and semi-minor axis, metres; zero where held."""
+    azimuth: float
+    """Azimuth of the semi-major axis, clockwise from north, [0, π); 0 of a circle."""
+    confidence: float | None
+    """Probability; none of a standard ellipse."""
+    factor: float
+    """K = semi-axes / those of the standard ellipse."""
+
+
+@dataclass(frozen=True)
+class ErrorEllipsoid:
+    """Confidence ellipsoid of a place, or of the difference of two."""
+
+    a: Place
+    """Of which place."""
+    b: Place | None
+    """Relative to which one, none for an absolute ellipsoid."""
+    centre: Array
+    """Adjusted place, midpoint of two, (3,) metres in the frame of the network."""
+    semi_axes: tuple[float, float, float]
+    """Semi-axes, metres, descending; zero where held."""
+    azimuths: tuple[float, float, float]
+    """Azimuth of each axis, clockwise from north, [0, π); 0 of a vertical axis."""
+    dips: tuple[float, float, float]
+    """Angle of each axis below the horizon in the direction of its azimuth, (−π/2, π/2]."""
+    directions: Array
+    """Unit vectors of the axes in the frame of the network, rows (3, 3)."""
+    confidence: float | None
+    """Probability; none of a standard ellipsoid."""
+    factor: float
+    """K = semi-axes / those of the standard ellipsoid."""
+
+
+def error_ellipse(
+    solution: Solution, a: Place, b: Place | None = None, *, confidence: float | None = 0.95
+) -> ErrorEllipse:
+    """Return the error ellipse of the plan position of a place, or of a difference of two.
+
+    Args:
+        solution: an adjusted network.
+        a: name of a point, or ``("pose", name)`` for the projection centre of a photo.
+        b: a second place: the ellipse of the difference X_b − X_a, with all
+            cross-covariances.
+        confidence: probability of the region; none: standard ellipse. In an a-posteriori
+            solution the factor allows for the redundancy of σ̂0.
+
+    Raises:
+        InputError: unknown names, twice the same place, confidence outside (0, 1).
+    """
+    return _ellipses(solution, *_one(solution, a, b), confidence)[0]
+
+
+def error_ellipsoid(
+    solution: Solution, a: Place, b: Place | None = None, *, confidence: float | None = 0.95
+) -> ErrorEllipsoid:
+    """Return the error ellipsoid of a place, or of a difference; arguments of `error_ellipse`."""
+    return _ellipsoids(solution, *_one(solution, a, b), confidence)[0]
+
+
+def error_ellipses(
+    solution: Solution,
+    places: Sequence[Place] | None = None,
+    *,
+    confidence: float | None = 0.95,
+) -> tuple[ErrorEllipse, ...]:
+    """Return the error ellipses of many places at once, from the selected inverse.
+
+    Args:
+        solution: an adjusted network.
+        places: names of points, ``("pose", name)`` for projection centres; none: all points.
+        confidence: as in `error_ellipse`.
+
+    Raises:
+        InputError: unknown names, all at once; confidence outside (0, 1).
+    """
+    return _ellipses(solution, *_many(solution, places), confidence)
+
+
+def error_ellipsoids(
+    solution: Solution,
+    places: Sequence[Place] | None = None,
+    *,
+    confidence: float | None = 0.95,
+) -> tuple[ErrorEllipsoid, ...]:
+    """Return the error ellipsoids of many places; arguments of `error_ellipses`."""
+    return _ellipsoids(solution, *_many(solution, places), confidence)
+
+
+def height_interval(
+    solution: Solution, a: Place, b: Place | None = None, *, confidence: float | None = 0.95
+) -> ConfidenceInterval:
+    """Return the confidence interval of a height, or of a height difference X_b − X_a.
+
+    σ² = uᵀ Σ u, u up in the horizon of the place or of the midpoint. Factors of one dimension.
+
+    Args and errors as in `error_ellipse`.
+    """
+    return _intervals(solution, *_one(solution, a, b), confidence)[0]
+
+
+def height_intervals(
+    solution: Solution,
+    places: Sequence[Place] | None = None,
+    *,
+    confidence: float | None = 0.95,
+) -> tuple[ConfidenceInterval, ...]:
+    """Return the confidence intervals of many heights; arguments of `error_ellipses`."""
+    return _intervals(solution, *_many(solution, places), confidence)
+
+
+# -- helpers --------------------------------------------------------------------------------------
+
+_Pairs = list[tuple[Place, Place | None]]
+
+
+def _one(solution: Solution, a: Place, b: Place | None) -> tuple[_Pairs, Array, Array]:
+    """Return the place or pair, its centre (1, 3) and covariance (1, 3, 3)."""
+    sigma = covariance(solution, a, b)
+    centre = position(solution, a)
+    if b is not None:
+        centre = (centre + position(solution, b)) / 2.0
+    return [(a, b)], centre[None], sigma[None]
+
+
+def _many(solution: Solution, places: Sequence[Place] | None) -> tuple[_Pairs, Array, Array]:
+    """Return the places, their positions (n, 3) and covariances (n, 3, 3)."""
+    if places is None:
+        names = solution.equations.unknowns["point"].names
+        pairs: _Pairs = [(name, None) for name in names]
+        return pairs, solution.state["point"], solution.point_covariances
+    if isinstance(places, str):
+        raise InputError(f"places must be a list, not the one name {places!r}")
+    sigma = covariances(solution, places)
+    centres = np.array([position(solution, p) for p in places]).reshape(-1, 3)
+    return [(p, None) for p in places], centres, sigma
+
+
+def _in_horizon(solution: Solution, centres: Array, sigma: Array) -> tuple[Array, Array]:
+    """Return covariances (n, 3, 3) in east, north, up, and these axes, rows (n, 3, 3)."""
+    enu = solution.network.frame.basis(centres, np.zeros((len(centres), 2))).enu
+    return enu @ sigma @ enu.transpose(0, 2, 1), enu
+
+
+def _intervals(
+    solution: Solution, pairs: _Pairs, centres: Array, sigma: Array, confidence: float | None
+) -> tuple[ConfidenceInterval, ...]:
+    factor = factor_of(solution, 1, confidence)
+    sigmas = np.sqrt(np.maximum(_in_horizon(solution, centres, sigma)[0][:, 2, 2], 0.0))
+    return tuple(
+        ConfidenceInterval(a, b, s, confidence, factor)
+        for (a, b), s in zip(pairs, sigmas.tolist(), strict=True)
+    )
+
+
+def _half_turn(azimuth: Array) -> Array:
+    """Wrap azimuths of axes to [0, π); a rounding error below zero is zero."""
+    wrapped = np.mod(azimuth, np.pi)
+    return np.where(wrapped < np.pi, wrapped, 0.0)
+
+
+def _ellipses(
+    solution: Solution, pairs: _Pairs, centres: Array, sigma: Array, confidence: float | None
+) -> tuple[ErrorEllipse, ...]:
+    factor = factor_of(solution, 2, confidence)
+    plan, _ = _in_horizon(solution, centres, sigma)
+    ee, nn, en = plan[:, 0, 0], plan[:, 1, 1], plan[:, 0, 1]
+    major = (ee + nn + np.hypot(nn - ee, 2.0 * en)) / 2.0
+    # The product of the two is the determinant: no difference of large numbers for thin ellipses.
+    determinant = np.maximum(ee * nn - en * en, 0.0)
+    minor = np.divide(determinant, major, out=np.zeros_like(major), where=major > 0)
+    azimuths = _half_turn(np.arctan2(2.0 * en, nn - ee) / 2.0).tolist()
+    axes = factor * np.sqrt(np.stack([np.maximum(major, 0.0), minor], axis=1))
+    return tuple(
+        ErrorEllipse(a, b, centre, (big, small), azimuth, confidence, factor)
+        for (a, b), centre, (big, small), azimuth in zip(
+            pairs, centres, axes.tolist(), azimuths, strict=True
+        )
+    )
+
+
+def _ellipsoids(
+    solution: Solution, pairs: _Pairs, centres: Array, sigma: Array, confidence: float | None
+) -> tuple[ErrorEllipsoid, ...]:
+    factor = factor_of(solution, 3, confidence)
+    local, enu = _in_horizon(solution, centres, sigma)
+    values, vectors = np.linalg.eigh((local + local.transpose(0, 2, 1)) / 2.0)
+    axes = factor * np.sqrt(np.maximum(values[:, ::-1], 0.0))
+    # Rows east, north, up of the axes, longest first; the end whose azimuth is in [0, π).
+    ends = vectors.transpose(0, 2, 1)[:, ::-1]
+    east, north, up = ends[..., 0], ends[..., 1], ends[..., 2]
+    level = np.hypot(east, north)
+    vertical = level < NOTHING
+    meridian = np.abs(east) < NOTHING
+    turned = np.where(vertical, up > 0, np.where(meridian, north < 0, east < 0))
+    ends = np.where(turned[..., None], -ends, ends)
+    azimuths = np.where(meridian, 0.0, np.arctan2(ends[..., 0], ends[..., 1]))
+    dips = np.where(vertical, np.pi / 2.0, np.arctan2(-ends[..., 2], level))
+    return tuple(
+        ErrorEllipsoid(
+            a, b, centre, tuple(sizes), tuple(azimuth), tuple(dip), axis, confidence, factor
+        )
+        for (a, b), centre, sizes, azimuth, dip, axis in zip(
+            pairs, centres, axes.tolist(), azimuths.tolist(), dips.tolist(), ends @ enu, strict=True
+        )
+    )

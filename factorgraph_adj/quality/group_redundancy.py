@@ -1,0 +1,152 @@
+"""What the residuals of groups of observations know of their variances.
+
+With whitened observation equations v = A dx + l, R = I − A Q Aᵀ projects errors to residuals.
+For disjoint groups g with one variance each,
+
+    q_g  = v_gᵀv_g                      weighted square sum of the residuals, E(q_g) = r_g,
+    r_g  = tr R_gg                      redundancy of the group, Σ r_g = redundancy,
+    S_gh = tr(R_gh R_hg) = ‖R_gh‖²_F    with Σ_h S_gh = r_g, for R is idempotent:
+
+S is the matrix of Helmert's equations S σ² = q, and cov(ln σ̂²) = 2 S⁻¹ (Koch 1999, § 3.6;
+Förstner 1979; Amiri-Simkooei 2007, with N_gh = ½ tr(Q_g W Q_h W), W = P Q_vv P). With the
+residuals themselves,
+
+    B_gh = v_gᵀR_gh v_h,   E(B) = S,   ∂(r − q)/∂ln σ² = 2 B − S + diag(r − q),
+
+B is the average information of Gilmour, Thompson & Cullis (1995, Biometrics 51, 1440–1450).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..solve.linear import LinearSystem
+from ..types import Array
+from .observation_groups import ObservationGroups
+from .reliability import reliability
+from .solution import Solution
+
+EXACT_ROWS = 2000
+"""Scalar observations up to which R is computed as a whole."""
+FEW, MANY, LEAST = 2, 64, 4
+"""In larger networks: random sign vectors for each group on the way to an estimate; for all groups
+together at its end, and at least so many for each."""
+AT_ONCE = 16
+"""Columns that are projected at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class GroupRedundancy:
+    """Square sums, redundancies and S of k groups at one solution."""
+
+    squares: Array
+    """q (k,)."""
+    redundancy: Array
+    """r (k,)."""
+    information: Array
+    """S (k, k)."""
+    average: Array
+    """B (k, k)."""
+    exact: bool
+    """Whether S is exact, or estimated from random probes."""
+
+
+def group_redundancy(
+    solution: Solution, groups: ObservationGroups, *, seed: int = 0, exact: bool | None = None
+) -> GroupRedundancy:
+    """Return q, r, S and B of groups of observations; correlated ones are in one group.
+
+    Up to `EXACT_ROWS` observations from R itself. For larger networks r from the redundancy
+    numbers, and S by stochastic traces (Hutchinson 1990): with independent random signs z_g
+    over the rows of group g, E‖(R z_g)_h‖² = S_gh. The diagonal, as a rule by far the largest,
+    follows from r: S_gg = r_g − Σ_{h≠g} S_gh, so that it is nearly exact.
+
+    Args:
+        solution: an adjustment.
+        groups: who belongs together.
+        seed: of the random signs.
+        exact: force one way; none: by the number of observations.
+    """
+    k = len(groups.names)
+    system = solution.normal().system
+    every = _with_extra(groups, system)
+    if exact is None:
+        exact = len(every.of_row) <= EXACT_ROWS
+    projector = None
+    if exact:
+        a = system.times(np.eye(system.unknowns.n_columns))
+        projector = np.eye(len(a)) - a @ solution.factor.solve(a.T)
+        redundancy = every.sums(np.diag(projector))[:k]
+        half = every.sums(np.square(projector))
+        s = every.sums(np.ascontiguousarray(half.T))[:k, :k]
+    else:
+        redundancy = groups.sums(reliability(solution).redundancy_numbers)[:k]
+        probed = _by_probes(solution, every, np.random.default_rng(seed), FEW)
+        s = _completed(probed, redundancy)
+    v = np.zeros(len(every.of_row))
+    v[: len(system.residual)] = system.residual
+    average = np.empty((k, k))
+    for first in range(0, k, AT_ONCE):
+        chosen = np.arange(first, min(first + AT_ONCE, k))
+        z = np.where(every.of_row[:, None] == chosen, v[:, None], 0.0)
+        z = _project(solution, z) if projector is None else projector @ z
+        average[:, chosen] = every.sums(v[:, None] * z)[:k]
+    squares = every.sums(v * v)[:k]
+    return GroupRedundancy(squares, redundancy, s, average, exact)
+
+
+def sharpened(
+    at: GroupRedundancy, solution: Solution, groups: ObservationGroups, *, seed: int = 0
+) -> GroupRedundancy:
+    """Return the same with an S good enough for standard deviations, if it was not exact."""
+    if at.exact:
+        return at
+    probes = max(LEAST, MANY // len(groups.names))
+    every = _with_extra(groups, solution.normal().system)
+    s = _by_probes(solution, every, np.random.default_rng(seed), probes)
+    return replace(at, information=_completed(s, at.redundancy))
+
+
+def _with_extra(groups: ObservationGroups, system: LinearSystem) -> ObservationGroups:
+    """Return the groups with the rows of factors that the user added, which are in none."""
+    added = sum(len(e.a) for e in system.extra)
+    return replace(groups, of_row=np.append(groups.of_row, np.full(added, -1, dtype=np.intp)))
+
+
+def _completed(s: Array, redundancy: Array) -> Array:
+    """Return S (k, k) from its estimate (k + 1, k + 1) and r.
+
+    Where a group is checked by others rather than by itself, its diagonal element is the small
+    difference of r and the rest of the row: there the probes say it better.
+    """
+    k = len(redundancy)
+    beside = s - np.diag(np.diag(s))
+    rest = redundancy - beside[:k].sum(axis=1)
+    diagonal = np.where(rest > redundancy / 4.0, rest, np.diag(s)[:k])
+    return np.asarray(beside[:k, :k] + np.diag(diagonal))
+
+
+def _project(solution: Solution, z: Array) -> Array:
+    """Return R Z (rows, k)."""
+    system = solution.normal().system
+    return np.asarray(z - system.times(solution.factor.solve(system.transposed(z))))
+
+
+def _by_probes(
+    solution: Solution, groups: ObservationGroups, rng: np.random.Generator, probes: int
+) -> Array:
+    """Return an estimate of the elements of S beside the diagonal, (k + 1, k + 1)."""
+    k = len(groups.names)
+    out = np.zeros((k + 1, k + 1))
+    for number in range(k):
+        chosen = np.flatnonzero(groups.of_row == number)
+        for first in range(0, probes, AT_ONCE):
+            count = min(AT_ONCE, probes - first)
+            z = np.zeros((len(groups.of_row), count))
+            z[chosen] = rng.choice([-1.0, 1.0], (len(chosen), count))
+            out[number] += groups.sums(np.square(_project(solution, z))).sum(axis=1) / probes
+    # Probes of either group estimate the same; what is in no group, at the end, has none.
+    out[:k, :k] = (out[:k, :k] + out[:k, :k].T) / 2.0
+    return out

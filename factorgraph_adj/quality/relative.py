@@ -1,0 +1,143 @@
+"""Covariances of points and projection centres, and of differences between any two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..types import Array
+from .solution import Solution
+
+Place: TypeAlias = str | tuple[Literal["point", "pose"], str]
+"""Name of a point; or ``("pose", name)`` for the projection centre of a photo."""
+
+
+def variable(place: Place) -> tuple[Literal["point", "pose"], str]:
+    """Return kind and name of a place.
+
+    Raises:
+        InputError: it is neither a name nor a kind and a name.
+    """
+    if isinstance(place, str):
+        return "point", place
+    if isinstance(place, tuple) and len(place) == 2 and place[0] in ("point", "pose"):
+        return place
+    raise InputError(
+        f"a place must be the name of a point, or ('pose', name of a photo), not {place!r}"
+    )
+
+
+def describe(place: Place) -> str:
+    """Return a readable name of a place."""
+    kind, name = variable(place)
+    return f"point {name!r}" if kind == "point" else f"photo {name!r}"
+
+
+def position(solution: Solution, place: Place) -> Array:
+    """Return the adjusted coordinates of a point or projection centre, (3,) metres."""
+    kind, name = variable(place)
+    return np.array(solution.state[kind][solution.number(kind, name)][-3:])
+
+
+def covariance(solution: Solution, a: Place, b: Place | None = None) -> Array:
+    """Return the covariance of a place, or of the difference b − a of two, (3, 3) metres².
+
+    Σ = Σ_aa + Σ_bb − Σ_ab − Σ_ba; the datum cancels as far as motions of the whole do.
+
+    Raises:
+        InputError: unknown names, or twice the same.
+    """
+    own = _block(solution, a, a)
+    if b is None:
+        return own
+    if variable(a) == variable(b):
+        raise InputError(Problem("a difference needs two places", describe(a)))
+    cross = _block(solution, a, b)
+    return np.asarray(own + _block(solution, b, b) - cross - cross.T)
+
+
+def covariances(solution: Solution, places: Sequence[Place]) -> Array:
+    """Return the covariances of many places at once, (n, 3, 3) metres².
+
+    They come from the selected inverse; no place needs a solution of its own.
+
+    Raises:
+        InputError: unknown names, all at once.
+    """
+    problems: list[Problem] = []
+    out = np.zeros((len(places), 3, 3))
+    for i, place in enumerate(places):
+        try:
+            kind, name = variable(place)
+            number = solution.number(kind, name)
+        except InputError as error:
+            problems += error.problems
+            continue
+        if not problems:
+            at_once = kind == "point"
+            out[i] = (
+                solution.point_covariances[number] if at_once else _block(solution, place, place)
+            )
+    if problems:
+        raise InputError(problems)
+    return out
+
+
+def _block(solution: Solution, a: Place, b: Place) -> Array:
+    """Return the covariance between two places, (3, 3): the last three of six for a photo."""
+    kind, name = variable(a)
+    if variable(b) == (kind, name):
+        return solution.variable_covariance((kind, name))[-3:, -3:]
+    return solution.variable_covariance((kind, name), variable(b))[-3:, -3:]
+
+
+@dataclass(frozen=True)
+class DistancePrecision:
+    """The adjusted slope distance between two places and its precision."""
+
+    a: Place
+    """From."""
+    b: Place
+    """To."""
+    distance: float
+    """Slope distance D, metres."""
+    sigma: float
+    """Standard deviation σ_D, metres; zero between held places."""
+
+    @property
+    def ratio(self) -> float:
+        """N = D/σ_D of the relative precision 1 : N; infinite between held places."""
+        return self.distance / self.sigma if self.sigma > 0 else float("inf")
+
+    @property
+    def ppm(self) -> float:
+        """σ_D/D in parts per million."""
+        return 1e6 * self.sigma / self.distance
+
+
+def distance_precision(solution: Solution, a: Place, b: Place) -> DistancePrecision:
+    """Return the precision of the slope distance between two points or projection centres.
+
+    σ_D² = dᵀ Σ_Δ d / D², d = X_b − X_a, Σ_Δ the covariance of d with its cross-covariances.
+    Distances between marks: without heights of instrument and target. Does not depend on the
+    datum of a free network, unless that has to fill scale too.
+
+    Args:
+        solution: an adjusted network.
+        a: name of a point, or ``("pose", name)`` for a projection centre.
+        b: the same.
+
+    Raises:
+        InputError: unknown names, twice the same, or two places that coincide.
+    """
+    d = position(solution, b) - position(solution, a)
+    variance = covariance(solution, a, b)
+    distance = float(np.linalg.norm(d))
+    if distance == 0.0:
+        raise InputError(Problem(f"has the coordinates of {describe(b)}: no distance", describe(a)))
+    along = d / distance
+    return DistancePrecision(a, b, distance, max(float(along @ variance @ along), 0.0) ** 0.5)

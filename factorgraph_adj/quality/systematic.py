@@ -1,0 +1,344 @@
+"""Systematic errors: which additional parameters are real, and which cannot be told apart.
+
+Parameters of interior orientation, lens distortion, distance meters and refraction are tested one
+by one against the value they have if there is nothing to model, and looked at for what they are
+correlated with. A parameter that is not significant, or that others explain, weakens the network
+without bettering its model: the network is overparametrised.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from ..entities import REFRACTION_OF_THE_NETWORK
+from ..errors import AdjustmentError, InputError, known
+from ..models.registry import VariableKind
+from ..solve.tree import SingularError
+from ..types import Array, Index, Mask
+from .solution import Solution
+from .ties import NO_PARTNERS, Tie, partners_of_photos, partners_of_points
+
+INTERIOR = ("c", "x0", "y0")
+"""Calibration parameters that are not additional ones."""
+STRONG = 0.95
+"""Correlation from which on two quantities count as not to be told apart."""
+TESTED: tuple[VariableKind, ...] = ("calibration", "edm", "refraction")
+"""Kinds of variables whose components are tested."""
+_NOUN = {"calibration": "camera", "edm": "distance meter", "refraction": "refraction"}
+
+Label: TypeAlias = tuple[VariableKind, str, str]
+"""Kind, name and component of a parameter, such as ``("calibration", "P31", "k1")``."""
+
+
+@dataclass(frozen=True)
+class TestedParameter:
+    """One calibration or additional parameter, tested."""
+
+    kind: VariableKind
+    """``calibration``, ``edm`` or ``refraction``."""
+    name: str
+    """Camera (``camera@photo`` where every photo has its own), distance meter, refraction group."""
+    component: str
+    """Which parameter of it, such as ``k1``, ``scale`` or ``kappa``."""
+    additional: bool
+    """False for c, x0, y0, which a camera has anyway."""
+    weighted: bool
+    """Whether a given value with a standard deviation takes part in its estimate."""
+    value: float
+    """Estimate, SI or image units."""
+    reference: float
+    """What it is tested against: 0; the given value of c, x0, y0, of coefficients of refraction
+    and of whatever is weighted."""
+    sigma: float
+    """Standard deviation of the estimate."""
+    critical: float
+    """Critical value of |t|."""
+    variance_inflation: float
+    """Variance of the estimate as a multiple of what it would be if the other free parameters of
+    the same camera, or distance meter, were known: Σ_ii (Σ⁻¹)_ii ≥ 1."""
+    orientation: Tie | None
+    """Strongest correlation with the exterior orientation of a photo of the same camera; none
+    where there is nothing to find or it was not looked for."""
+    point: Tie | None
+    """The same with an object point."""
+
+    @property
+    def label(self) -> Label:
+        """Kind, name and component."""
+        return self.kind, self.name, self.component
+
+    @property
+    def t(self) -> float:
+        """(value − reference) / sigma."""
+        return (self.value - self.reference) / self.sigma
+
+    @property
+    def significant(self) -> bool:
+        """Whether it differs from its reference: |t| above the critical value.
+
+        The weight of a weighted parameter pulls it to its reference, so that one that is
+        significant would be so all the more without the weight.
+        """
+        return abs(self.t) > self.critical
+
+    @property
+    def explained(self) -> float:
+        """Share of its information that goes to the other parameters of the same camera, 0 to 1.
+
+        The square of its multiple correlation with them, 1 − 1/variance_inflation.
+        """
+        return 1.0 - 1.0 / self.variance_inflation
+
+    def __str__(self) -> str:
+        if self.additional:
+            verdict = "significant" if self.significant else "not significant"
+        else:
+            verdict = "differs from" if self.significant else "agrees with"
+            verdict += " its given value"
+        return (
+            f"{describe(self.label)} = {self.value:.6g} ± {self.sigma:.2g}: |t| = {abs(self.t):.2f}"
+            f" from {self.reference:.6g}, {verdict} (limit {self.critical:.2f})"
+        )
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """A strong correlation of two parameters."""
+
+    a: Label
+    """One of them."""
+    b: Label
+    """The other."""
+    value: float
+    """Their correlation."""
+
+
+@dataclass(frozen=True)
+class Significance:
+    """Tests and correlations of calibration and additional parameters."""
+
+    parameters: tuple[TestedParameter, ...]
+    """All that are free or weighted, in the order of the network."""
+    correlations: tuple[Correlation, ...]
+    """Pairs of them correlated from the limit on, strongest first."""
+    alpha: float
+    """Probability that a parameter which is not real is called significant."""
+    limit: float
+    """Correlation from which on two quantities count as not to be told apart."""
+    critical: float
+    """Critical value of |t|: of the normal distribution, or of Student's with the redundancy as
+    degrees of freedom where the adjustment is a posteriori."""
+
+    def __getitem__(self, label: tuple[str, str]) -> TestedParameter:
+        """Return a parameter by name and component, such as ``("P31", "k1")``."""
+        for p in self.parameters:
+            if (p.name, p.component) == label:
+                return p
+        names = known(f"({p.name!r}, {p.component!r})" for p in self.parameters)
+        raise InputError(f"no tested parameter {label}; known: {names}")
+
+    @property
+    def insignificant(self) -> tuple[TestedParameter, ...]:
+        """Additional parameters that the observations do not ask for, least |t| first."""
+        found = [p for p in self.parameters if p.additional and not p.significant]
+        return tuple(sorted(found, key=lambda p: abs(p.t)))
+
+    @cached_property
+    def overparametrised(self) -> tuple[str, ...]:
+        """Sentences that name parameters which cannot be told from others.
+
+        From one another in pairs; where no pair does it, from all others of the camera together;
+        from the exterior orientation of photos; from object points. Empty where all is well.
+        """
+        out = []
+        paired = {label for c in self.correlations for label in (c.a, c.b)}
+        for c in self.correlations:
+            same = c.a[:2] == c.b[:2]
+            other = c.b[2] if same else describe(c.b)
+            out.append(f"{describe(c.a)} and {other} are correlated by {correlation_text(c.value)}")
+        for p in self.parameters:
+            if p.label not in paired and p.explained >= self.limit**2:
+                out.append(
+                    f"{describe(p.label)} is explained to {100 * p.explained:.1f} % by the other "
+                    f"parameters of the same {_NOUN[p.kind]}"
+                )
+        for p in self.parameters:
+            for tie, one, many in (
+                (p.orientation, "photo", "photos"),
+                (p.point, "point", "points"),
+            ):
+                if tie is not None and abs(tie.correlation) >= self.limit:
+                    count = f"; {tie.count} {many} in all" if tie.count > 1 else ""
+                    out.append(
+                        f"{describe(p.label)} and {tie.component} of {one} {tie.name!r} are "
+                        f"correlated by {correlation_text(tie.correlation)}{count}"
+                    )
+        return tuple(out)
+
+
+def describe(label: Label) -> str:
+    """Return how a parameter is called in messages: ``k1 of camera 'P31'``."""
+    kind, name, component = label
+    if kind == "refraction" and name == REFRACTION_OF_THE_NETWORK:
+        return f"{component} of the refraction of the network"
+    return f"{component} of {_NOUN[kind]} {name!r}"
+
+
+def correlation_text(value: float) -> str:
+    """Return a correlation with three digits, with more where they would round to one."""
+    text = f"{value:+.3f}"
+    return text if "1.000" not in text else f"{value:+.6f}"
+
+
+def significance(
+    solution: Solution,
+    *,
+    alpha: float = 0.05,
+    correlation: float = STRONG,
+    ties: bool = True,
+) -> Significance:
+    """Test calibration and additional parameters of an adjustment, and look for correlations.
+
+    Calibrations of cameras, scale and zero constant of distance meters and coefficients of
+    refraction, as far as they are free or weighted. t = (x̂ − x_ref)/σ_x̂ is compared with the
+    quantile 1 − α/2 of the normal distribution; of Student's distribution with r degrees of
+    freedom where covariances are scaled by σ̂0². If a parameter were held at x_ref, vᵀPv would
+    grow by t² (by t² σ̂0² a posteriori).
+
+    Args:
+        solution: what `adjust` found.
+        alpha: probability that a parameter which is not real is called significant.
+        correlation: correlation from which on two quantities count as not to be told apart.
+        ties: whether to look for correlations with photos and points too.
+
+    Raises:
+        InputError: alpha or correlation are not between 0 and 1.
+        AdjustmentError: the normal equations are singular at the solution.
+    """
+    if not 0 < alpha < 1:
+        raise InputError(f"alpha must lie between 0 and 1, not {alpha}")
+    if not 0 < correlation <= 1:
+        raise InputError(f"correlation must lie above 0 and be 1 at most, not {correlation}")
+    if solution.reference is not None:
+        # Parameters do not depend on the datum; their ties are those to the given one.
+        solution = replace(solution, reference=None)
+    posterior = solution.variance == "a-posteriori" and solution.redundancy > 0
+    quantile = 1.0 - alpha / 2.0
+    critical = float(
+        student.ppf(quantile, solution.redundancy) if posterior else norm.ppf(quantile)
+    )
+    try:
+        variables = list(_variables(solution))
+    except SingularError as error:
+        raise AdjustmentError(
+            f"no tests of parameters: the normal equations are singular at the solution ({error}; "
+            f"{solution.reason})"
+        ) from None
+    photos = partners_of_photos(solution) if ties else {}
+    points = partners_of_points(solution) if ties else NO_PARTNERS
+    parameters: list[TestedParameter] = []
+    among: list[Array] = []
+    tested = np.concatenate([np.zeros(0, np.intp), *(v.columns for v in variables)])
+    for v in variables:
+        unit = np.zeros((solution.equations.unknowns.n_columns, len(v.columns)))
+        unit[v.columns, np.arange(len(v.columns))] = 1.0
+        covariance = solution.cofactor_times(unit) * solution.variance_factor
+        among.append(covariance[tested])
+        own = photos.get(v.name, NO_PARTNERS) if v.kind == "calibration" else NO_PARTNERS
+        with_photos = own.ties(covariance, v.sigma, correlation)
+        with_points = points.ties(covariance, v.sigma, correlation)
+        for i, component in enumerate(v.components):
+            parameters.append(
+                TestedParameter(
+                    v.kind,
+                    v.name,
+                    component,
+                    not (v.kind == "calibration" and component in INTERIOR),
+                    bool(v.weighted[i]),
+                    float(v.values[i]),
+                    float(v.reference[i]),
+                    float(v.sigma[i]),
+                    critical,
+                    float(v.inflation[i]),
+                    with_photos[i],
+                    with_points[i],
+                )
+            )
+    pairs = tuple(_strong(variables, among, correlation))
+    return Significance(tuple(parameters), pairs, alpha, correlation, critical)
+
+
+# -- the parameters -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Variable:
+    """The free components of one tested variable; arrays in their order."""
+
+    kind: VariableKind
+    name: str
+    components: tuple[str, ...]
+    columns: Index
+    values: Array
+    reference: Array
+    weighted: Mask
+    sigma: Array
+    inflation: Array
+
+
+def _variables(solution: Solution) -> Iterator[_Variable]:
+    """Iterate over what is tested."""
+    unknowns = solution.equations.unknowns
+    for kind in TESTED:
+        table = unknowns[kind]
+        for number in np.flatnonzero(table.offset >= 0).tolist():
+            name, size = table.names[number], int(table.size[number])
+            free = np.flatnonzero(table.free[number, :size])
+            names = unknowns.component_names(kind, number)
+            components = tuple(names[i] for i in free)
+            weighted = np.isfinite(table.sigma[number, free])
+            as_given = weighted | np.isin(components, INTERIOR) | (kind == "refraction")
+            covariance = solution.variable_covariance((kind, name))[np.ix_(free, free)]
+            sigma = np.sqrt(np.diag(covariance))
+            inflation = np.diag(np.linalg.inv(covariance / np.outer(sigma, sigma)))
+            yield _Variable(
+                kind,
+                name,
+                components,
+                unknowns.columns(kind, number)[free],
+                solution.state[kind][number, free],
+                np.where(as_given, table.values[number, free], 0.0),
+                weighted,
+                sigma,
+                np.maximum(inflation, 1.0),
+            )
+
+
+def _strong(
+    variables: list[_Variable], covariances: Iterable[Array], limit: float
+) -> list[Correlation]:
+    """Return the pairs of parameters that are correlated from the limit on, strongest first.
+
+    Args:
+        variables: all of them.
+        covariances: of all parameters with those of each variable, (parameters, p) each.
+        limit: correlation from which on they are strong.
+    """
+    labels = [(v.kind, v.name, component) for v in variables for component in v.components]
+    sigma = np.concatenate([np.zeros(0), *(v.sigma for v in variables)])
+    found: list[Correlation] = []
+    first = 0
+    for v, covariance in zip(variables, covariances, strict=True):
+        rho = covariance / np.outer(sigma, v.sigma)
+        before = np.arange(len(sigma))[:, None] < first + np.arange(len(v.sigma))
+        for i, j in zip(*np.nonzero(before & (np.abs(rho) >= limit)), strict=True):
+            found.append(Correlation(labels[i], labels[first + j], float(rho[i, j])))
+        first += len(v.sigma)
+    return sorted(found, key=lambda c: -abs(c.value))

@@ -1,0 +1,113 @@
+"""What parameters are tied to: exterior orientations and object points, by correlation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..graph.variables import calibration_name
+from ..models.position import split_pose
+from ..types import Array, Index
+from .solution import Solution
+
+
+@dataclass(frozen=True)
+class Tie:
+    """The strongest correlation of a parameter with a photo or a point."""
+
+    name: str
+    """Photo or point."""
+    component: str
+    """Which component of it. Of a photo: rx, ry, rz about the axes of the camera and x, y, z of the
+    projection centre along them (x right, y down, z forward). Of a point: x, y, z."""
+    correlation: float
+    """The correlation."""
+    count: int
+    """How many photos, or points, have a component that is correlated from the limit on."""
+
+
+@dataclass(frozen=True)
+class Partners:
+    """Photos or points that parameters may be correlated with, n of them."""
+
+    names: tuple[str, ...]
+    """Their names."""
+    components: tuple[str, ...]
+    """Names of their k components."""
+    columns: Index
+    """Their columns, (n, k)."""
+    sigma: Array
+    """Standard deviations, infinite where held, (n, k)."""
+    axes: Array | None = None
+    """Rotations from the frame to the axes that the last three components are counted along,
+    (n, 3, 3); none: the frame's."""
+
+    def ties(self, covariance: Array, sigma: Array, limit: float) -> list[Tie | None]:
+        """Return the strongest tie of each parameter.
+
+        Args:
+            covariance: of all columns with the parameters, (n_columns, p).
+            sigma: standard deviations of the parameters, (p,).
+            limit: correlation from which on ties are counted.
+        """
+        if not self.names:
+            return [None] * len(sigma)
+        cross = covariance[self.columns] / sigma
+        if self.axes is not None:
+            cross[:, 3:] = self.axes @ cross[:, 3:]
+        rho = cross / self.sigma[:, :, None]
+        size = np.abs(rho)
+        count = np.sum(size.max(axis=1) >= limit, axis=0)
+        out: list[Tie | None] = []
+        for j in range(len(sigma)):
+            n, i = divmod(int(np.argmax(size[:, :, j])), len(self.components))
+            out.append(Tie(self.names[n], self.components[i], float(rho[n, i, j]), int(count[j])))
+        return out
+
+
+NO_PARTNERS = Partners((), (), np.zeros((0, 0), np.intp), np.zeros((0, 0)))
+
+
+def partners_of_photos(solution: Solution) -> dict[str, Partners]:
+    """Return the photos with something to find, by the name of their calibration."""
+    network, table = solution.network, solution.equations.unknowns["pose"]
+    groups: dict[str, list[str]] = {}
+    for photo in network.photos:
+        if table.offset[table.number[photo]] >= 0:
+            groups.setdefault(calibration_name(network, photo), []).append(photo)
+    out = {}
+    for calibration, photos in groups.items():
+        numbers = [table.number[f] for f in photos]
+        covariance = np.array([solution.pose_covariance(f) for f in photos])
+        world_R_camera, _ = split_pose(solution.state["pose"][numbers])
+        axes = np.swapaxes(world_R_camera, 1, 2)
+        covariance[:, 3:, 3:] = axes @ covariance[:, 3:, 3:] @ world_R_camera
+        out[calibration] = Partners(
+            tuple(photos),
+            ("rx", "ry", "rz", "x", "y", "z"),
+            table.offset[numbers][:, None] + np.arange(6),
+            _deviations(np.einsum("nii->ni", covariance)),
+            axes,
+        )
+    return out
+
+
+def partners_of_points(solution: Solution) -> Partners:
+    """Return the object points with coordinates to find."""
+    table = solution.equations.unknowns["point"]
+    numbers = np.flatnonzero(table.offset >= 0)
+    if not len(numbers):
+        return NO_PARTNERS
+    return Partners(
+        tuple(table.names[n] for n in numbers.tolist()),
+        ("x", "y", "z"),
+        table.offset[numbers][:, None] + np.arange(3),
+        _deviations(np.einsum("nii->ni", solution.point_covariances[numbers])),
+    )
+
+
+def _deviations(variances: Array) -> Array:
+    """Return standard deviations, infinite where the variance is zero."""
+    held = variances <= 0
+    return np.where(held, np.inf, np.sqrt(np.where(held, 1.0, variances)))

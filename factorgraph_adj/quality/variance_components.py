@@ -1,0 +1,258 @@
+"""Variance components: the weights of groups of observations, from their own residuals.
+
+Group g has the covariance f_g² Σ_g with known Σ_g and one unknown factor f_g. At its estimate,
+the weighted square sum of its residuals is what its redundancy lets expect,
+
+    v_gᵀP_g v_g = r_g   for all g at once, with P_g = Σ_g⁻¹/f_g²,
+
+which is where restricted maximum likelihood has its maximum, and where Förstner's iteration
+f² ← f² v_gᵀP_g v_g / r_g and Helmert's S f² = q come to rest (Förstner 1979, AVN 86, 446–453;
+Koch 1999, § 3.6; Patterson & Thompson 1971, Biometrika 58, 545–554; Amiri-Simkooei 2007).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from ..errors import InputError, known
+from ..network import DatumChoice, Network
+from ..solve.batch import adjust
+from ..types import Array
+from .component_search import Search, State
+from .group_redundancy import GroupRedundancy, group_redundancy, sharpened
+from .observation_groups import Groups, ObservationGroups, observation_groups
+from .solution import Solution
+
+CERTAIN = 10.0
+"""Degrees of freedom of an estimate below which it is warned of: its factor is uncertain by more
+than 1/√20, 22 %."""
+SEPARABLE = 0.9
+"""Correlation of two estimates above which they are warned of."""
+
+
+@dataclass(frozen=True)
+class VarianceComponent:
+    """The estimated precision of one group of observations."""
+
+    name: str
+    """Name of the group."""
+    factor: float
+    """σ / σ a-priori."""
+    sigma: float
+    """Standard deviation of the factor, f √((S⁻¹)_gg / 2); NaN where it is not estimated,
+    infinite where it is not separable at all."""
+    redundancy: float
+    """r_g with the estimated weights."""
+    n: int
+    """Number of scalar observations."""
+    state: State
+    """Whether it was estimated, and how well."""
+    note: str
+    """Why, in words; empty where there is nothing to say."""
+
+    @property
+    def estimated(self) -> bool:
+        """Whether the factor comes from the observations."""
+        return self.state in ("estimated", "uncertain", "not separable")
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom ν = 1 / (S⁻¹)_gg ≤ r_g of a χ² as uncertain as the estimate."""
+        return 0.5 * (self.factor / self.sigma) ** 2 if np.isfinite(self.sigma) else 0.0
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a factor at least as far from 1, if the a-priori σ is right.
+
+        Two-sided, ν f² as χ² with ν degrees of freedom: exact where there is one group only.
+        NaN where the factor is not estimated.
+        """
+        if not self.freedom > 0:
+            return np.nan
+        x = self.freedom * self.factor**2
+        return float(min(1.0, 2.0 * min(chi2.cdf(x, self.freedom), chi2.sf(x, self.freedom))))
+
+    def interval(self, *, confidence: float = 0.95) -> tuple[float, float]:
+        """Return the bounds of the true factor, f √(ν/χ²); 0 and infinite without an estimate.
+
+        Raises:
+            InputError: the confidence is not between 0 and 1.
+        """
+        if not 0 < confidence < 1:
+            raise InputError(f"the confidence must lie between 0 and 1, not {confidence}")
+        nu, tail = self.freedom, (1.0 - confidence) / 2.0
+        if not nu > 0:
+            return 0.0, float("inf")
+        low, high = (float(chi2.ppf(p, nu)) for p in (1.0 - tail, tail))
+        upper = self.factor * (nu / high) ** 0.5 if high > 0 else float("inf")
+        return self.factor * (nu / low) ** 0.5, upper
+
+
+@dataclass(frozen=True, eq=False)
+class VarianceComponents:
+    """Estimated variance components of a network, and the adjustment with their weights."""
+
+    components: tuple[VarianceComponent, ...]
+    """One for each group."""
+    correlation: Array
+    """Correlations of the estimates (k, k); zero with groups that are not estimated."""
+    solution: Solution
+    """The network, adjusted with the estimated weights: σ̂0 is near 1."""
+    groups: ObservationGroups
+    """Which group each row of ``solution.observations`` is in."""
+    iterations: int
+    """Number of adjustments."""
+    converged: bool
+    """Whether the components came to rest."""
+    reason: str
+    """Why the iteration ended."""
+    exact: bool
+    """Whether standard deviations are exact, or from stochastic traces (to a few per cent)."""
+
+    def __getitem__(self, name: str) -> VarianceComponent:
+        """Return the component of a group."""
+        found = {c.name: c for c in self.components}
+        if name not in found:
+            raise InputError(f"unknown group {name!r}; known: {known(found)}")
+        return found[name]
+
+    @cached_property
+    def factors(self) -> Array:
+        """Factor of the standard deviation of every scalar observation, 1 in no group, (n,)."""
+        return np.append([c.factor for c in self.components], 1.0)[self.groups.of_row]
+
+
+def variance_components(
+    network: Network,
+    *,
+    groups: Groups = "kind",
+    datum: DatumChoice | None = None,
+    tolerance: float = 1e-3,
+    max_iterations: int = 50,
+    seed: int = 0,
+    extra_factors: Sequence[Any] = (),
+) -> VarianceComponents:
+    """Estimate one factor of the standard deviations of each group of observations.
+
+    Adjusts, compares v_gᵀP_g v_g with r_g, changes the weights, and adjusts again from there
+    until the components stand still. cov(ln f²) = 2 S⁻¹, see `group_redundancy`. A group with
+    r_g < 1 keeps its a-priori σ; one whose residuals stay too small whatever its σ is stopped
+    where r_g falls below 1, for there it is not told from zero (a negative variance component,
+    in other estimators). The notes of the components say so, and warn of estimates with less
+    than 10 degrees of freedom and of groups that are not to be told apart.
+
+    Weighted unknowns and control are observations and get groups like others. Give a mapping or
+    a function to leave them, or anything else, at their a-priori weights.
+
+    Args:
+        network: what was measured.
+        groups: ``kind``; ``camera`` or ``photo`` (image coordinates by camera or photo, all else
+            by kind); ``instrument`` (distances by the instrument they name, image coordinates
+            by camera, all else by kind); a mapping from names of groups to ids; or a function
+            that returns the group of an `ObservationRecord`, or none.
+        datum: as for `adjust`.
+        tolerance: bound on the last change of every component, relative to its own σ.
+        max_iterations: number of adjustments; after as many the result says that it has not
+            converged.
+        seed: of the stochastic traces for large networks.
+        extra_factors: any ``gtsam.NonlinearFactor``, as for `adjust`; they keep their weights.
+
+    Raises:
+        InputError: unknown groups or ids, an observation in two groups, correlated observations
+            in different groups, by name; and everything that `adjust` raises.
+    """
+    if max_iterations < 1 or not tolerance > 0:
+        raise InputError("max_iterations must be at least 1, and tolerance greater than 0")
+    solution = adjust(network, datum=datum, extra_factors=extra_factors)
+    found = observation_groups(solution, groups)
+    search = Search(len(found.names))
+    iterations = 1
+    logarithms = search.logarithms.copy()
+    while True:
+        at = group_redundancy(solution, found, seed=seed)
+        changed = search.judge(at)
+        bound = search.bound(at)
+        if not changed and bound < tolerance:
+            changed = search.release(at)
+        converged = solution.converged and not changed and bound < tolerance
+        if converged:
+            reason = f"at rest: no component moves by more than {tolerance:.0e} of its own σ"
+            if not search.estimated.any():
+                reason = "no group has residuals that its precision can be estimated from"
+            break
+        if not solution.converged:
+            reason = f"the adjustment with these weights: {solution.reason}"
+            break
+        if iterations == max_iterations:
+            reason = (
+                f"not at rest after {iterations} adjustments: the last change of a component was "
+                f"up to {bound:.2g} of its σ"
+            )
+            break
+        search.step(at)
+        logarithms = search.logarithms.copy()
+        solution = adjust(
+            network,
+            datum=datum,
+            start=solution,
+            extra_factors=extra_factors,
+            weights=np.append(np.exp(-logarithms), 1.0)[found.of_row],
+        )
+        iterations += 1
+    at = sharpened(at, solution, found, seed=seed)
+    components, correlation = _results(search, at, found, np.exp(logarithms / 2.0))
+    return VarianceComponents(
+        components, correlation, solution, found, iterations, converged, reason, at.exact
+    )
+
+
+def _results(
+    search: Search, at: GroupRedundancy, groups: ObservationGroups, factors: Array
+) -> tuple[tuple[VarianceComponent, ...], Array]:
+    """Return the components and the correlations of their estimates."""
+    cofactors, lost = search.cofactors(at)
+    root = np.sqrt(np.diag(cofactors))
+    safe = np.where(root > 0, root, 1.0)
+    correlation = cofactors / np.outer(safe, safe)
+    sigmas = np.where(lost, np.inf, factors * root / np.sqrt(2.0))
+    close = (np.abs(correlation) > SEPARABLE) | np.outer(lost, lost)
+    np.fill_diagonal(close, False)
+    components = []
+    for i, name in enumerate(groups.names):
+        c = VarianceComponent(
+            name,
+            float(factors[i]),
+            float(sigmas[i]) if search.estimated[i] else np.nan,
+            float(at.redundancy[i]),
+            int(groups.sizes[i]),
+            search.states[i],
+            search.notes[i],
+        )
+        if search.estimated[i]:
+            c = _commented(c, [groups.names[j] for j in np.flatnonzero(close[i])])
+        components.append(c)
+    return tuple(components), correlation
+
+
+def _commented(c: VarianceComponent, inseparable: list[str]) -> VarianceComponent:
+    """Return an estimated component with its state and note."""
+    if inseparable:
+        how = "at all: only a combination of them is estimated" if np.isinf(c.sigma) else "well"
+        what = (
+            f"its errors cannot be told from those of {known(inseparable)} {how}; put them into "
+            "one group"
+        )
+        return replace(c, state="not separable", note=what)
+    if c.freedom < CERTAIN:
+        what = (
+            f"only {c.freedom:.1f} degrees of freedom (redundancy {c.redundancy:.1f}): the factor "
+            f"is uncertain by {100 * c.sigma / c.factor:.0f} %"
+        )
+        return replace(c, state="uncertain", note=what)
+    return c

@@ -1,0 +1,175 @@
+"""Tables with a row for each scalar observation: observations.csv, snooping.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from ..io.numbers import write
+from ..io.tables import write_columns
+from ..quality.reliability import Reliability
+from ..types import Array
+from .context import Report
+from .precision import figure
+from .rows import Row
+from .set_aside import SetAside
+
+
+def observations_table(report: Report) -> str:
+    """Return observations.csv: every figure for each observation, those set aside at the end."""
+    rows = list(report.rows.all())
+    columns = _what(rows)
+    residuals, sigmas = report.solution.observations.residuals, report.solution.observations.sigmas
+    columns |= _residuals(rows, residuals, sigmas)
+    if report.reliability is not None:
+        columns |= _reliability(report, report.reliability, rows)
+    aside = report.set_aside
+    if report.snooping is not None:
+        columns["set_aside"] = ["no"] * len(rows)
+    columns["source"] = [r.source for r in rows]
+    if aside is not None:
+        more = _set_aside(aside)
+        n = len(aside.numbers)
+        columns = {c: [*v, *more.get(c, [""] * n)] for c, v in columns.items()}
+    return write_columns(columns)
+
+
+def _what(rows: Sequence[Row]) -> dict[str, list[str]]:
+    """Return the columns that say what was observed."""
+    photo = [r.kind in ("image", "photo_position") for r in rows]
+    points = [r.names[1:] if f else r.names for r, f in zip(rows, photo, strict=True)]
+    return {
+        "id": [r.id for r in rows],
+        "kind": [r.kind for r in rows],
+        "from": [p[0] if p else "" for p in points],
+        "to": [p[1] if len(p) > 1 else "" for p in points],
+        "to2": [p[2] if len(p) > 2 else "" for p in points],
+        "photo": [r.names[0] if f else "" for r, f in zip(rows, photo, strict=True)],
+        "component": [r.component for r in rows],
+        "observed": [_value(r.observed, r.scale.unit) for r in rows],
+        "unit": [r.scale.unit for r in rows],
+    }
+
+
+def _residuals(rows: Sequence[Row], residuals: Array, sigmas: Array) -> dict[str, list[str]]:
+    size = _sizes(rows)
+    return {
+        "residual": figures(residuals / size),
+        "sigma": figures(sigmas / size),
+        "small_unit": [r.scale.small for r in rows],
+        "normalised": figures(residuals / sigmas),
+    }
+
+
+def _reliability(report: Report, rel: Reliability, rows: Sequence[Row]) -> dict[str, list[str]]:
+    size = _sizes(rows)
+    effect = rel.largest_effect / report.small
+    return {
+        "redundancy_number": figures(rel.redundancy_numbers),
+        "e1": figures(rel.e1),
+        "e2": figures(rel.e2),
+        "e12": figures(rel.e12),
+        "w": figures(rel.w),
+        "tau": figures(rel.tau),
+        "mdb": figures(rel.mdb / size),
+        "delta_bar": figures(rel.delta_bar),
+        f"largest_effect_{report.units.sigma_length}": figures(effect),
+        "estimated_error": figures(rel.estimated_errors / size),
+        "controlled": yes(rel.controlled),
+    }
+
+
+def _set_aside(aside: SetAside) -> dict[str, list[str]]:
+    """Return what the clean solution says of what was set aside."""
+    rows = aside.rows.at(aside.numbers.tolist())
+    size = _sizes(rows)
+    columns = _what(rows)
+    columns |= _residuals(rows, aside.innovation, np.array([r.sigma for r in rows]))
+    return columns | {
+        "redundancy_number": figures(aside.redundancy_numbers),
+        "w": figures(aside.w),
+        "estimated_error": figures(-aside.innovation / size),
+        "controlled": yes(np.isfinite(aside.w)),
+        "set_aside": ["yes"] * len(rows),
+        "source": [r.source for r in rows],
+    }
+
+
+def snooping_table(report: Report) -> str:
+    """Return snooping.csv: what was set aside, readmitted, unresolved."""
+    found, aside = report.snooping, report.set_aside
+    if found is None or aside is None:
+        return ""
+    records: list[tuple[Row, dict[str, str]]] = []
+    for r in found.rejected:
+        row = aside.find(r.id, r.component)
+        size = row.scale.size
+        records.append(
+            (
+                row,
+                {
+                    "state": "set aside",
+                    "round": str(r.round),
+                    "test_value": figure(r.test),
+                    "estimated_error": figure(r.estimated_error / size),
+                    "final_error": figure(r.final_error / size),
+                    "final_sigma": figure(r.final_sigma / size),
+                    "final_test_value": figure(r.final_test),
+                    "not_told_apart_from": "; ".join(
+                        f"{label} ({rho:+.3f})" for label, rho in r.inseparable
+                    ),
+                },
+            )
+        )
+    for p in found.points_set_aside:
+        for ray in p.rays:
+            fields = {"state": "point set aside", "round": str(p.round), "reason": p.reason}
+            records.append((aside.find(ray, ""), fields))
+    rejected = {r.id for r in found.rejected}
+    for ident in found.readmitted:
+        if ident not in rejected:
+            records.append((aside.find(ident, ""), {"state": "readmitted"}))
+    for u in found.unresolved:
+        row = aside.find(u.id, u.component)
+        fields = {
+            "state": "unresolved",
+            "test_value": figure(u.test),
+            "estimated_error": figure(u.estimated_error / row.scale.size),
+            "reason": u.reason,
+        }
+        records.append((row, fields))
+    rows = [row for row, _ in records]
+    whole = ("point set aside", "readmitted")
+    columns = _what(rows)
+    for i, (_, fields) in enumerate(records):
+        if fields["state"] in whole:
+            # The observation as such, not one component of it.
+            columns["component"][i] = columns["observed"][i] = ""
+    columns["sigma"] = [figure(r.sigma / r.scale.size) for r in rows]
+    columns["small_unit"] = [r.scale.small for r in rows]
+    for name in (
+        *("state", "round", "test_value", "estimated_error", "final_error", "final_sigma"),
+        *("final_test_value", "not_told_apart_from", "reason"),
+    ):
+        columns[name] = [fields.get(name, "") for _, fields in records]
+    columns["source"] = [r.source for r in rows]
+    return write_columns(columns)
+
+
+def _sizes(rows: Sequence[Row]) -> Array:
+    return np.array([r.scale.size for r in rows], dtype=float)
+
+
+def figures(values: Array) -> list[str]:
+    """Write derived figures with enough digits for any further use; nothing if not finite."""
+    return [figure(v) for v in values.tolist()]
+
+
+def yes(values: Iterable[bool]) -> list[str]:
+    """Write what is so and what is not."""
+    return ["yes" if v else "no" for v in values]
+
+
+def _value(value: float, unit: str) -> str:
+    return write(value, "" if unit == "px" else unit) if unit != "mm" else repr(value)

@@ -1,0 +1,144 @@
+"""Image residuals of a solution as arrays: of photos, and means over the image of a camera."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.stats import chi2
+
+from ...graph.variables import calibration_name
+from ...quality.solution import Solution
+from ...types import Array, Index, Mask
+
+ALPHA = 0.001
+"""Probability of a false mark, where there is no reliability to take it from."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImageRows:
+    """Image points of a solution, n of them."""
+
+    solution: Solution
+    """Where they are from."""
+    photo: Index
+    """Number of the photo, (n,)."""
+    point: Index
+    """Number of the point, (n,)."""
+    row: Index
+    """Scalar row of x, (n,); that of y follows."""
+    xy: Array
+    """Measured coordinates (n, 2), image units."""
+    residual: Array
+    """v = computed − observed (n, 2), image units."""
+    sigma: Array
+    """Standard deviations (n, 2), image units."""
+
+    def select(self, chosen: Mask) -> ImageRows:
+        """Return some of them."""
+        rows = (self.photo, self.point, self.row, self.xy, self.residual, self.sigma)
+        return ImageRows(self.solution, *(each[chosen] for each in rows))  # type: ignore[arg-type]
+
+    @cached_property
+    def camera(self) -> Index:
+        """Number of the camera, (n,)."""
+        network = self.solution.network
+        number = {name: i for i, name in enumerate(network.cameras)}
+        by_photo = np.array([number[f.camera] for f in network.photos.values()], dtype=np.intp)
+        return np.asarray(by_photo[self.photo])
+
+    def of_camera(self, camera: str) -> ImageRows:
+        """Return those of one camera."""
+        return self.select(self.camera == list(self.solution.network.cameras).index(camera))
+
+    def of_photo(self, photo: str) -> ImageRows:
+        """Return those of one photo."""
+        return self.select(self.photo == self.solution.number("pose", photo))
+
+    @cached_property
+    def formats(self) -> dict[str, tuple[Array, Array]]:
+        """Lower left and upper right corner of what is measured, by camera, image units."""
+        out = {}
+        for i, name in enumerate(self.solution.network.cameras):
+            own = self.xy[self.camera == i]
+            if len(own):
+                out[name] = own.min(axis=0), own.max(axis=0)
+        return out
+
+    def principal_point(self, photo: str) -> Array:
+        """Return (c, x0, y0) of a photo, image units."""
+        number = self.solution.number("calibration", calibration_name(self.solution.network, photo))
+        return np.asarray(self.solution.state["calibration"][number, :3])
+
+    def tangents(self, camera: str) -> tuple[Array, Array]:
+        """Return tangents of the rays to the corners of what is measured; ± ½ without any."""
+        photos = self.solution.network.photos.values()
+        name = next((f.name for f in photos if f.camera == camera), None)
+        if camera not in self.formats or name is None:
+            return np.array([-0.5, -0.5]), np.array([0.5, 0.5])
+        c, *middle = self.principal_point(name).tolist()
+        low, high = ((corner - middle) / c for corner in self.formats[camera])
+        return low, high
+
+
+def image_rows(solution: Solution) -> ImageRows:
+    """Return the image points of a solution."""
+    blocks = [b for b in solution.equations.blocks if b.kind == "image"]
+    none = np.zeros(0, dtype=np.intp)
+    empty = np.zeros((0, 2))
+    v = solution.observations.residuals
+    return ImageRows(
+        solution,
+        np.concatenate([none, *(b.variables[0][1] for b in blocks)]),
+        np.concatenate([none, *(b.variables[2][1] for b in blocks)]),
+        np.concatenate([none, *(b.first_row + 2 * np.arange(b.n) for b in blocks)]),
+        np.concatenate([empty, *(b.observed for b in blocks)]),
+        np.concatenate([empty, *(v[b.rows].reshape(-1, 2) for b in blocks)]),
+        np.concatenate([empty, *(b.sigma for b in blocks)]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class MeanPhoto:
+    """Mean residuals of the cells that hold points, m of them."""
+
+    x_edges: Array
+    """Edges of the columns, image units."""
+    y_edges: Array
+    """Edges of the rows."""
+    centre: Array
+    """Centres of the cells, (m, 2)."""
+    residual: Array
+    """Mean v, (m, 2) image units."""
+    count: Array
+    """Points in each cell, (m,)."""
+    significant: Mask
+    """Whether the mean differs from zero, (m,)."""
+
+
+def mean_photo(own: ImageRows, corners: tuple[Array, Array], cells: int) -> MeanPhoto:
+    """Return mean residuals over a grid of square cells, ``cells`` along the longer side."""
+    low, high = corners
+    extent = np.maximum(high - low, 1e-12)
+    side = float(extent.max()) / cells
+    n = np.maximum(np.ceil(extent / side - 1e-9).astype(np.intp), 1)
+    start = (low + high) / 2 - n * side / 2
+    place = np.clip(((own.xy - start) / side).astype(np.intp), 0, n - 1)
+    code, index = np.unique(place[:, 0] * n[1] + place[:, 1], return_inverse=True)
+    count = np.bincount(index).astype(float)
+
+    def mean(values: Array) -> Array:
+        sums = [np.bincount(index, values[:, k]) for k in (0, 1)]
+        return np.asarray(np.stack(sums, 1) / count[:, None])
+
+    residual = mean(own.residual)
+    test = count * np.sum(residual**2 / mean(own.sigma**2), axis=1)
+    return MeanPhoto(
+        start[0] + side * np.arange(n[0] + 1),
+        start[1] + side * np.arange(n[1] + 1),
+        start + side * (np.stack([code // n[1], code % n[1]], 1) + 0.5),
+        residual,
+        count.astype(np.intp),
+        test > chi2.ppf(1 - ALPHA, 2),
+    )

@@ -1,0 +1,245 @@
+"""Image residuals as vectors: of one photo, of several, and of the mean photo of a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import ceil
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...errors import InputError, known
+from ...quality.reliability import Reliability
+from ...quality.solution import Solution
+from .image_rows import image_rows, mean_photo
+from .style import (
+    BLUE,
+    GREY,
+    PALE,
+    VERMILLION,
+    drawn,
+    headline,
+    new_figure,
+    nothing,
+    positive,
+    readable,
+    shortened,
+)
+from .vectors import (
+    draw_arrows,
+    draw_key,
+    draw_vectors,
+    factor_for,
+    set_format,
+    size_of,
+    summary,
+    tests_of,
+    worst_photos,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_NUMBERS = 400
+"""Cells of a mean photo that show their number of points."""
+SIGN = "v = computed − observed"
+
+
+@drawn
+def plot_photo_residuals(
+    solution: Solution,
+    photo: str,
+    *,
+    reliability: Reliability | None = None,
+    factor: float | None = None,
+    names: int = 10,
+) -> Figure:
+    """Draw the residuals v = computed − observed of a photo at its image points.
+
+    Args:
+        solution: what `adjust` found.
+        photo: name of the photo.
+        reliability: of the same solution; points with |w| beyond its critical value are marked.
+            Without it, those with |v/σ| > 3.29.
+        factor: exaggeration of the vectors; by default such that neighbours keep apart.
+        names: how many of the marked points are named, worst first.
+
+    Returns:
+        A figure, axes in image units, x right, y up; one that says so where the photo has no
+        image coordinates.
+
+    Raises:
+        InputError: there is no such photo, the reliability is of another solution, the factor
+            is not positive, or matplotlib is not installed.
+    """
+    own = image_rows(solution).of_photo(photo)
+    title = f"{solution.network.name or 'network'}, photo {photo}"
+    tests = tests_of(solution, reliability)
+    if not len(own.row):
+        return nothing(title, f"Photo {photo} has no image coordinates.")
+    camera = solution.network.photos[photo].camera
+    corners = image_rows(solution).formats[camera]
+    used = factor_for([own], corners) if factor is None else positive(factor, "factor")
+    figure = new_figure(*size_of(corners))
+    axes = figure.add_subplot()
+    unit = set_format(axes, own, corners, photo)
+    bad = draw_vectors(axes, own, used, tests)
+    worst = np.flatnonzero(bad)[np.argsort(-tests.largest(own)[bad], kind="stable")][:names]
+    for i in worst.tolist():
+        name = solution.equations.unknowns["point"].names[own.point[i]]
+        axes.annotate(
+            shortened(name, 20), own.xy[i], (4.0, 4.0), textcoords="offset points", fontsize=7.5,
+            gid="name of a suspect",
+        )  # fmt: skip
+    draw_key(axes, own, corners, used, above=True)
+    headline(axes, title, summary(own, bad, tests))
+    axes.set_xlabel(f"x [{unit}]")
+    axes.set_ylabel(f"y [{unit}]")
+    note = f"{SIGN}; red: {tests.what}; +: principal point"
+    figure.supxlabel(note, fontsize=8.0, x=0.01, ha="left")
+    return figure
+
+
+@drawn
+def plot_photos(
+    solution: Solution,
+    photos: Sequence[str] | None = None,
+    *,
+    reliability: Reliability | None = None,
+    most: int = 12,
+) -> Figure:
+    """Draw the residuals of several photos on one sheet.
+
+    The exaggeration is the same for all photos of a camera.
+
+    Args:
+        solution: what `adjust` found.
+        photos: names; by default those with the largest RMS of w, in a block of up to ``most``
+            photos all of them. The title says which.
+        reliability: of the same solution; without it, v/σ takes the place of w.
+        most: how many, where no names are given.
+
+    Returns:
+        A figure; one that says so where there are no image coordinates.
+
+    Raises:
+        InputError: unknown photos, a reliability of another solution, or matplotlib is not
+            installed.
+    """
+    rows = image_rows(solution)
+    title = solution.network.name or "network"
+    tests = tests_of(solution, reliability)
+    every = list(solution.network.photos)
+    missing = [name for name in photos or () if name not in solution.network.photos]
+    if missing:
+        raise InputError(f"unknown photo {missing[0]!r}; known: {known(every)}")
+    chosen = list(photos) if photos is not None else worst_photos(rows, tests, most)
+    if not len(rows.row) or not chosen:
+        return nothing(title, "No image coordinates take part in the adjustment.")
+    if photos is not None:
+        below = f"{len(chosen)} of {len(every)} photos"
+    elif len(chosen) == len(every):
+        below = f"all {len(every)} photos"
+    else:
+        below = f"the {len(chosen)} of {len(every)} photos with the largest RMS {tests.name}"
+    columns = min(4, ceil(np.sqrt(len(chosen))))
+    lines = ceil(len(chosen) / columns)
+    figure = new_figure(1.0 + 3.0 * columns, 1.0 + 2.9 * lines)
+    cameras = {name: solution.network.photos[name].camera for name in chosen}
+    parts = {name: rows.of_photo(name) for name in chosen}
+    for i, name in enumerate(chosen):
+        axes = figure.add_subplot(lines, columns, i + 1)
+        own, camera = parts[name], cameras[name]
+        if not len(own.row):
+            axes.set_axis_off()
+            headline(axes, shortened(name, 30), "no image coordinates")
+            continue
+        corners = rows.formats[camera]
+        together = [p for n, p in parts.items() if cameras[n] == camera and len(p.row)]
+        factor = factor_for(together, corners)
+        set_format(axes, own, corners, name)
+        axes.set_xticks([])
+        axes.set_yticks([])
+        bad = draw_vectors(axes, own, factor, tests)
+        draw_key(axes, own, corners, factor, above=False)
+        axes.set_title(f"photo {shortened(name, 30)}\n{summary(own, bad, tests)}", fontsize=8.0)
+    figure.suptitle(
+        f"{shortened(title)}: image residuals of {below}", x=0.01, ha="left", fontsize=10.0
+    )
+    note = f"{SIGN}; red: {tests.what}; +: principal point"
+    figure.supxlabel(note, fontsize=8.0, x=0.01, ha="left")
+    return figure
+
+
+@drawn
+def plot_mean_photo(
+    solution: Solution, camera: str, *, cells: int = 10, factor: float | None = None
+) -> Figure:
+    """Draw the mean residuals of all photos of a camera, cell by cell of the image.
+
+    A pattern of vectors is a systematic error that the calibration does not describe. Red
+    vectors differ from zero: n Σ (v̄/σ)² of the two components exceeds χ²(99.9 %; 2). The
+    test is on the safe side, as residuals scatter less than observations.
+
+    Args:
+        solution: what `adjust` found.
+        camera: name of the camera.
+        cells: number of cells along the longer side.
+        factor: exaggeration of the vectors; by default such that they fill their cells.
+
+    Returns:
+        A figure, axes in image units; one that says so where the camera has no image points.
+
+    Raises:
+        InputError: there is no such camera, no cell, a factor ≤ 0, or matplotlib is not
+            installed.
+    """
+    cameras = solution.network.cameras
+    if camera not in cameras:
+        raise InputError(f"unknown camera {camera!r}; known: {known(cameras)}")
+    if cells < 1:
+        raise InputError(f"cells must be at least 1, not {cells}")
+    rows = image_rows(solution)
+    title = f"{solution.network.name or 'network'}, mean photo of {camera}"
+    if camera not in rows.formats:
+        return nothing(title, f"Camera {camera} has no image coordinates.")
+    own, corners = rows.of_camera(camera), rows.formats[camera]
+    mean = mean_photo(own, corners, cells)
+    figure = new_figure(*size_of(corners))
+    axes = figure.add_subplot()
+    photo = next(f.name for f in solution.network.photos.values() if f.camera == camera)
+    unit = set_format(axes, own, corners, photo)
+    axes.set_axisbelow(True)
+    x, y = mean.x_edges, mean.y_edges
+    axes.vlines(x, y[0], y[-1], color=PALE, lw=0.6, zorder=0)
+    axes.hlines(y, x[0], x[-1], color=PALE, lw=0.6, zorder=0)
+    size = np.hypot(*mean.residual.T)
+    side = float(mean.x_edges[1] - mean.x_edges[0])
+    if factor is None:
+        typical = float(np.quantile(size, 0.9))
+        used = readable(0.8 * side / typical) if typical > 0 else 1.0
+    else:
+        used = positive(factor, "factor")
+    for mask, colour, label in (
+        (~mean.significant, BLUE, "mean vectors"),
+        (mean.significant, VERMILLION, "mean vectors that differ from zero"),
+    ):
+        draw_arrows(axes, mean.centre[mask], mean.residual[mask], used, colour, label)
+    if len(mean.count) <= MOST_NUMBERS:
+        corner = mean.centre - 0.46 * side
+        for at, n in zip(corner.tolist(), mean.count.tolist(), strict=True):
+            axes.text(
+                at[0], at[1], str(n), fontsize=6.0, color=GREY, zorder=1, gid="number of points"
+            )
+    draw_key(axes, own, corners, used, above=True)
+    photos = len(np.unique(own.photo))
+    below = (
+        f"{photos} photo{'s' * (photos != 1)}, {len(own.row)} points; "
+        f"{int(mean.significant.sum())} of {len(mean.count)} cells differ from zero (red)"
+    )
+    headline(axes, title, below)
+    axes.set_xlabel(f"x [{unit}]")
+    axes.set_ylabel(f"y [{unit}]")
+    note = f"{SIGN}; small numbers: points in the cell; +: principal point"
+    figure.supxlabel(note, fontsize=8.0, x=0.01, ha="left")
+    return figure

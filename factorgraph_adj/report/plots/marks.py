@@ -1,0 +1,226 @@
+"""Points of a plan: what they are, their markers, and names where there is room for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...quality.solution import Solution
+from ...types import Array, Mask
+from .style import BLACK, BLUE, GREEN, VERMILLION
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LABELLED = 1000
+"""With more points only what is held, known or a station is labelled."""
+MOST_NAMES = 150
+"""Points that names are tried for, unless what comes first is more."""
+SET_UP = ("direction", "horizontal_angle", "azimuth", "zenith_angle", "vertical_angle")
+"""Kinds for which an instrument stands over its station; a tape or a level does not."""
+
+
+@dataclass(frozen=True)
+class Status:
+    """What the points of a network are, masks (n,); several can hold for one."""
+
+    held: Mask
+    """Held in every component that any point of the network has free."""
+    part: Mask
+    """Held in some of them."""
+    known: Mask
+    """Weighted, or observed as control or by GNSS."""
+    station: Mask
+    """Station of directions or angles."""
+    check: Mask
+    """With coordinates for comparison."""
+    datum: Mask
+    """Among the points that carry the datum of a free network, where not all of them do."""
+
+    @property
+    def important(self) -> Mask:
+        """What is labelled first."""
+        return np.asarray(self.held | self.part | self.known | self.station | self.check)
+
+
+def status_of(solution: Solution) -> Status:
+    """Return what the points of a network are."""
+    table = solution.equations.unknowns["point"]
+    points = list(solution.network.points.values())
+    n = len(points)
+    asked = table.free.any(axis=0)
+    free = table.free[:, asked]
+    known, station = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    for block in solution.equations.blocks:
+        if block.kind in ("control", "gnss_position"):
+            known[block.variables[0][1]] = True
+        elif block.kind in SET_UP:
+            station[block.variables[0][1]] = True
+    held: Mask = np.asarray(~free.any(axis=1))
+    part: Mask = np.asarray(~free.all(axis=1) & ~held)
+    datum = np.array([p.datum for p in points], dtype=bool).reshape(n)
+    if solution.datum is None or datum.all():
+        datum = np.zeros(n, dtype=bool)
+    check = np.array([p.check is not None for p in points], dtype=bool).reshape(n)
+    return Status(held, part, known & ~held, station, check, datum)
+
+
+def draw_points(axes: Axes, at: Array, status: Status) -> list[Artist]:
+    """Draw markers of points (n, 2); return what stands in the legend."""
+    size = 30.0 if len(at) <= 60 else 18.0 if len(at) <= 300 else 9.0
+    plain = ~(status.held | status.part | status.known)
+    dot = size * (0.4 if len(at) <= 300 else 0.15)
+    solid = (
+        (plain, "o", dot, BLACK, "free point"),
+        (status.known & ~status.part, "^", size, BLUE, "control or weighted point"),
+        (status.part, "v", size, GREEN, "point held in part"),
+        (status.held, "^", 1.4 * size, BLACK, "held point"),
+    )
+    rings = (
+        (status.station, "o", 3.2 * size, BLACK, "instrument station"),
+        (status.datum, "s", 3.0 * size, BLUE, "datum point"),
+        (status.check, "D", 2.6 * size, VERMILLION, "check point"),
+    )
+    found: list[Artist] = []
+    for mask, marker, area, colour, name in solid:
+        if mask.any():
+            found.append(
+                axes.scatter(
+                    at[mask, 0],
+                    at[mask, 1],
+                    s=area,
+                    marker=marker,
+                    c=colour,
+                    lw=0,
+                    zorder=4,
+                    label=f"{name} ({int(mask.sum())})",
+                )
+            )
+    for mask, marker, area, colour, name in rings:
+        if mask.any():
+            found.append(
+                axes.scatter(
+                    at[mask, 0],
+                    at[mask, 1],
+                    s=area,
+                    marker=marker,
+                    facecolors="none",
+                    edgecolors=colour,
+                    lw=0.9,
+                    zorder=4,
+                    label=f"{name} ({int(mask.sum())})",
+                )
+            )
+    return found
+
+
+def label_points(
+    figure: Figure, axes: Axes, at: Array, names: list[str], first: Mask, clear: Array
+) -> None:
+    """Write names beside points (n, 2) as far as there is room; none lies upon another.
+
+    Args:
+        figure: laid out here, so that limits and sizes are final.
+        axes: where to.
+        at: positions, data units.
+        names: names.
+        first: those that come first.
+        clear: further positions (m, 2) that no name may hide.
+    """
+    from matplotlib.patheffects import withStroke
+
+    if len(at) > LABELLED and int(first.sum()) > 60:
+        return
+    figure.draw_without_rendering()
+    point = figure.dpi / 72.0
+    pixels = axes.transData.transform(at)
+    hidden = np.concatenate([pixels, axes.transData.transform(clear.reshape(-1, 2))])
+    inside = axes.bbox.padded(1.0)
+    edges = np.array(inside.extents)
+    taken = np.zeros((0, 4))
+    height = 9.0 * point
+    outline = [withStroke(linewidth=2.0, foreground="white")]
+    order = np.concatenate([np.flatnonzero(first), np.flatnonzero(~first)])
+    order = order[: max(int(first.sum()), 0 if len(at) > LABELLED else MOST_NAMES)]
+    for i in order.tolist():
+        x, y = pixels[i]
+        if not inside.contains(x, y):
+            continue
+        gap = (7.0 if first[i] and len(at) <= 60 else 4.5) * point
+        name = names[i] if len(names[i]) <= 16 else names[i][:15] + "…"
+        width = 5.2 * point * len(name)
+        for dx, dy in ((1, 0.0), (-1, 0.0), (1, 0.8), (-1, 0.8), (1, -0.8), (-1, -0.8)):
+            left = x + gap if dx > 0 else x - gap - width
+            box = np.array([left, y + dy * height - height / 2, left + width, 0.0])
+            box[3] = box[1] + height
+            if _overlaps(box, taken) or _covers(box, hidden) or not _within(box, edges):
+                continue
+            taken = np.concatenate([taken, box[None]])
+            axes.annotate(
+                name,
+                at[i],
+                (dx * gap / point, dy * height / point),
+                textcoords="offset points",
+                ha="left" if dx > 0 else "right",
+                va="center",
+                fontsize=7.5,
+                path_effects=outline,
+                zorder=5,
+                gid="name of a point",
+                in_layout=False,
+            )
+            break
+
+
+def _overlaps(box: Array, taken: Array) -> bool:
+    return bool(
+        np.any(
+            (box[0] < taken[:, 2])
+            & (box[2] > taken[:, 0])
+            & (box[1] < taken[:, 3])
+            & (box[3] > taken[:, 1])
+        )
+    )
+
+
+def _covers(box: Array, pixels: Array) -> bool:
+    x, y = pixels.T
+    return bool(np.any((x > box[0]) & (x < box[2]) & (y > box[1]) & (y < box[3])))
+
+
+def _within(box: Array, extents: Array) -> bool:
+    return bool(
+        box[0] >= extents[0]
+        and box[1] >= extents[1]
+        and box[2] <= extents[2]
+        and box[3] <= extents[3]
+    )
+
+
+def window(at: Array) -> tuple[Array, Array, int]:
+    """Return lower left and upper right of what is shown of positions (n, 2), and what is not.
+
+    A few points far away from all others, such as those whose rays are nearly parallel, would
+    make the rest a dot: they are left outside, and counted.
+    """
+    low, high = at.min(axis=0), at.max(axis=0)
+    if len(at) >= 50:
+        a, b = np.quantile(at, (0.01, 0.99), axis=0)
+        near_low, near_high = a - (b - a), b + (b - a)
+        if np.max(high - low) > 4 * np.max(b - a):
+            inside = np.all((at >= near_low) & (at <= near_high), axis=1)
+            low, high = at[inside].min(axis=0), at[inside].max(axis=0)
+    outside = int(np.sum(np.any((at < low) | (at > high), axis=1)))
+    half = max(float(np.max(high - low)) / 2, 1e-9)
+    margin = 0.06 * 2 * half
+    return low - margin, high + margin, outside
+
+
+def spacing(at: Array, low: Array, high: Array) -> float:
+    """Return the mean distance of neighbours if positions filled the window evenly, metres."""
+    width, height = np.maximum(high - low, 0.1 * np.max(high - low))
+    return float(np.sqrt(width * height / max(len(at), 4)))

@@ -1,0 +1,141 @@
+"""The plan of an adjusted network with its error ellipses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...errors import InputError
+from ...frames import GeocentricFrame
+from ...quality.solution import Solution
+from .heights import draw_heights
+from .image_rows import image_rows
+from .marks import draw_points, label_points, status_of, window
+from .plan import VIEWS, Plan, View, plan_of
+from .precision import Precision, draw_precision, precision_of
+from .sights import draw_lines, draw_photos, photo_shapes
+from .style import drawn, headline, new_figure, nothing, positive
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COINCIDENT = 1e-6
+"""Points within this distance have no extent to choose a scale by: 2 m are shown, metres."""
+
+
+@drawn
+def plot_network(
+    solution: Solution,
+    *,
+    view: View = "above",
+    confidence: float = 0.95,
+    factor: float | None = None,
+    labels: bool = True,
+    heights: bool | None = None,
+) -> Figure:
+    """Draw the plan of a network: points, lines of observations, photos and error ellipses.
+
+    East is right and north up in local frames of any axes and in topocentric ones; geocentric
+    networks are seen in the horizon of their centre. A network of heights without plan
+    coordinates is drawn as heights over a schematic order of its points.
+
+    Ellipses have semi-axes k √λ, λ the eigenvalues of the 2 × 2 covariance in the plan and
+    k² = χ²(confidence; 2), or 2 F(confidence; 2, r) in an a-posteriori solution. They are
+    exaggerated by one factor for all, 1, 2 or 5 times a power of ten, that is stated over a
+    scale key. Those of a free network belong to its inner constraints.
+
+    Args:
+        solution: what `adjust` found.
+        view: from above (the plan); or from the south or the east, up is then up.
+        confidence: probability of the ellipses; of the intervals, for heights.
+        factor: exaggeration of the ellipses; by default such that a middling one is well seen.
+        labels: write names as far as there is room for them; in networks of more than 1000
+            points of held, known and check points and stations only.
+        heights: draw confidence intervals of heights as bars; by default where the plan is held.
+            Seen from a side, the ellipses show them.
+
+    Returns:
+        A figure; ``figure.savefig("network.png")`` writes it.
+
+    Raises:
+        InputError: an unknown view, a confidence outside (0, 1), a factor ≤ 0, or matplotlib is
+            not installed.
+    """
+    if view not in VIEWS:
+        raise InputError(f"unknown view {view!r}; valid: {', '.join(VIEWS)}")
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence must lie between 0 and 1, not {confidence}")
+    if factor is not None:
+        positive(factor, "factor")
+    xyz = np.nan_to_num(solution.state["point"])
+    if not len(xyz):
+        return nothing(solution.network.name or "network", "The network has no points.")
+    plan = plan_of(solution.network.frame, xyz).seen_from(view)
+    free = solution.equations.unknowns["point"].free
+    no_plan = not isinstance(solution.network.frame, GeocentricFrame) and not free[:, :2].any()
+    schematic = no_plan and not solution.network.photos and not np.ptp(xyz[:, :2], axis=0).any()
+    bars = no_plan if heights is None or schematic else heights
+    bars = bars and (view == "above" or schematic)
+    precision = precision_of(solution, plan, confidence, factor, bars)
+    if schematic:
+        return draw_heights(solution, precision, labels)
+    return _plan_view(solution, plan, precision, labels)
+
+
+def _plan_view(solution: Solution, plan: Plan, precision: Precision | None, labels: bool) -> Figure:
+    unknowns, name = solution.equations.unknowns, solution.network.name or "network"
+    at = plan.coordinates(np.nan_to_num(solution.state["point"]))[:, :2]
+    centres = plan.coordinates(solution.state["pose"][:, 9:])[:, :2]
+    low, high, outside = window(np.concatenate([at, centres]))
+    extent = float(np.max(high - low))
+    if extent < COINCIDENT:
+        low, high, extent = low - 1.0, high + 1.0, 2.0
+    # Long and narrow networks get a margin, so that there is room for ellipses and names.
+    half = np.maximum(high - low, 0.3 * extent) / 2
+    low, high = (low + high) / 2 - half, (low + high) / 2 + half
+    width, height = half
+    across = float(min(8.0, 7.5 * max(width / height, 0.55)))
+    figure = new_figure(across + 3.0, float(np.clip(across * height / width + 1.0, 4.0, 9.0)))
+    axes = figure.add_subplot()
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlim(float(low[0]), float(high[0]))
+    axes.set_ylim(float(low[1]), float(high[1]))
+    notes = [plan.note] if plan.note else []
+    legend = draw_lines(axes, at, solution)
+    if len(centres):
+        size = 0.06 * extent / max(1.0, np.sqrt(len(centres) / 30))
+        shapes = photo_shapes(solution, image_rows(solution), size)
+        flat = plan.coordinates(shapes.reshape(-1, 3))[:, :2].reshape(len(centres), -1, 2)
+        legend += draw_photos(axes, centres, flat)
+    status = status_of(solution)
+    legend += draw_points(axes, at, status)
+    if precision is None:
+        headline(axes, name)
+        notes.append("no ellipses: the normal equations are singular where the iteration stopped")
+    else:
+        shown = draw_precision(axes, precision, at, centres, (low, high))
+        headline(axes, name, shown.title)
+        legend += shown.legend
+        notes += shown.notes
+    if outside:
+        notes.append(f"{outside} points or photos lie outside, far away from all others")
+    _scales(axes, plan, extent)
+    figure.legend(handles=legend, loc="outside right upper")
+    if notes:
+        figure.supxlabel("\n".join(notes), fontsize=8.0, x=0.01, ha="left")
+    if labels:
+        label_points(figure, axes, at, list(unknowns["point"].names), status.important, centres)
+    return figure
+
+
+def _scales(axes: Axes, plan: Plan, extent: float) -> None:
+    """Write coordinates in full, in kilometres where the network is large."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    unit, size = ("km", 1e3) if extent > 20e3 else ("m", 1.0)
+    for axis, name in ((axes.xaxis, plan.names[0]), (axes.yaxis, plan.names[1])):
+        axis.set_major_locator(MaxNLocator(6))
+        axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v / size:.10g}".replace("-", "−")))
+        axis.set_label_text(f"{name} [{unit}]")

@@ -1,0 +1,203 @@
+"""Error ellipses and intervals of heights, exaggerated in a plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...quality.solution import Solution
+from ...types import Array, Mask
+from .marks import spacing
+from .plan import Plan, confidence_factor, covariances, ellipses
+from .style import PURPLE, VERMILLION, length, multiple, readable, scale_key
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+
+LARGEST = 0.35
+"""Largest semi-major axis that is drawn, as a part of the extent of the plan."""
+COVERED = 0.25
+"""Part of the plan that the ellipses of projection centres may cover together."""
+
+
+_SIGMA0 = {"a-priori": "σ0 a priori", "a-posteriori": "σ̂0 a posteriori"}
+
+
+@dataclass(frozen=True, eq=False)
+class Precision:
+    """Confidence regions of points, metres, not exaggerated."""
+
+    solution: Solution
+    """Whose."""
+    semi: Array
+    """Semi-axes of ellipses of points, largest first, (n, 2)."""
+    direction: Array
+    """Direction of the first from east to north, radians, (n,)."""
+    centre_semi: Array
+    """The same of projection centres, (m, 2)."""
+    centre_direction: Array
+    """(m,)."""
+    height: Array
+    """Half intervals of heights, (n,); zero where they are not asked for."""
+    title: str
+    """Confidence, and scale of the covariances."""
+    factor: float | None
+    """Exaggeration, where it was chosen."""
+
+    @property
+    def sizes(self) -> Array:
+        """Largest extent of each point's region, (n,)."""
+        return np.maximum(self.semi[:, 0], self.height)
+
+
+def precision_of(
+    solution: Solution, plan: Plan, confidence: float, factor: float | None, heights: bool
+) -> Precision | None:
+    """Return the confidence regions in a plan; none where there are no covariances."""
+    found = covariances(solution)
+    if found is None:
+        return None
+    points, centres = (plan.covariance(each) for each in found)
+    k2, k1 = (confidence_factor(solution, confidence, d) for d in (2, 1))
+    semi, direction = ellipses(points[:, :2, :2])
+    centre_semi, centre_direction = ellipses(centres[:, :2, :2])
+    up = np.sqrt(np.maximum(points[:, 2, 2], 0.0))
+    return Precision(
+        solution,
+        k2 * semi,
+        direction,
+        k2 * centre_semi,
+        centre_direction,
+        k1 * up if heights else np.zeros(len(up)),
+        f"confidence {100 * confidence:g} %, {_SIGMA0[solution.variance]}"
+        + (", free network" if solution.datum is not None else ""),
+        factor,
+    )
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What was drawn."""
+
+    title: str
+    """Line below the title."""
+    legend: list[Artist]
+    """What stands in the legend."""
+    notes: list[str]
+    """What is said below the figure."""
+
+
+def draw_precision(
+    axes: Axes, precision: Precision, at: Array, centres: Array, limits: tuple[Array, Array]
+) -> Shown:
+    """Draw ellipses and intervals at points (n, 2) and projection centres (m, 2), with a key."""
+    from matplotlib.collections import LineCollection
+
+    sizes = precision.sizes
+    positive = np.concatenate([sizes, precision.centre_semi[:, 0]])
+    positive = sizes[sizes > 0] if np.any(sizes > 0) else positive[positive > 0]
+    if not len(positive):
+        return Shown("every point is held: there are no error ellipses", [], [])
+    extent = float(np.max(limits[1] - limits[0]))
+    typical = float(np.median(positive))
+    factor = precision.factor
+    if factor is None:
+        room = min(0.45 * spacing(at, *limits), 0.05 * extent)
+        factor = readable(room / typical)
+    fits = sizes * factor <= LARGEST * extent
+    found: list[Artist] = []
+    line = 1.0 if len(at) <= 300 else 0.5
+    oval = fits & (precision.semi[:, 0] > 0)
+    if oval.any():
+        which = (precision.semi, precision.direction, oval, factor, VERMILLION, line)
+        found.append(_ellipses(axes, at, *which, "error ellipse of a point"))
+    tall = fits & (precision.height > 0)
+    if tall.any():
+        ends = np.repeat(at[tall, None], 2, axis=1)
+        ends[:, :, 1] += factor * precision.height[tall, None] * [-1.0, 1.0]
+        bars = LineCollection(
+            list(ends),
+            colors=VERMILLION,
+            linewidths=1.5 * line,
+            zorder=3.5,
+            label="interval of a height (±)",
+        )
+        axes.add_collection(bars)
+        found.append(bars)
+    ovals = (precision.centre_semi[:, 0] > 0) & (
+        precision.centre_semi[:, 0] * factor <= LARGEST * extent
+    )
+    notes = _too_large(precision, ~fits)
+    area = np.pi * factor**2 * np.sum(np.prod(precision.centre_semi[ovals], axis=1))
+    if area > COVERED * float(np.prod(limits[1] - limits[0])):
+        notes.append("error ellipses of projection centres are left out: they would cover the rest")
+        ovals[:] = False
+    if ovals.any():
+        whose = (precision.centre_semi, precision.centre_direction, ovals, factor, PURPLE)
+        label = "error ellipse of a projection centre"
+        found.append(_ellipses(axes, centres, *whose, 0.8 * line, label))
+    _enlarge(axes, at[fits], factor * precision.sizes[fits])
+    _enlarge(axes, centres[ovals], factor * precision.centre_semi[ovals, 0])
+    key = readable(typical)
+    while key * factor < 0.04 * extent:
+        key = readable(2.6 * key)
+    scale_key(axes, key * factor, f"{length(key)}, exaggerated {multiple(factor)}")
+    return Shown(precision.title, found, notes)
+
+
+def _ellipses(
+    axes: Axes,
+    at: Array,
+    semi: Array,
+    direction: Array,
+    shown: Mask,
+    factor: float,
+    colour: str,
+    line: float,
+    label: str,
+) -> Artist:
+    """Draw ellipses; return what stands for them in the legend."""
+    from matplotlib.collections import EllipseCollection
+    from matplotlib.lines import Line2D
+
+    axes.add_collection(
+        EllipseCollection(
+            2 * factor * semi[shown, 0],
+            2 * factor * semi[shown, 1],
+            np.degrees(direction[shown]),
+            units="xy",
+            offsets=at[shown],
+            offset_transform=axes.transData,
+            facecolors="none",
+            edgecolors=colour,
+            linewidths=line,
+            zorder=3.5,
+            label=label,
+        )
+    )
+    return Line2D([], [], ls="", marker="o", ms=8.0, mfc="none", mec=colour, label=label)
+
+
+def _enlarge(axes: Axes, at: Array, radius: Array) -> None:
+    """Let the axes hold regions around those positions (n, 2) that are inside, whole."""
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    x, y = at.T
+    inside = (x >= left) & (x <= right) & (y >= bottom) & (y <= top)
+    if inside.any():
+        x, y, radius = x[inside], y[inside], 1.05 * radius[inside]
+        axes.set_xlim(min(left, float(np.min(x - radius))), max(right, float(np.max(x + radius))))
+        axes.set_ylim(min(bottom, float(np.min(y - radius))), max(top, float(np.max(y + radius))))
+
+
+def _too_large(precision: Precision, left_out: Mask) -> list[str]:
+    """Name the points whose ellipses would cover the plan."""
+    if not left_out.any():
+        return []
+    names = precision.solution.equations.unknowns["point"].names
+    order = np.argsort(-precision.sizes, kind="stable")[: int(left_out.sum())]
+    listed = ", ".join(f"{names[i]} ({length(float(precision.sizes[i]))})" for i in order[:5])
+    more = f" and {len(order) - 5} more" if len(order) > 5 else ""
+    return [f"too large to be drawn: {listed}{more}"]

@@ -1,0 +1,112 @@
+"""All figures of an adjustment as files."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from ...errors import AdjustmentError, InputError
+from ...io.atomic import write_files
+from ...quality.reliability import Reliability
+from ...quality.reliability import reliability as compute_reliability
+from ...quality.solution import Solution
+from .image_rows import image_rows
+from .images import plot_mean_photo, plot_photos
+from .network import plot_network
+from .statistics import plot_qq, plot_redundancy, plot_w
+from .style import drawn, nothing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Format: TypeAlias = Literal["png", "svg", "pdf"]
+FORMATS = ("png", "svg", "pdf")
+
+
+@drawn
+def save_plots(
+    solution: Solution,
+    folder: str | Path,
+    *,
+    reliability: Reliability | None = None,
+    format: Format = "png",
+    confidence: float = 0.95,
+    photos: int = 12,
+) -> list[Path]:
+    """Write every figure of an adjustment into a folder: all of them or none.
+
+    ``network`` (plan with error ellipses), ``w`` (histogram), ``qq``, ``redundancy``; with
+    images ``photos`` (residuals of the photos with the largest RMS of w, all of them in small
+    blocks) and ``mean_photo`` for each camera with two photos or more (``mean_photo_NAME`` where
+    there are several). Figures of another kind that lie in the folder stay.
+
+    Args:
+        solution: what `adjust` found.
+        folder: where to; made if it is not there.
+        reliability: of the same solution; by default it is computed.
+        format: of the files.
+        confidence: probability of the error ellipses.
+        photos: most photos on the sheet of photos.
+
+    Returns:
+        The files, in this order.
+
+    Raises:
+        InputError: an unknown format, a bad option, a folder that cannot be written to, or
+            matplotlib is not installed. Nothing is written then.
+    """
+    if format not in FORMATS:
+        raise InputError(f"unknown format {format!r}; valid: {', '.join(FORMATS)}")
+    if photos < 1:
+        raise InputError(f"photos must be at least 1, not {photos}")
+    figures = {"network": plot_network(solution, confidence=confidence)}
+    name = solution.network.name or "network"
+    statistics = {"w": plot_w, "qq": plot_qq, "redundancy": plot_redundancy}
+    try:
+        rel = compute_reliability(solution) if reliability is None else reliability
+        figures |= {key: plot(rel) for key, plot in statistics.items()}
+    except InputError:
+        raise
+    except AdjustmentError as error:
+        rel = None
+        figures |= {key: nothing(name, str(error)) for key in statistics}
+    rows = image_rows(solution)
+    if len(rows.row):
+        figures["photos"] = plot_photos(solution, reliability=rel, most=photos)
+        cameras = list(solution.network.cameras)
+        many = [
+            c for i, c in enumerate(cameras) if len(np.unique(rows.photo[rows.camera == i])) > 1
+        ]
+        for camera, key in zip(many, _names(many), strict=True):
+            figures[key] = plot_mean_photo(solution, camera)
+    files = {f"{key}.{format}": _bytes(figure, format) for key, figure in figures.items()}
+    write_files(folder, files)
+    return [Path(folder) / file for file in files]
+
+
+def _names(cameras: list[str]) -> list[str]:
+    """Return names of files of mean photos, safe on every system and all different."""
+    if len(cameras) == 1:
+        return ["mean_photo"]
+    safe = [re.sub(r"[^\w.-]+", "_", c) for c in cameras]
+    if len({s.lower() for s in safe}) < len(safe):
+        safe = [f"{i}_{s}" for i, s in enumerate(safe, start=1)]
+    return [f"mean_photo_{s}" for s in safe]
+
+
+def _bytes(figure: Figure, format: Format) -> bytes:
+    """Return a figure as a file, the same bytes each time."""
+    import matplotlib
+
+    date = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(format)
+    stream = io.BytesIO()
+    with warnings.catch_warnings(), matplotlib.rc_context({"svg.hashsalt": "factorgraph_adj"}):
+        # Names in scripts that the font does not have are boxes, no fault of the adjustment.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        figure.savefig(stream, format=format, dpi=150, metadata=date)
+    return stream.getvalue()

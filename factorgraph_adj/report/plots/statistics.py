@@ -1,0 +1,283 @@
+"""Test values and redundancy numbers of all observations as pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import beta, norm
+
+from ...io.numbers import Units
+from ...quality.reliability import Reliability
+from ...types import Array, Index
+from ..rows import Rows
+from .style import (
+    BLACK,
+    BLUE,
+    GREY,
+    PALE,
+    SKY,
+    VERMILLION,
+    beside,
+    drawn,
+    headline,
+    new_figure,
+    nothing,
+    observation_name,
+    shortened,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+NO_TESTS = "No observation is controlled by others (all redundancy numbers are 0): no test values."
+W = "w = v / σᵥ (a-priori σ0 = 1)"
+STRIP = 400
+"""Groups with up to so many values show each of them."""
+RASTER = 20_000
+"""More markers than this are an image in vector formats too."""
+
+
+@drawn
+def plot_w(rel: Reliability) -> Figure:
+    """Draw the histogram of the test values w with their expected distribution.
+
+    Without blunders and systematic errors, and with the right standard deviations, each w is
+    standard normal. What lies further out than the histogram goes is counted in its outermost
+    bars, and said.
+
+    Args:
+        rel: reliability of an adjustment; only controlled observations have a w.
+
+    Returns:
+        A figure; one that says so where no observation is controlled.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+    name = rel.solution.network.name or "network"
+    w = rel.w[rel.controlled]
+    n = len(w)
+    if not n:
+        return nothing(name, NO_TESTS)
+    limit = max(5.0, np.ceil(rel.critical_w + 1.0))
+    # Bins of about 2 IQR / ∛n (Freedman & Diaconis) for a standard normal w, symmetric about 0.
+    half = int(np.clip(np.ceil(limit / (2 * 1.349 / np.cbrt(n))), 5, 60))
+    edges = np.linspace(-limit, limit, 2 * half + 1)
+    figure = new_figure(8.0, 4.6)
+    axes = figure.add_subplot()
+    shown = np.clip(w, -limit, limit)
+    counts, _, _ = axes.hist(shown, edges.tolist(), color=SKY, edgecolor="white", lw=0.4, label="w")
+    x = np.linspace(-limit, limit, 401)
+    expected = n * (edges[1] - edges[0]) * norm.pdf(x)
+    axes.plot(x, expected, color=BLACK, lw=1.5, label="standard normal")
+    crit = rel.critical_w
+    beyond = int(np.sum(np.abs(w) > crit))
+    _critical(axes.axvline, rel)
+    axes.set_ylim(0.0, 1.08 * max(float(np.max(counts)), float(expected.max())))
+    axes.set_xlim(-limit, limit)
+    axes.set_xlabel(W)
+    axes.set_ylabel("number of observations")
+    headline(axes, name, "test values w of Baarda")
+    outer = int(np.sum(np.abs(w) > limit))
+    lines = [
+        f"{n} controlled observations",
+        f"{len(rel.w) - n} not controlled: no w",
+        f"RMS w {np.sqrt(np.mean(w**2)):.3f}, mean {np.mean(w):.3f}".replace("-", "−"),
+        f"|w| > {crit:.2f}: {beyond}, expected {rel.alpha * n:.2g}",
+    ]
+    if outer:
+        lines.append(
+            f"{outer} beyond ±{limit:g}, in the outer bars;\nlargest |w| {np.max(np.abs(w)):.1f}"
+        )
+    beside(figure, axes, lines)
+    return figure
+
+
+@drawn
+def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
+    """Draw the test values w in order against the quantiles of the standard normal distribution.
+
+    The i-th of n lies over Φ⁻¹((i − ½)/n). Without blunders they follow the diagonal; a steeper
+    line means that standard deviations are too small on the whole, outliers leave it at the
+    ends. The shaded band holds 95 % of the points where all w are independent, which those of
+    one network are only nearly.
+
+    Args:
+        rel: reliability of an adjustment; only controlled observations have a w.
+        most: how many suspects, |w| beyond its critical value, are named, largest first.
+
+    Returns:
+        A figure; one that says so where no observation is controlled.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+    name = rel.solution.network.name or "network"
+    from matplotlib.ticker import FuncFormatter
+
+    rows = np.flatnonzero(rel.controlled)
+    n = len(rows)
+    if not n:
+        return nothing(name, NO_TESTS)
+    rows = rows[np.argsort(rel.w[rows], kind="stable")]
+    w, crit = rel.w[rows], rel.critical_w
+    i = np.arange(1, n + 1)
+    x = norm.ppf((i - 0.5) / n)
+    figure = new_figure(8.0, 6.0)
+    axes = figure.add_subplot()
+    low, high = (norm.ppf(beta.ppf(p, i, n + 1 - i)) for p in (0.025, 0.975))
+    axes.fill_between(x, low, high, color=PALE, lw=0, label="95 %, independent values")
+    reach = float(max(np.abs(x[-1]), 1.0)) * 1.05
+    axes.plot([-reach, reach], [-reach, reach], color=BLACK, lw=1.0, label="standard normal")
+    _critical(axes.axhline, rel)
+    bad = np.abs(w) > crit
+    for mask, colour, label, marker in ((~bad, BLUE, "w", "o"), (bad, VERMILLION, "suspects", "D")):
+        if mask.any():
+            axes.plot(
+                x[mask],
+                w[mask],
+                marker,
+                color=colour,
+                ms=3.5 if n < 2000 else 2.0,
+                mew=0,
+                label=f"{label} ({int(mask.sum())})",
+                rasterized=n > RASTER,
+            )
+    largest = float(np.max(np.abs(w)))
+    if largest > 4 * max(crit, reach):
+        # Gross errors must not flatten all others to a line.
+        axes.set_yscale("symlog", linthresh=2 * crit, linscale=2.0)
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
+        axes.set_ylabel(f"w (logarithmic beyond ±{2 * crit:.1f})")
+    else:
+        axes.set_ylabel(W)
+        low, high = axes.get_ylim()
+        # Room for names above and below.
+        axes.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
+    axes.set_xlabel("quantile of the standard normal distribution")
+    axes.set_xlim(-1.25 * reach, 1.25 * reach)
+    headline(axes, name, "test values w of Baarda in order")
+    missing = len(rel.w) - n
+    beside(figure, axes, [f"{n} controlled observations", f"{missing} not controlled: no w"])
+    suspects = np.argsort(-np.abs(w), kind="stable")[: min(most, int(bad.sum()))]
+    named = [observation_name(rel.solution, int(r)) for r in rows[suspects]]
+    _name_tails(figure, axes, np.stack([x, w], 1)[suspects], named)
+    return figure
+
+
+@drawn
+def plot_redundancy(rel: Reliability) -> Figure:
+    """Draw the distribution of the redundancy numbers of each kind of observation.
+
+    Components are apart (x and y of images, which geometry controls differently), and cameras.
+    A thick bar holds the middle half of the values, a thin line 90 %, a stroke is the median;
+    groups of up to 400 show every value, of larger ones the smallest and the largest.
+
+    Args:
+        rel: reliability of an adjustment.
+
+    Returns:
+        A figure; one that says so where there are no observations.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+    name = rel.solution.network.name or "network"
+    groups = _groups(rel) if len(rel.redundancy_numbers) else []
+    if not groups:
+        return nothing(name, "There are no observations.")
+    figure = new_figure(9.0, 1.4 + 0.36 * len(groups))
+    axes = figure.add_subplot()
+    for place, (_, rows) in enumerate(groups):
+        _strip(axes, place, rel.redundancy_numbers[rows])
+        r = rel.redundancy_numbers[rows]
+        lost = int(np.sum(~rel.controlled[rows]))
+        text = f"{len(r)}, mean {np.mean(r):.2f}, min {np.min(r) + 0.0:.2f}"
+        axes.text(
+            1.02, place, text + (f"; {lost} uncontrolled" if lost else ""),
+            transform=axes.get_yaxis_transform(), va="center", fontsize=8.0,
+        )  # fmt: skip
+    total = rel.redundancy_numbers
+    axes.axvline(float(total.mean()), color=BLACK, lw=0.8, ls=":", zorder=0)
+    low, high = min(0.0, float(total.min())), max(1.0, float(total.max()))
+    axes.set_xlim(low - 0.02, high + 0.02)
+    axes.set_ylim(len(groups) - 0.5, -0.5)
+    axes.set_yticks(range(len(groups)), [label for label, _ in groups])
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlabel("redundancy number r: the part of an error that shows in its own residual")
+    whole = total.sum() + rel.redundancy_of_extra_factors
+    headline(axes, name, f"Σr = {whole:.2f}, mean {total.mean():.2f} (dotted)")
+    return figure
+
+
+def _groups(rel: Reliability) -> list[tuple[str, Index]]:
+    """Return kinds (and cameras) by component, and the rows of each."""
+    solution = rel.solution
+    blocks = solution.equations.blocks
+    component = np.concatenate([np.tile(np.array(b.components, dtype=object), b.n) for b in blocks])
+    rows = Rows(solution.equations, solution.observations.residuals, Units())
+    out = []
+    for group in rows.groups():
+        for name in dict.fromkeys(component[group.rows].tolist()):
+            own = group.rows[component[group.rows] == name]
+            out.append((f"{group.label} {name}".strip(), own))
+    return out
+
+
+def _strip(axes: Axes, place: int, r: Array) -> None:
+    """Draw the distribution of one group."""
+    low, first, median, third, high = np.quantile(r, (0.05, 0.25, 0.5, 0.75, 0.95))
+    axes.hlines(place, low, high, color=GREY, lw=1.0, zorder=1)
+    axes.hlines(place, first, third, color=SKY, lw=9.0, zorder=1)
+    if len(r) <= STRIP:
+        # Even and the same each time: multiples of the golden ratio.
+        offset = 0.5 * (np.arange(len(r)) * 0.6180339887 % 1.0 - 0.5)
+    else:
+        r, offset = np.array([r.min(), r.max()]), np.zeros(2)
+    axes.plot(r, place + offset, "o", color=BLUE, ms=2.0, mew=0, alpha=0.7, zorder=2)
+    axes.plot([median], [place], "|", color=BLACK, ms=11.0, mew=1.6, zorder=3)
+
+
+def _critical(line: Callable[..., object], rel: Reliability) -> None:
+    label = f"critical ±{rel.critical_w:.2f} (α0 = {100 * rel.alpha:.3g} %)"
+    line(rel.critical_w, color=VERMILLION, lw=1.2, ls="--", label=label)
+    line(-rel.critical_w, color=VERMILLION, lw=1.2, ls="--")
+
+
+def _name_tails(figure: Figure, axes: Axes, at: Array, names: list[str]) -> None:
+    """Write names beside points of both tails, one above the other, with thin lines to them."""
+    figure.draw_without_rendering()
+    step = 11.0 * figure.dpi / 72.0
+    pixels = axes.transData.transform(at)
+    # The curve rises: above a point of the upper tail and below one of the lower it is not.
+    for upper, sign, end in ((True, 1.0, axes.bbox.y1), (False, -1.0, axes.bbox.y0)):
+        tail = np.flatnonzero((at[:, 1] > 0) == upper)
+        tail = tail[np.argsort(sign * pixels[tail, 1])]
+        y = sign * spread(sign * pixels[tail, 1] + step / 2, step, sign * end - step / 2)
+        for i, height in zip(tail.tolist(), y.tolist(), strict=True):
+            points = (-22.0 if upper else 22.0, (height - pixels[i, 1]) * 72.0 / figure.dpi)
+            axes.annotate(
+                shortened(names[i], 36),
+                at[i],
+                points,
+                textcoords="offset points",
+                ha="right" if upper else "left",
+                va="center",
+                fontsize=7.5,
+                arrowprops={"arrowstyle": "-", "lw": 0.5, "color": GREY, "shrinkA": 0},
+                gid="name of a suspect",
+            )
+
+
+def spread(wanted: Array, step: float, highest: float) -> Array:
+    """Return increasing places (n,) at least ``step`` apart: at increasing wanted ones or above.
+
+    As a whole they move down where the last would lie above ``highest``.
+    """
+    out = wanted.astype(float).copy()
+    for i in range(1, len(out)):
+        out[i] = max(out[i], out[i - 1] + step)
+    return np.asarray(out - max(0.0, float(np.max(out, initial=-np.inf)) - highest))

@@ -1,0 +1,181 @@
+"""What every figure has in common: matplotlib when it is there, colours, readable numbers, keys."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from functools import wraps
+from math import floor, isfinite, log10
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+from ...errors import InputError
+from ...quality.solution import Solution
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MISSING = 'plots need matplotlib, which is not installed: pip install "factorgraph_adj[plot]"'
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+BLACK, GREY, PALE = "#000000", "#8c8c8c", "#d9d9d9"
+ORANGE, SKY, GREEN, YELLOW = "#e69f00", "#56b4e9", "#009e73", "#f0e442"
+BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
+"""Colours of Okabe & Ito, told apart by colour-blind readers too."""
+
+STYLE: dict[str, Any] = {
+    # The font that comes with matplotlib has σ, ∇, combining accents and superscripts.
+    "font.family": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.titlesize": 10.0,
+    "axes.labelsize": 9.0,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlelocation": "left",
+    "axes.axisbelow": True,
+    "axes.grid": False,
+    "axes.unicode_minus": True,
+    "text.usetex": False,
+    # Names of points and projects are text, whatever signs they have.
+    "text.parse_math": False,
+    "figure.facecolor": "white",
+    "axes.facecolor": "white",
+}
+
+
+def drawn(make: Callable[P, R]) -> Callable[P, R]:
+    """Let a function draw in the style of this package, whatever the user's own is.
+
+    Raises:
+        InputError: matplotlib is not installed.
+    """
+
+    @wraps(make)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            import matplotlib
+        except ImportError:
+            raise InputError(MISSING) from None
+        with matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
+            return make(*args, **kwargs)
+
+    return wrapped
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure, inches; no state of pyplot is touched."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def nothing(title: str, why: str) -> Figure:
+    """Return a figure that says why there is nothing to show."""
+    from textwrap import fill
+
+    figure = new_figure(7.0, 2.5)
+    axes = figure.add_subplot()
+    axes.set_axis_off()
+    headline(axes, title)
+    axes.text(0.5, 0.5, fill(why, 80), ha="center", va="center", transform=axes.transAxes)
+    return figure
+
+
+def headline(axes: Axes, title: str, below: str = "") -> None:
+    """Write a title over axes, and a line of what is shown under it."""
+    axes.set_title(f"{shortened(title)}\n{below}" if below else shortened(title))
+
+
+def shortened(text: str, most: int = 70) -> str:
+    """Cut a long name."""
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def readable(value: float) -> float:
+    """Return the largest of 1, 2, 5 times a power of ten that is not above a positive value."""
+    power = 10.0 ** floor(log10(value))
+    # What rounding leaves of an exact power must not make it the one below.
+    return float(
+        max(m for m in (0.5, 1.0, 2.0, 5.0, 10.0) if m * power <= value * (1 + 1e-9)) * power
+    )
+
+
+def positive(value: float, what: str) -> float:
+    """Return a number greater than zero; InputError says what is not."""
+    if not (value > 0 and isfinite(value)):
+        raise InputError(f"{what} must be a number greater than zero, not {value}")
+    return value
+
+
+def multiple(factor: float) -> str:
+    """Write an exaggeration: × 2 000."""
+    if factor >= 1:
+        return f"× {factor:,.0f}".replace(",", "\u202f")
+    return f"× {factor:.12g}" if factor > 1e-6 else f"× {factor:.0e}"
+
+
+def length(metres: float) -> str:
+    """Write a length in a unit that makes it readable."""
+    for unit, size in (("km", 1e3), ("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
+        if metres >= size * (1 - 1e-9):
+            return f"{metres / size:.4g} {unit}"
+    return f"{metres / 1e-9:.3g} nm"
+
+
+def scale_key(
+    axes: Axes, size: float, label: str, *, upright: bool = False, above: bool = True
+) -> None:
+    """Draw a bar of a known length outside the right end of the axes, and what it stands for.
+
+    Args:
+        axes: what it belongs to.
+        size: its length in data units, of x, or of y if it stands.
+        label: what it stands for.
+        upright: whether it stands.
+        above: whether it is above the axes, or below.
+    """
+    from matplotlib.lines import Line2D
+    from matplotlib.offsetbox import AnchoredOffsetbox, AuxTransformBox, HPacker, TextArea, VPacker
+
+    bar = AuxTransformBox(axes.transData)
+    x, y = ([0.0, 0.0], [0.0, size]) if upright else ([0.0, size], [0.0, 0.0])
+    ends = "_" if upright else "|"
+    bar.add_artist(Line2D(x, y, color=BLACK, lw=1.5, marker=ends, ms=6, gid="scale key"))
+    packer = HPacker if upright else VPacker
+    text = TextArea(label, textprops={"fontsize": 8.0})
+    axes.add_artist(
+        AnchoredOffsetbox(
+            "lower right" if above else "upper right",
+            child=packer(children=[bar, text], align="center", pad=0, sep=4),
+            bbox_to_anchor=(1.0, 1.0 if above else 0.0),
+            bbox_transform=axes.transAxes,
+            frameon=False,
+            pad=0.2,
+            borderpad=0.2,
+        )
+    )
+
+
+def kind_name(kind: str) -> str:
+    """Return the name of a kind for people."""
+    return kind.replace("_", " ")
+
+
+def observation_name(solution: Solution, row: int) -> str:
+    """Return a readable name of a scalar observation, without the file it came from."""
+    return re.sub(r"^.*?:\d+: ", "", solution.equations.label(row)).replace("_", " ")
+
+
+def beside(figure: Figure, axes: Axes, lines: Sequence[str]) -> None:
+    """Put the legend and some lines of text to the right of the axes."""
+    from matplotlib.lines import Line2D
+
+    handles, labels = axes.get_legend_handles_labels()
+    blank = [Line2D([], [], lw=0) for _ in lines]
+    figure.legend([*handles, *blank], [*labels, *lines], loc="outside right upper")

@@ -1,0 +1,154 @@
+"""Residual vectors in an image: how they are tested, exaggerated and drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import norm
+
+from ...errors import InputError
+from ...quality.reliability import Reliability
+from ...quality.solution import Solution
+from ...types import Array, Mask
+from ..rows import image_scale
+from .image_rows import ALPHA, ImageRows
+from .style import BLACK, BLUE, VERMILLION, multiple, readable, scale_key
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True, eq=False)
+class Tests:
+    """What suspects are found by."""
+
+    values: Array
+    """By scalar row."""
+    limit: float
+    name: str
+
+    @property
+    def what(self) -> str:
+        """What is marked."""
+        return f"|{self.name}| > {self.limit:.2f} in x or y"
+
+    def largest(self, own: ImageRows) -> Array:
+        """Return the larger of both components, (n,)."""
+        both: Array = self.values[own.row[:, None] + [0, 1]]
+        return np.asarray(np.max(np.abs(both), axis=1))
+
+    def rms(self, own: ImageRows) -> float:
+        """Return the root mean square over both components."""
+        return float(np.sqrt(np.mean(self.values[own.row[:, None] + [0, 1]] ** 2)))
+
+
+def tests_of(solution: Solution, reliability: Reliability | None) -> Tests:
+    """Return w where reliability is known, else v/σ; InputError if it is another solution's."""
+    if reliability is None:
+        limit = float(norm.ppf(1 - ALPHA / 2))
+        return Tests(solution.observations.normalised, limit, "v/σ")
+    if reliability.solution is not solution:
+        raise InputError("the reliability belongs to another solution than the one to be drawn")
+    return Tests(np.nan_to_num(reliability.w), reliability.critical_w, "w")
+
+
+def worst_photos(rows: ImageRows, tests: Tests, most: int) -> list[str]:
+    """Return the photos with the largest RMS of tests, or all in order if they are not more."""
+    names = list(rows.solution.network.photos)
+    if len(names) <= most:
+        return names
+    square = np.sum(tests.values[rows.row[:, None] + [0, 1]] ** 2, axis=1)
+    n = np.bincount(rows.photo, minlength=len(names))
+    rms = np.bincount(rows.photo, square, minlength=len(names)) / np.maximum(n, 1)
+    return [names[i] for i in np.argsort(-rms, kind="stable")[:most].tolist()]
+
+
+def size_of(corners: tuple[Array, Array]) -> tuple[float, float]:
+    """Return width and height of a figure for an image format, inches."""
+    width, height = np.maximum(corners[1] - corners[0], 1e-12).tolist()
+    across = float(np.clip(7.0 * width / height, 4.5, 8.5))
+    return across + 0.7, float(np.clip(across * height / width, 3.0, 8.0)) + 1.2
+
+
+def set_format(axes: Axes, own: ImageRows, corners: tuple[Array, Array], photo: str) -> str:
+    """Set limits to what the camera measures, mark the principal point; return the unit."""
+    from matplotlib.ticker import MaxNLocator
+
+    low, high = corners
+    margin = 0.06 * max(float(np.max(high - low)), 1e-9)
+    for spine in axes.spines.values():
+        spine.set_visible(True)
+    axes.set_aspect("equal", adjustable="box")
+    axes.set_xlim(float(low[0]) - margin, float(high[0]) + margin)
+    axes.set_ylim(float(low[1]) - margin, float(high[1]) + margin)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(6))
+    axes.ticklabel_format(useOffset=False, style="plain")
+    _, x0, y0 = own.principal_point(photo).tolist()
+    axes.plot([x0], [y0], "+", color=BLACK, ms=9.0, mew=0.8, zorder=2, gid="principal point")
+    network = own.solution.network
+    return network.cameras[network.photos[photo].camera].unit
+
+
+def factor_for(parts: list[ImageRows], corners: tuple[Array, Array]) -> float:
+    """Return an exaggeration that keeps most vectors apart: 1, 2 or 5 times a power of ten."""
+    size = np.concatenate([np.hypot(*p.residual.T) for p in parts])
+    typical = float(np.quantile(size, 0.9))
+    if not typical > 0:
+        return 1.0
+    extent = np.maximum(corners[1] - corners[0], 1e-12)
+    between = np.sqrt(float(np.prod(extent)) / max(len(p.row) for p in parts))
+    return readable(min(float(between), 0.12 * float(extent.max())) / typical)
+
+
+def draw_vectors(axes: Axes, own: ImageRows, factor: float, tests: Tests) -> Mask:
+    """Draw the residuals of a photo; return which points are suspects."""
+    bad = tests.largest(own) > tests.limit
+    for mask, colour, label in ((~bad, BLUE, "residuals"), (bad, VERMILLION, "suspects")):
+        draw_arrows(axes, own.xy[mask], own.residual[mask], factor, colour, label)
+        area = 5.0 if len(own.row) <= 500 else 1.5
+        axes.scatter(own.xy[mask, 0], own.xy[mask, 1], s=area, c=colour, lw=0, zorder=3)
+    return np.asarray(bad)
+
+
+def draw_arrows(
+    axes: Axes, at: Array, vectors: Array, factor: float, colour: str, label: str
+) -> None:
+    """Draw vectors (n, 2) times ``factor`` from positions (n, 2), image units."""
+    if len(at):
+        axes.quiver(
+            *at.T,
+            *(factor * vectors).T,
+            angles="xy",
+            scale_units="xy",
+            scale=1.0,
+            units="inches",
+            width=0.011 if len(at) <= 500 else 0.006,
+            minlength=0.0,
+            color=colour,
+            label=label,
+            zorder=3,
+        )
+
+
+def draw_key(
+    axes: Axes, own: ImageRows, corners: tuple[Array, Array], factor: float, *, above: bool
+) -> None:
+    """Draw the scale of the vectors."""
+    network = own.solution.network
+    camera = network.photos[list(network.photos)[own.photo[0]]].camera
+    scale = image_scale(network.cameras[camera].unit)
+    size = readable(0.14 * float(np.max(np.maximum(corners[1] - corners[0], 1e-9))) / factor)
+    label = f"{size / scale.size:.6g} {scale.small.replace('um', 'µm')} ({multiple(factor)})"
+    scale_key(axes, size * factor, label, above=above)
+
+
+def summary(own: ImageRows, bad: Mask, tests: Tests) -> str:
+    """Say how many points, how large their tests are, and how many are suspects."""
+    n, found = len(own.row), int(bad.sum())
+    return (
+        f"{n} point{'s' * (n != 1)}, RMS {tests.name} {tests.rms(own):.2f}, "
+        f"{found} suspect{'s' * (found != 1)}"
+    )

@@ -1,0 +1,318 @@
+"""Sections of the protocol: redundancy by kind, weakest observations and points, suspects."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+import numpy as np
+
+from ..quality.global_test import global_test
+from ..quality.groups import GroupReliability
+from ..quality.reliability import Reliability
+from ..types import Index
+from .context import Report
+from .layout import listed, paragraph, percent, short, table, title, whole, without_empty
+from .rows import Group, Row
+from .weakest import point_redundancy, weakest_points
+
+NAMES = ("kind", "what", "id", "from")
+"""Header of the columns that say which observation it is."""
+WEAKEST = 5
+"""Weakest observations and points that are listed."""
+NAMED = 8
+"""Names that are listed in a sentence."""
+PARTNERS = 4
+"""Observations that are named as not to be told apart from a suspect."""
+
+
+def reliability(report: Report) -> list[str]:
+    """Redundancy numbers by kind, and what is not controlled at all."""
+    rel = report.reliability
+    if rel is None:
+        return [*title("Reliability"), *paragraph(report.no_reliability)]
+    if report.solution.redundancy <= 0:
+        return []
+    limits = f"α0 = {percent(rel.alpha)}, power {percent(rel.power)}: δ0 = {rel.delta0:.2f}"
+    groups = report.rows.groups()
+    rows = [_of_group(rel, g) for g in groups]
+    extra = report.solution.n_extra
+    if extra:
+        r = rel.redundancy_of_extra_factors
+        rows.append(["further factors", str(extra), f"{r:.2f}", "", f"{r / extra:.2f}", "", "", ""])
+    if len(rows) > 1:
+        numbers = rel.redundancy_numbers
+        total = numbers.sum() + rel.redundancy_of_extra_factors
+        n = len(numbers) + extra
+        low, high = _two(numbers.min()), _two(numbers.max())
+        free = _count(rel, np.arange(len(numbers)))
+        rows.append(["all", str(n), f"{total:.2f}", low, f"{total / n:.2f}", high, "", free])
+    header = ["kind", "scalars", "Σr", "min r", "mean r", "max r", "median ∇", "uncontrolled"]
+    out = [*title(f"Reliability ({limits})"), *table(header, rows), *_words(report, rel)]
+    return out
+
+
+def _of_group(rel: Reliability, group: Group) -> list[str]:
+    r, mdb = rel.redundancy_numbers[group.rows], rel.mdb[group.rows]
+    finite = mdb[np.isfinite(mdb)]
+    middle = ""
+    if len(finite) and group.scale.small:
+        middle = f"{short(float(np.median(finite)) / group.scale.size)} {group.scale.small}"
+    figures = [_two(x) for x in (r.sum(), r.min(), r.mean(), r.max())]
+    return [group.label, str(group.scalars), *figures, middle, _count(rel, group.rows)]
+
+
+def _two(r: float) -> str:
+    """Write a redundancy number, without the sign of a rounding error below zero."""
+    return f"{r + 0.0 if abs(r) >= 0.005 else 0.0:.2f}"
+
+
+def _count(rel: Reliability, rows: Index) -> str:
+    return str(int(np.sum(~rel.controlled[rows])) or "–")
+
+
+def _words(report: Report, rel: Reliability) -> list[str]:
+    """Return what the figures do not say by themselves."""
+    out = []
+    if not report.solution.converged:
+        out.append("not converged: these figures belong to the state where the iteration stopped")
+    if report.solution.redundancy == 1:
+        out.append(
+            "one redundant observation: an error would show, but not which observation it is in"
+        )
+    numbers = np.flatnonzero(~rel.controlled)
+    if len(numbers):
+        shown = [whole(f"{r.kind_name} {r.what}") for r in report.rows.at(numbers[:NAMED])]
+        more = f" … ({len(numbers)} in all, see {report.where('observations.csv')})"
+        out.append(
+            "controlled by no other observation, so that no error of theirs shows: "
+            + ", ".join(shown)
+            + (more if len(numbers) > NAMED else "")
+        )
+        points = point_redundancy(rel)
+        lonely = np.flatnonzero((points.rows > 0) & (points.uncontrolled == points.rows))
+        names = report.solution.equations.unknowns["point"].names
+        if len(lonely):
+            named = listed([names[i] for i in lonely], NAMED)
+            out.append(f"points with no controlled observation: {named}")
+    return [line for text in out for line in paragraph(text)]
+
+
+def weakest(report: Report) -> list[str]:
+    """Controlled observations with the smallest r, points that hidden errors move most."""
+    rel = report.reliability
+    if rel is None or report.solution.redundancy <= 0 or not rel.controlled.any():
+        return []
+    points = _weakest_points(report, rel)
+    if int(rel.controlled.sum()) <= report.n_suspects and not _above(report):
+        return points  # all observations are in the list of test values, with r
+    r = np.where(rel.controlled, rel.redundancy_numbers, np.inf)
+    order = np.argsort(r, kind="stable")[: min(WEAKEST, int(rel.controlled.sum()))]
+    unit = report.units.sigma_length
+    rows = []
+    for row in report.rows.at(order.tolist()):
+        i = row.number
+        rows.append(
+            [
+                *names_of(row),
+                short(rel.redundancy_numbers[i]),
+                f"{short(rel.mdb[i] / row.scale.size)} {row.scale.small}".strip(),
+                short(rel.delta_bar[i]),
+                _length(rel.largest_effect[i], report),
+            ]
+        )
+    header = [*NAMES, "r", "∇", "δ̄", f"effect [{unit}]"]
+    header, rows = without_empty(header, rows)
+    left = len(header) - 3 - (header[-1].startswith("effect"))
+    out = title(
+        "Weakest observations (∇: smallest detectable error; effect on coordinates of their points)"
+    )
+    out += table(header, rows, left=left)
+    return [*out, "", *points] if points else out
+
+
+def _weakest_points(report: Report, rel: Reliability) -> list[str]:
+    found = weakest_points(rel, WEAKEST)
+    if not found:
+        return []
+    points, number = point_redundancy(rel), report.solution.equations.unknowns["point"].number
+    rows = []
+    for p, row in zip(found, report.rows.at([p.row for p in found]), strict=True):
+        i = number[p.name]
+        rows.append(
+            [
+                p.name,
+                str(points.rows[i]),
+                f"{max(points.redundancy[i] / points.rows[i], 0.0):.2f}",
+                str(points.uncontrolled[i] or "–"),
+                _length(p.effect, report),
+                f"{row.kind_name} {row.what}",
+            ]
+        )
+    header = ["point", "scalars", "mean r", "uncontrolled"]
+    header += [f"effect [{report.units.sigma_length}]", "of ∇ in"]
+    heading = title("Weakest points (largest effect of an error that just escapes detection)")
+    return [*heading, *table(header, rows)]
+
+
+def names_of(row: Row) -> list[str]:
+    """Return the cells under `NAMES`."""
+    return [row.kind_name, row.what, row.own_id, row.source]
+
+
+def _length(metres: float, report: Report) -> str:
+    return short(metres / report.small) if isfinite(metres) else ""
+
+
+# -- suspects -------------------------------------------------------------------------------------
+
+
+def suspects(report: Report) -> list[str]:
+    """Largest test values with estimated errors, and what they cannot be told apart from."""
+    rel = report.reliability
+    if rel is None:
+        return residuals(report)
+    if report.solution.redundancy <= 0 or not rel.controlled.any():
+        return []
+    values, critical = report.tests
+    size = np.where(np.isfinite(values), np.abs(values), 0.0)
+    above = _above(report)
+    scale = report.solution.sigma0 if report.pope else 1.0
+    name = "τ" if report.pope else "w"
+    notes: list[str] = []
+    most = min(report.n_suspects, int(rel.controlled.sum()))
+    if above:
+        most = min(most, above)
+        found = rel.suspects(most, critical=critical * scale)
+        rows = report.rows.at([s.row for s in found])
+        notes = [_inseparable(report, s.inseparable) for s in found]
+    else:
+        order = np.argsort(-size, kind="stable")[:most]
+        rows = report.rows.at(order.tolist())
+    cells = []
+    for row in rows:
+        i, unit = row.number, row.scale.size
+        cells.append(
+            [
+                *names_of(row),
+                f"{short(row.residual / unit)} {row.scale.small}".strip(),
+                short(row.sigma / unit),
+                f"{rel.redundancy_numbers[i]:.2f}"
+                if rel.redundancy_numbers[i] >= 0.1
+                else short(rel.redundancy_numbers[i]),
+                f"{values[i]:.2f}",
+                short(rel.estimated_errors[i] / unit),
+                short(rel.mdb[i] / unit),
+            ]
+        )
+    header = [*NAMES, "v", "σ", "r", name, "error", "detectable"]
+    header, cells = without_empty(header, cells)
+    limit = f"{critical:.2f}" if isfinite(critical) else "–"
+    heading = f"Suspects: |{name}| above {limit} (α0 = {percent(rel.alpha)})"
+    if not above:
+        heading = f"Largest test values: none above the critical |{name}| = {limit}"
+    out = [*title(heading), *table(header, cells, left=len(header) - 6, notes=notes)]
+    if above > most:
+        out.append(f"  … {above - most} more above the critical value")
+    out += paragraph(
+        "v = computed − observed; error: estimated, observed − true, if it alone is wrong; "
+        f"detectable: smallest one; all {len(report.solution.observations)} in "
+        f"{report.where('observations.csv')}"
+    )
+    return [*out, *_caution(report, above), *_groups(report, rel)]
+
+
+def _above(report: Report) -> int:
+    """Return how many test values are above the critical one; NaN is not."""
+    values, critical = report.tests
+    return int(np.sum(np.abs(values) > critical))
+
+
+def _inseparable(report: Report, partners: tuple[tuple[int, float], ...]) -> str:
+    """Return what an observation is not to be told apart from, in words."""
+    if not partners:
+        return ""
+    rows = report.rows.at([row for row, _ in partners[:PARTNERS]])
+    named = [
+        whole(f"{r.kind_name} {r.what} ({rho:+.2f})")
+        for r, (_, rho) in zip(rows, partners, strict=False)
+    ]
+    more = f" and {len(partners) - PARTNERS} more" if len(partners) > PARTNERS else ""
+    return f"not to be told apart from: {', '.join(named)}{more}"
+
+
+def _caution(report: Report, above: int) -> list[str]:
+    """Return what σ̂0 means for the tests."""
+    test = global_test(report.solution)
+    if test.accepted or report.pope:
+        return []
+    if test.sigma0 < 1:
+        return paragraph(
+            f"σ̂0 = {test.sigma0:.3g}: w refers to the stated σ, which are too large, so that "
+            "errors may pass; τ (--test pope) refers to σ̂0"
+        )
+    if not above:
+        return []
+    return paragraph(
+        f"σ̂0 = {test.sigma0:.4g}: one gross error makes other test values large too, only the "
+        "first is to be trusted (--snoop goes on from there); if all σ are stated too small, "
+        "all are large (--test pope, --variance-components)"
+    )
+
+
+def _groups(report: Report, rel: Reliability) -> list[str]:
+    """Return correlated observations that fail their test as a group."""
+    equations = report.solution.equations
+    correlated = equations.clusters or any(b.whitener is not None for b in equations.blocks)
+    if report.pope or not correlated:
+        return []
+    failed = [g for g in rel.groups if g.dof and g.test > g.critical]
+    if not failed:
+        n = len(rel.groups)
+        return [f"  {n} correlated groups tested as such: T of none above its critical value"]
+    failed.sort(key=lambda g: -g.test / g.critical)
+    shown = [
+        [
+            _members(report, g),
+            str(g.dof),
+            f"{g.redundancy:.2f}",
+            f"{g.test:.2f}",
+            f"{g.critical:.2f}",
+        ]
+        for g in failed[: report.n_suspects]
+    ]
+    out = ["", *title("Correlated groups whose test T is above its critical value (χ²)")]
+    out += table(["observations", "d", "Σr", "T", "critical"], shown)
+    if len(failed) > len(shown):
+        out.append(f"  … {len(failed) - len(shown)} more")
+    return out
+
+
+def _members(report: Report, group: GroupReliability) -> str:
+    """Return which observations a group has."""
+    if len(group.ids) > 1:
+        return f"cluster of {listed(group.ids, 4)}"
+    row = report.rows.at([int(group.rows[0])])[0]
+    return f"{row.kind_name} {' '.join(row.names) or row.id}"
+
+
+def residuals(report: Report) -> list[str]:
+    """Largest normalised residuals, where there are no test values."""
+    size = np.abs(report.solution.observations.normalised)
+    order = np.argsort(-size, kind="stable")[: report.n_suspects].tolist()
+    rows = [
+        [
+            *names_of(r),
+            f"{short(r.residual / r.scale.size)} {r.scale.small}".strip(),
+            short(r.sigma / r.scale.size),
+            f"{r.residual / r.sigma:.2f}",
+        ]
+        for r in report.rows.at(order)
+    ]
+    if not rows:
+        return []
+    header, rows = without_empty([*NAMES, "v", "σ", "v/σ"], rows)
+    return [
+        *title("Largest normalised residuals (v = computed − observed)"),
+        *table(header, rows, left=len(header) - 3),
+        f"  all {len(report.solution.observations)} in {report.where('observations.csv')}",
+    ]

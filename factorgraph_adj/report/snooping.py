@@ -1,0 +1,182 @@
+"""Sections of the protocol: what data snooping set aside, and the estimated weights."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+import numpy as np
+
+from ..quality.rejections import Rejected, Snooping
+from ..quality.variance_components import VarianceComponent
+from .context import Report
+from .layout import listed, paragraph, percent, short, table, title, whole, without_empty
+from .reliability import NAMES, PARTNERS, names_of
+from .rows import kind_name
+
+NAMED = 12
+"""Readmitted observations that are named."""
+CONFIDENCE = 0.95
+"""Of the intervals of variance components."""
+
+
+def snooping(report: Report) -> list[str]:
+    """What was set aside, when, with which test value and estimated error, and why it ended."""
+    found = report.snooping
+    if found is None:
+        return []
+    name = "τ" if found.test == "pope" else "w"
+    start = ", after a robust start" if any(r.number == 0 for r in found.rounds) else ""
+    what = {"pope": "Pope's τ", "baarda": "Baarda's w"}[found.test]
+    out = title(f"Data snooping ({what}, critical |{name}| {found.critical:.2f}{start})")
+    observations = sum(r.set_aside for r in found.rounds) - sum(r.readmitted for r in found.rounds)
+    last = max((r.number for r in found.rounds), default=0)
+    n = f"{observations} observation{'s' * (observations != 1)}" if observations else "nothing"
+    out += paragraph(f"{n} set aside in {last} round{'s' * (last != 1)}; {found.reason}")
+    if observations or found.readmitted:
+        out += ["", *_rounds(report, found, name)]
+    return [
+        *out,
+        *_rejected(report, found, name),
+        *_others(found),
+        *_points(report, found, name),
+        *_unresolved(report, found, name),
+    ]
+
+
+def _rounds(report: Report, found: Snooping, name: str) -> list[str]:
+    rows = [
+        [
+            str(r.number) if r.number else "robust",
+            f"{r.sigma0:.4g}",
+            f"{r.largest:.2f}",
+            str(r.suspects),
+            str(r.set_aside or "–"),
+            str(r.readmitted or "–"),
+        ]
+        for r in found.rounds
+    ]
+    shown, note = report.cut(rows, "rounds", "solution.json")
+    header = ["round", "σ̂0", f"max |{name}|", "above critical", "set aside", "readmitted"]
+    return [*table(header, shown), *note]
+
+
+def _rejected(report: Report, found: Snooping, name: str) -> list[str]:
+    aside = report.set_aside
+    if not found.rejected or aside is None:
+        return []
+    rows, notes = [], []
+    shown, cut = report.cut(list(found.rejected), "observations set aside", "snooping.csv")
+    for r in shown:
+        row = aside.find(r.id, r.component)
+        unit = row.scale.size
+        rows.append(
+            [
+                *names_of(row),
+                str(r.round or "robust"),
+                f"{r.test:.2f}",
+                f"{short(r.estimated_error / unit)} {row.scale.small}".strip(),
+                *_final(r, unit),
+            ]
+        )
+        notes.append(_inseparable(r))
+    header = [*NAMES, "round", name, "error", "final error", "σ", f"final {name}"]
+    header, rows = without_empty(header, rows)
+    left = header.index("round")
+    legend = (
+        "error: estimated, observed − true, when it was set aside; final error: observed − "
+        "computed from the clean solution, with its σ without a gross error"
+    )
+    return ["", *table(header, rows, left=left, notes=notes), *cut, *paragraph(legend)]
+
+
+def _final(r: Rejected, unit: float) -> list[str]:
+    if not isfinite(r.final_error):
+        return ["–", "", ""]
+    return [short(r.final_error / unit), short(r.final_sigma / unit), f"{r.final_test:.2f}"]
+
+
+def _inseparable(r: Rejected) -> str:
+    if not r.inseparable:
+        return ""
+    named = [whole(f"{label} ({rho:+.2f})") for label, rho in r.inseparable]
+    more = f" and {len(named) - PARTNERS} more" if len(named) > PARTNERS else ""
+    return f"not to be told apart from: {', '.join(named[:PARTNERS])}{more}"
+
+
+def _others(found: Snooping) -> list[str]:
+    """Return what was put back."""
+    out = []
+    if found.readmitted:
+        again = {r.id for r in found.rejected}
+        names = [f"{i} (rejected again)" if i in again else i for i in found.readmitted]
+        out += paragraph(
+            f"readmitted, since the clean solution agrees with them: {listed(names, NAMED)}"
+        )
+    return out
+
+
+def _points(report: Report, found: Snooping, name: str) -> list[str]:
+    """Return points that went as a whole."""
+    if not found.points_set_aside:
+        return []
+    shown, note = report.cut(list(found.points_set_aside), "points", "snooping.csv")
+    rows = [
+        [p.name, p.label, str(len(p.rays)), str(p.round or "robust"), f"{p.test:.2f}"]
+        for p in shown
+    ]
+    out = [
+        "",
+        "  points set aside with all their rays, which do not determine them without the worst",
+    ]
+    return [*out, *table(["point", "worst ray", "rays", "round", name], rows, left=2), *note]
+
+
+def _unresolved(report: Report, found: Snooping, name: str) -> list[str]:
+    if not found.unresolved:
+        return []
+    shown, note = report.cut(list(found.unresolved), "unresolved observations", "snooping.csv")
+    rows = []
+    for u in shown:
+        row = report.rows.at([_row(report, u.id, u.component)])[0]
+        error = short(u.estimated_error / row.scale.size)
+        rows.append([*names_of(row), f"{u.test:.2f}", f"{error} {row.scale.small}".strip()])
+    header, rows = without_empty([*NAMES, name, "error"], rows)
+    out = ["", "  UNRESOLVED: above the critical value, but they stay in"]
+    return [
+        *out,
+        *table(header, rows, left=len(header) - 2, notes=[u.reason for u in shown]),
+        *note,
+    ]
+
+
+def _row(report: Report, ident: str, component: str) -> int:
+    table = report.solution.observations
+    rows: list[int] = report.solution.equations.find([ident])[0].tolist()
+    return next((r for r in rows if table[r].component == component), rows[0])
+
+
+def components(report: Report) -> list[str]:
+    """Estimated factors of the standard deviations of groups of observations."""
+    found = report.components
+    if found is None:
+        return []
+    kinds = {b.kind for b in report.solution.equations.blocks}
+    rows = [_component(c, kind=c.name in kinds) for c in found.components]
+    header = ["group", "scalars", "r", "factor of σ", "±", f"{percent(CONFIDENCE)} interval", ""]
+    notes = [c.note for c in found.components]
+    ended = "converged" if found.converged else "NOT CONVERGED"
+    words = (
+        f"{found.iterations} adjustments, {ended}: {found.reason}; the figures below have the "
+        "estimated σ, which make σ̂0 about 1"
+    )
+    if not found.exact:
+        words += "; redundancies and ± from stochastic traces, to a few per cent"
+    return [*title("Variance components"), *table(header, rows, notes=notes), *paragraph(words)]
+
+
+def _component(c: VarianceComponent, *, kind: bool) -> list[str]:
+    low, high = c.interval(confidence=CONFIDENCE)
+    interval = f"{low:.3f} … {high:.3f}" if c.estimated and np.isfinite(high) else "–"
+    sigma = short(c.sigma) if c.estimated and np.isfinite(c.sigma) else "–"
+    name = kind_name(c.name) if kind else c.name
+    return [name, str(c.n), f"{c.redundancy:.2f}", f"{c.factor:.3f}", sigma, interval, c.state]

@@ -1,0 +1,226 @@
+"""solution.json: the solution for programs, in metres, radians and image units throughout."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from ..frames import GeocentricFrame, LocalFrame
+from ..quality.global_test import global_test
+from ..quality.rejections import Snooping
+from .context import Report
+from .unknowns import small_unknowns
+
+FORMAT = 1
+"""Version of solution.json."""
+
+
+def summary(report: Report) -> dict[str, Any]:
+    """Return what stands in solution.json."""
+    s, network = report.solution, report.network
+    frame = network.frame
+    kind = "local" if isinstance(frame, LocalFrame) else "topocentric"
+    test = global_test(s)
+    return {
+        "format": FORMAT,
+        "name": network.name,
+        "frame": "geocentric" if isinstance(frame, GeocentricFrame) else kind,
+        "converged": s.converged,
+        "reason": s.reason,
+        "iterations": s.iterations,
+        "n_observations": s.n_observations,
+        "n_unknowns": s.n_unknowns,
+        "datum": "given" if s.datum is None else "free",
+        "datum_defect": s.datum_defect,
+        "redundancy": s.redundancy,
+        "vtpv": s.vtpv,
+        "sigma0": s.sigma0,
+        "variance": s.variance,
+        "global_test": {**asdict(test), "accepted": test.accepted},
+        "observations": [
+            {
+                "kind": g.label,
+                "number": g.observations,
+                "scalars": g.scalars,
+                "normalised_rms": g.normalised_rms,
+                "largest": g.largest,
+            }
+            for g in report.rows.groups()
+        ],
+        "reliability": _reliability(report),
+        **({} if report.snooping is None else {"snooping": _snooping(report.snooping)}),
+        **({} if report.components is None else {"variance_components": _components(report)}),
+        **({} if report.significance is None else {"parameters": _parameters(report)}),
+        **({} if report.singular else _unknown_values(report)),
+    }
+
+
+def _reliability(report: Report) -> dict[str, Any]:
+    rel = report.reliability
+    if rel is None:
+        return {"reason": report.no_reliability}
+    r = rel.redundancy_numbers
+    values, critical = report.tests
+    size = np.where(np.isfinite(values), np.abs(values), 0.0)
+    ids, above = report.solution.observations.ids, np.flatnonzero(size > critical)
+    above = above[np.argsort(-size[above], kind="stable")][: report.most]
+    return {
+        "alpha": rel.alpha,
+        "power": rel.power,
+        "delta0": rel.delta0,
+        "critical_w": rel.critical_w,
+        "critical_tau": rel.critical_tau,
+        "test": "pope" if report.pope else "baarda",
+        "largest": float(size.max(initial=0.0)),
+        "above_critical": int(np.sum(size > critical)),
+        "uncontrolled": int(np.sum(~rel.controlled)),
+        "redundancy_number": {
+            "sum": float(r.sum()) + rel.redundancy_of_extra_factors,
+            "minimum": float(r.min()),
+            "mean": float(r.mean()),
+            "maximum": float(r.max()),
+        },
+        "observations": [
+            {
+                "kind": g.label,
+                "scalars": g.scalars,
+                "sum": float(r[g.rows].sum()),
+                "minimum": float(r[g.rows].min()),
+                "mean": float(r[g.rows].mean()),
+                "maximum": float(r[g.rows].max()),
+                "uncontrolled": int(np.sum(~rel.controlled[g.rows])),
+            }
+            for g in report.rows.groups()
+        ],
+        "suspects": [
+            {
+                "id": ids[i],
+                "component": report.solution.observations[i].component,
+                "test_value": float(values[i]),
+                "redundancy_number": float(r[i]),
+                "estimated_error": float(rel.estimated_errors[i]),
+                "mdb": float(rel.mdb[i]),
+            }
+            for i in above.tolist()
+        ],
+    }
+
+
+def _snooping(found: Snooping) -> dict[str, Any]:
+    return {
+        "test": found.test,
+        "alpha": found.reliability.alpha,
+        "critical": found.critical,
+        "reason": found.reason,
+        "rounds": [asdict(r) for r in found.rounds],
+        "rejected": [
+            asdict(r) | {"inseparable": [{"what": o, "correlation": c} for o, c in r.inseparable]}
+            for r in found.rejected
+        ],
+        "readmitted": list(found.readmitted),
+        "points_set_aside": [asdict(p) | {"rays": list(p.rays)} for p in found.points_set_aside],
+        "unresolved": [asdict(u) for u in found.unresolved],
+    }
+
+
+def _components(report: Report) -> dict[str, Any]:
+    found = report.components
+    assert found is not None
+    return {
+        "converged": found.converged,
+        "reason": found.reason,
+        "iterations": found.iterations,
+        "exact": found.exact,
+        "components": [
+            {**asdict(c), "freedom": c.freedom, "p_value": c.p_value} for c in found.components
+        ],
+        "correlation": found.correlation.tolist(),
+    }
+
+
+def _parameters(report: Report) -> dict[str, Any]:
+    found = report.significance
+    assert found is not None
+    return {
+        "alpha": found.alpha,
+        "critical": found.critical,
+        "tests": [
+            {
+                "kind": p.kind,
+                "name": p.name,
+                "component": p.component,
+                "reference": p.reference,
+                "t": p.t,
+                "significant": p.significant,
+                "variance_inflation": p.variance_inflation,
+            }
+            for p in found.parameters
+        ],
+        "overparametrised": list(found.overparametrised),
+    }
+
+
+def _unknown_values(report: Report) -> dict[str, Any]:
+    s, network = report.solution, report.network
+    return {
+        "points": {
+            name: {"xyz": xyz, "sigma": list(report.sigmas[name])}
+            for name, xyz in zip(network.points, s.state["point"].tolist(), strict=True)
+        },
+        "photos": {name: _pose(report, name) for name in network.photos},
+        "calibrations": {name: _calibration(report, name) for name in report.calibrations},
+        "orientations": [
+            {"station": station, "set": chosen, **_estimate(s.orientation(station, chosen))}
+            for station, chosen in network.orientations
+        ],
+        "others": [
+            {
+                "kind": u.kind,
+                "name": u.name,
+                "component": u.component,
+                "value": u.value,
+                "sigma": u.sigma,
+            }
+            for u in small_unknowns(report)
+        ],
+    }
+
+
+def _pose(report: Report, name: str) -> dict[str, Any]:
+    pose = report.poses[name]
+    return {
+        "position": list(pose.position),
+        "world_R_camera": pose.rotation.tolist(),
+        "omega_phi_kappa": list(pose.angles),
+        "sigma_position": list(pose.sigma_position),
+        "sigma_omega_phi_kappa": list(pose.sigma_angles),
+    }
+
+
+def _calibration(report: Report, name: str) -> dict[str, Any]:
+    e = report.calibrations[name]
+    camera = report.network.cameras[name.split("@")[0]]
+    return {
+        "lens": camera.lens.kind,
+        "unit": e.unit,
+        "parameters": list(e.names),
+        "values": e.values.tolist(),
+        "sigma": e.sigmas.tolist(),
+        "correlation": e.correlation.tolist(),
+    }
+
+
+def _estimate(e: Any) -> dict[str, float]:
+    return {"value": float(e.values[0]), "sigma": float(e.sigmas[0])}
+
+
+def finite(value: Any) -> Any:
+    """Return a JSON value with null for numbers that are not finite."""
+    if isinstance(value, dict):
+        return {k: finite(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [finite(v) for v in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
