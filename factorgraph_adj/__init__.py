@@ -12,9 +12,20 @@ from .io.gama import read_gama
 from .io.project import read_project
 from .io.write_project import write_project
 from .network import Network
+from .quality.check_points import check_points
+from .quality.datum_change import s_transform
+from .quality.ellipses import error_ellipse, error_ellipsoid
+from .quality.exclusion import exclude_insignificant
+from .quality.prediction import predict
+from .quality.relative import distance_precision
 from .quality.reliability import reliability
+from .quality.robust import robust
+from .quality.snooping import snoop
 from .quality.solution import Solution
+from .quality.systematic import significance
+from .quality.variance_components import variance_components
 from .report.text import protocol
+from .selection import without
 from .solve.batch import adjust
 from .stochastic import StandardDeviation
 
@@ -31,10 +42,22 @@ __all__ = [
     "TopocentricFrame",
     "adjust",
     "build_graph",
+    "check_points",
+    "distance_precision",
+    "error_ellipse",
+    "error_ellipsoid",
+    "exclude_insignificant",
+    "predict",
     "protocol",
     "read_bal",
     "read_gama",
     "read_project",
     "reliability",
+    "robust",
+    "s_transform",
+    "significance",
+    "snoop",
+    "variance_components",
+    "without",
     "write_project",
 ]

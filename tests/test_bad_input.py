@@ -176,7 +176,7 @@ READING = {
     "an unknown lens model": (
         *("project", 'model = "harmonic"', 'model = "fisheye"'),
         "project.toml: [[camera]] 'cam' lens: unknown model 'fisheye'; valid: none, harmonic, "
-        "brown, brown_forward, normalised, balanced, affine",
+        "brown, brown_forward, normalised, balanced, affine, ebner, gruen",
     ),
     "an unknown calibration parameter": (
         *("project", "c = 100.0", "c = 100.0\nk1 = 0.0"),

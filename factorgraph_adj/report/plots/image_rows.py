@@ -142,3 +142,10 @@ def mean_photo(own: ImageRows, corners: tuple[Array, Array], cells: int) -> Mean
         count.astype(np.intp),
         test > chi2.ppf(1 - ALPHA, 2),
     )
+
+
+def cells_for(own: ImageRows, corners: tuple[Array, Array]) -> int:
+    """Return cells along the longer side such that each holds some ten points, from 3 to 12."""
+    width, height = np.maximum(corners[1] - corners[0], 1e-12).tolist()
+    ratio = max(width, height) / min(width, height)
+    return int(np.clip(np.sqrt(len(own.row) / 10 * ratio), 3, 12))

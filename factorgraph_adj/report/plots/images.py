@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import InputError, known
 from ...quality.reliability import Reliability
 from ...quality.solution import Solution
-from .image_rows import image_rows, mean_photo
+from .image_rows import cells_for, image_rows, mean_photo
 from .style import (
     BLUE,
     GREY,
@@ -40,6 +40,8 @@ from .vectors import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+LEAST = 0.1
+"""Points of a cell that has a vector, as a part of the average."""
 MOST_NUMBERS = 400
 """Cells of a mean photo that show their number of points."""
 SIGN = "v = computed − observed"
@@ -72,6 +74,8 @@ def plot_photo_residuals(
         InputError: there is no such photo, the reliability is of another solution, the factor
             is not positive, or matplotlib is not installed.
     """
+    from matplotlib.patheffects import withStroke
+
     own = image_rows(solution).of_photo(photo)
     title = f"{solution.network.name or 'network'}, photo {photo}"
     tests = tests_of(solution, reliability)
@@ -85,11 +89,12 @@ def plot_photo_residuals(
     unit = set_format(axes, own, corners, photo)
     bad = draw_vectors(axes, own, used, tests)
     worst = np.flatnonzero(bad)[np.argsort(-tests.largest(own)[bad], kind="stable")][:names]
+    outline = [withStroke(linewidth=2.0, foreground="white")]
     for i in worst.tolist():
         name = solution.equations.unknowns["point"].names[own.point[i]]
         axes.annotate(
             shortened(name, 20), own.xy[i], (4.0, 4.0), textcoords="offset points", fontsize=7.5,
-            gid="name of a suspect",
+            gid="name of a suspect", path_effects=outline, in_layout=False,
         )  # fmt: skip
     draw_key(axes, own, corners, used, above=True)
     headline(axes, title, summary(own, bad, tests))
@@ -144,7 +149,11 @@ def plot_photos(
         below = f"the {len(chosen)} of {len(every)} photos with the largest RMS {tests.name}"
     columns = min(4, ceil(np.sqrt(len(chosen))))
     lines = ceil(len(chosen) / columns)
-    figure = new_figure(1.0 + 3.0 * columns, 1.0 + 2.9 * lines)
+    # As high as wide formats need, and as wide as the lines of text.
+    formats = np.array([np.subtract(*rows.formats[c][::-1]) for c in rows.formats])
+    ratio = float(np.clip(np.median(formats[:, 0] / np.maximum(formats[:, 1], 1e-12)), 0.5, 2.0))
+    width, height = (3.1, 3.1 / ratio) if ratio > 1 else (max(3.1 * ratio, 2.7), 3.1)
+    figure = new_figure(0.3 + width * columns, 0.8 + (height + 0.8) * lines)
     cameras = {name: solution.network.photos[name].camera for name in chosen}
     parts = {name: rows.of_photo(name) for name in chosen}
     for i, name in enumerate(chosen):
@@ -160,7 +169,7 @@ def plot_photos(
         set_format(axes, own, corners, name)
         axes.set_xticks([])
         axes.set_yticks([])
-        bad = draw_vectors(axes, own, factor, tests)
+        bad = draw_vectors(axes, own, factor, tests, fine=True)
         draw_key(axes, own, corners, factor, above=False)
         axes.set_title(f"photo {shortened(name, 30)}\n{summary(own, bad, tests)}", fontsize=8.0)
     figure.suptitle(
@@ -173,18 +182,20 @@ def plot_photos(
 
 @drawn
 def plot_mean_photo(
-    solution: Solution, camera: str, *, cells: int = 10, factor: float | None = None
+    solution: Solution, camera: str, *, cells: int | None = None, factor: float | None = None
 ) -> Figure:
     """Draw the mean residuals of all photos of a camera, cell by cell of the image.
 
     A pattern of vectors is a systematic error that the calibration does not describe. Red
     vectors differ from zero: n Σ (v̄/σ)² of the two components exceeds χ²(99.9 %; 2). The
-    test is on the safe side, as residuals scatter less than observations.
+    test is on the safe side, as residuals scatter less than observations. Cells with less than
+    a tenth of the average number of points have no vector.
 
     Args:
         solution: what `adjust` found.
         camera: name of the camera.
-        cells: number of cells along the longer side.
+        cells: number of cells along the longer side; by default such that they hold 10 points
+            on the average, from 3 to 12.
         factor: exaggeration of the vectors; by default such that they fill their cells.
 
     Returns:
@@ -197,14 +208,15 @@ def plot_mean_photo(
     cameras = solution.network.cameras
     if camera not in cameras:
         raise InputError(f"unknown camera {camera!r}; known: {known(cameras)}")
-    if cells < 1:
+    if cells is not None and cells < 1:
         raise InputError(f"cells must be at least 1, not {cells}")
     rows = image_rows(solution)
     title = f"{solution.network.name or 'network'}, mean photo of {camera}"
     if camera not in rows.formats:
         return nothing(title, f"Camera {camera} has no image coordinates.")
     own, corners = rows.of_camera(camera), rows.formats[camera]
-    mean = mean_photo(own, corners, cells)
+    mean = mean_photo(own, corners, cells or cells_for(own, corners))
+    enough = mean.count >= LEAST * mean.count.mean()
     figure = new_figure(*size_of(corners))
     axes = figure.add_subplot()
     photo = next(f.name for f in solution.network.photos.values() if f.camera == camera)
@@ -213,7 +225,7 @@ def plot_mean_photo(
     x, y = mean.x_edges, mean.y_edges
     axes.vlines(x, y[0], y[-1], color=PALE, lw=0.6, zorder=0)
     axes.hlines(y, x[0], x[-1], color=PALE, lw=0.6, zorder=0)
-    size = np.hypot(*mean.residual.T)
+    size = np.hypot(*mean.residual[enough].T)
     side = float(mean.x_edges[1] - mean.x_edges[0])
     if factor is None:
         typical = float(np.quantile(size, 0.9))
@@ -221,8 +233,8 @@ def plot_mean_photo(
     else:
         used = positive(factor, "factor")
     for mask, colour, label in (
-        (~mean.significant, BLUE, "mean vectors"),
-        (mean.significant, VERMILLION, "mean vectors that differ from zero"),
+        (enough & ~mean.significant, BLUE, "mean vectors"),
+        (enough & mean.significant, VERMILLION, "mean vectors that differ from zero"),
     ):
         draw_arrows(axes, mean.centre[mask], mean.residual[mask], used, colour, label)
     if len(mean.count) <= MOST_NUMBERS:
@@ -233,9 +245,10 @@ def plot_mean_photo(
             )
     draw_key(axes, own, corners, used, above=True)
     photos = len(np.unique(own.photo))
+    red = int(np.sum(mean.significant & enough))
     below = (
         f"{photos} photo{'s' * (photos != 1)}, {len(own.row)} points; "
-        f"{int(mean.significant.sum())} of {len(mean.count)} cells differ from zero (red)"
+        f"{red} of {int(enough.sum())} cells differ from zero (red)"
     )
     headline(axes, title, below)
     axes.set_xlabel(f"x [{unit}]")

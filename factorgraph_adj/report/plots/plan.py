@@ -1,4 +1,4 @@
-"""The plan of a network: east and north of its points, and their standard ellipses there."""
+"""The plane a network is drawn in, and standard ellipses in it."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as fisher
 
 from ...frames import Frame, GeocentricFrame, LocalFrame
 from ...quality.solution import Solution
@@ -81,31 +79,19 @@ def covariances(solution: Solution) -> tuple[Array, Array] | None:
 
     There are none where an iteration stopped half-way at singular normal equations.
     """
-    points = solution.equations.unknowns["point"].names
     photos = solution.equations.unknowns["pose"].names
     try:
-        of_points = [solution.covariance(n) for n in points]
-        of_photos = [solution.pose_covariance(n)[3:, 3:] for n in photos]
+        centres = [solution.pose_covariance(n)[3:, 3:] for n in photos]
+        return solution.point_covariances, np.array(centres).reshape(-1, 3, 3)
     except SingularError:
         return None
-    return np.array(of_points).reshape(-1, 3, 3), np.array(of_photos).reshape(-1, 3, 3)
-
-
-def confidence_factor(solution: Solution, confidence: float, dimension: int) -> float:
-    """Return what standard deviations are multiplied by for a region of that confidence.
-
-    √χ²(confidence; d) with the a-priori σ0, √(d F(confidence; d, r)) with σ̂0 of r redundant
-    observations.
-    """
-    if solution.variance == "a-posteriori" and solution.redundancy > 0:
-        return float(np.sqrt(dimension * fisher.ppf(confidence, dimension, solution.redundancy)))
-    return float(np.sqrt(chi2.ppf(confidence, dimension)))
 
 
 def ellipses(sigma: Array) -> tuple[Array, Array]:
     """Return semi-axes (n, 2), largest first, and directions of the first of covariances (n, 2, 2).
 
-    Directions count from the first coordinate to the second, radians, (n,).
+    In any plane, and in one plane for the whole network; those of `quality.ellipses` lie in the
+    horizon of each point. Directions count from the first coordinate to the second, radians, (n,).
     """
     values, vectors = np.linalg.eigh(sigma)
     semi = np.sqrt(np.maximum(values[:, ::-1], 0.0))

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...quality.ellipses import factor_of
 from ...quality.solution import Solution
 from ...types import Array, Mask
 from .marks import spacing
-from .plan import Plan, confidence_factor, covariances, ellipses
+from .plan import Plan, covariances, ellipses
 from .style import PURPLE, VERMILLION, length, multiple, readable, scale_key
 
 if TYPE_CHECKING:
@@ -21,8 +22,6 @@ LARGEST = 0.35
 """Largest semi-major axis that is drawn, as a part of the extent of the plan."""
 COVERED = 0.25
 """Part of the plan that the ellipses of projection centres may cover together."""
-
-
 _SIGMA0 = {"a-priori": "σ0 a priori", "a-posteriori": "σ̂0 a posteriori"}
 
 
@@ -61,7 +60,7 @@ def precision_of(
     if found is None:
         return None
     points, centres = (plan.covariance(each) for each in found)
-    k2, k1 = (confidence_factor(solution, confidence, d) for d in (2, 1))
+    k2, k1 = (factor_of(solution, d, confidence) for d in (2, 1))
     semi, direction = ellipses(points[:, :2, :2])
     centre_semi, centre_direction = ellipses(centres[:, :2, :2])
     up = np.sqrt(np.maximum(points[:, 2, 2], 0.0))

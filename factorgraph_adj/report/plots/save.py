@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import re
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -105,8 +104,6 @@ def _bytes(figure: Figure, format: Format) -> bytes:
 
     date = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(format)
     stream = io.BytesIO()
-    with warnings.catch_warnings(), matplotlib.rc_context({"svg.hashsalt": "factorgraph_adj"}):
-        # Names in scripts that the font does not have are boxes, no fault of the adjustment.
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+    with matplotlib.rc_context({"svg.hashsalt": "factorgraph_adj"}):
         figure.savefig(stream, format=format, dpi=150, metadata=date)
     return stream.getvalue()

@@ -8,8 +8,9 @@ import numpy as np
 
 from ...quality.solution import Solution
 from ...types import Array, Index
+from ..rows import kind_name
 from .image_rows import ImageRows
-from .style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, kind_name
+from .style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -24,7 +24,6 @@ from .style import (
     headline,
     new_figure,
     nothing,
-    observation_name,
     shortened,
 )
 
@@ -128,8 +127,11 @@ def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
     x = norm.ppf((i - 0.5) / n)
     figure = new_figure(8.0, 6.0)
     axes = figure.add_subplot()
-    low, high = (norm.ppf(beta.ppf(p, i, n + 1 - i)) for p in (0.025, 0.975))
-    axes.fill_between(x, low, high, color=PALE, lw=0, label="95 %, independent values")
+    ends = np.arange(1, min(n, 100) + 1)
+    middle = np.linspace(1, n, 300).round().astype(np.intp)
+    at = np.unique(np.concatenate([ends, middle, n + 1 - ends]))
+    low, high = (norm.ppf(beta.ppf(p, at, n + 1 - at)) for p in (0.025, 0.975))
+    axes.fill_between(x[at - 1], low, high, color=PALE, lw=0, label="95 %, independent values")
     reach = float(max(np.abs(x[-1]), 1.0)) * 1.05
     axes.plot([-reach, reach], [-reach, reach], color=BLACK, lw=1.0, label="standard normal")
     _critical(axes.axhline, rel)
@@ -163,8 +165,9 @@ def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
     missing = len(rel.w) - n
     beside(figure, axes, [f"{n} controlled observations", f"{missing} not controlled: no w"])
     suspects = np.argsort(-np.abs(w), kind="stable")[: min(most, int(bad.sum()))]
-    named = [observation_name(rel.solution, int(r)) for r in rows[suspects]]
-    _name_tails(figure, axes, np.stack([x, w], 1)[suspects], named)
+    named = _rows(rel).at(rows[suspects].tolist())
+    names = [f"{row.kind_name} {row.what}" for row in named]
+    _name_tails(figure, axes, np.stack([x, w], 1)[suspects], names)
     return figure
 
 
@@ -213,14 +216,24 @@ def plot_redundancy(rel: Reliability) -> Figure:
     return figure
 
 
+def _rows(rel: Reliability) -> Rows:
+    solution = rel.solution
+    return Rows(solution.equations, solution.observations.residuals, Units())
+
+
 def _groups(rel: Reliability) -> list[tuple[str, Index]]:
     """Return kinds (and cameras) by component, and the rows of each."""
-    solution = rel.solution
-    blocks = solution.equations.blocks
-    component = np.concatenate([np.tile(np.array(b.components, dtype=object), b.n) for b in blocks])
-    rows = Rows(solution.equations, solution.observations.residuals, Units())
+    component = np.array(
+        [
+            b.component(i, c)
+            for b in rel.solution.equations.blocks
+            for i in range(b.n)
+            for c in range(b.dimension)
+        ],
+        dtype=object,
+    )
     out = []
-    for group in rows.groups():
+    for group in _rows(rel).groups():
         for name in dict.fromkeys(component[group.rows].tolist()):
             own = group.rows[component[group.rows] == name]
             out.append((f"{group.label} {name}".strip(), own))

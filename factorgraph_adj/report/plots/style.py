@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
+import warnings
 from collections.abc import Callable, Sequence
 from functools import wraps
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from ...errors import InputError
-from ...quality.solution import Solution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,8 +25,6 @@ BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
 """Colours of Okabe & Ito, told apart by colour-blind readers too."""
 
 STYLE: dict[str, Any] = {
-    # The font that comes with matplotlib has σ, ∇, combining accents and superscripts.
-    "font.family": ["DejaVu Sans"],
     "font.size": 9.0,
     "axes.titlesize": 10.0,
     "axes.labelsize": 9.0,
@@ -44,6 +41,9 @@ STYLE: dict[str, Any] = {
     "text.usetex": False,
     # Names of points and projects are text, whatever signs they have.
     "text.parse_math": False,
+    # Room at the edges, inches.
+    "figure.constrained_layout.w_pad": 0.08,
+    "figure.constrained_layout.h_pad": 0.08,
     "figure.facecolor": "white",
     "axes.facecolor": "white",
 }
@@ -62,7 +62,12 @@ def drawn(make: Callable[P, R]) -> Callable[P, R]:
             import matplotlib
         except ImportError:
             raise InputError(MISSING) from None
-        with matplotlib.rc_context(STYLE):  # type: ignore[arg-type]
+        # The font that comes with matplotlib has σ̂, ᵀ and ∇; the user's may have the names.
+        fonts = ["DejaVu Sans", *matplotlib.rcParams["font.family"]]
+        style: Any = STYLE | {"font.family": list(dict.fromkeys(fonts))}
+        with matplotlib.rc_context(style), warnings.catch_warnings():
+            # Names in scripts that no font has are boxes, no fault of the adjustment.
+            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
             return make(*args, **kwargs)
 
     return wrapped
@@ -160,16 +165,6 @@ def scale_key(
             borderpad=0.2,
         )
     )
-
-
-def kind_name(kind: str) -> str:
-    """Return the name of a kind for people."""
-    return kind.replace("_", " ")
-
-
-def observation_name(solution: Solution, row: int) -> str:
-    """Return a readable name of a scalar observation, without the file it came from."""
-    return re.sub(r"^.*?:\d+: ", "", solution.equations.label(row)).replace("_", " ")
 
 
 def beside(figure: Figure, axes: Axes, lines: Sequence[str]) -> None:

@@ -100,21 +100,31 @@ def factor_for(parts: list[ImageRows], corners: tuple[Array, Array]) -> float:
         return 1.0
     extent = np.maximum(corners[1] - corners[0], 1e-12)
     between = np.sqrt(float(np.prod(extent)) / max(len(p.row) for p in parts))
-    return readable(min(float(between), 0.12 * float(extent.max())) / typical)
+    return readable(min(1.5 * float(between), 0.12 * float(extent.max())) / typical)
 
 
-def draw_vectors(axes: Axes, own: ImageRows, factor: float, tests: Tests) -> Mask:
+def draw_vectors(
+    axes: Axes, own: ImageRows, factor: float, tests: Tests, *, fine: bool = False
+) -> Mask:
     """Draw the residuals of a photo; return which points are suspects."""
     bad = tests.largest(own) > tests.limit
+    fine = fine or len(own.row) > 500
     for mask, colour, label in ((~bad, BLUE, "residuals"), (bad, VERMILLION, "suspects")):
-        draw_arrows(axes, own.xy[mask], own.residual[mask], factor, colour, label)
-        area = 5.0 if len(own.row) <= 500 else 1.5
-        axes.scatter(own.xy[mask, 0], own.xy[mask, 1], s=area, c=colour, lw=0, zorder=3)
+        draw_arrows(axes, own.xy[mask], own.residual[mask], factor, colour, label, fine=fine)
+        x, y = own.xy[mask].T
+        axes.scatter(x, y, s=1.5 if fine else 5.0, c=colour, lw=0, zorder=3)
     return np.asarray(bad)
 
 
 def draw_arrows(
-    axes: Axes, at: Array, vectors: Array, factor: float, colour: str, label: str
+    axes: Axes,
+    at: Array,
+    vectors: Array,
+    factor: float,
+    colour: str,
+    label: str,
+    *,
+    fine: bool = False,
 ) -> None:
     """Draw vectors (n, 2) times ``factor`` from positions (n, 2), image units."""
     if len(at):
@@ -125,7 +135,7 @@ def draw_arrows(
             scale_units="xy",
             scale=1.0,
             units="inches",
-            width=0.011 if len(at) <= 500 else 0.006,
+            width=0.006 if fine else 0.011,
             minlength=0.0,
             color=colour,
             label=label,

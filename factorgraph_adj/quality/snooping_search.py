@@ -1,0 +1,337 @@
+"""The search of data snooping: where it stands, and one round after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2, norm
+from scipy.stats import f as fisher
+
+from ..errors import AdjustmentError, InputError
+from ..graph.equations import compile_network
+from ..network import Network
+from ..selection import without
+from ..solve.batch import adjust
+from ..types import Array
+from .candidates import Candidate, Choice, Units, choose
+from .prediction import Prediction, Predictor
+from .rejections import PointSetAside, Rejected, Round, Snooping, Test, Unresolved
+from .reliability import critical_tau, reliability
+from .solution import Solution
+
+
+class Search:
+    """Where a search stands."""
+
+    def __init__(
+        self, solution: Solution, test: Test, alpha: float, power: float, options: dict[str, Any]
+    ) -> None:
+        self.network = solution.network
+        self.start = solution.start["point"]
+        self.equations = compile_network(self.network)
+        self.test: Test = test
+        self.alpha, self.power, self.options = alpha, power, options
+        self.solution = solution
+        self.reliability = reliability(solution, alpha=alpha, power=power)
+        self.aside: dict[str, Rejected] = {}
+        self.points: dict[str, PointSetAside] = {}
+        self.readmitted: list[str] = []
+        self.stuck: dict[str, str] = {}
+        self.place: dict[str, int] = {}
+        """Which component of what was set aside had the largest test value."""
+        self.coordinates: dict[str, Array] = {}
+        """Where points were when they were set aside."""
+        self.rounds: list[Round] = []
+
+    def begin(self, values: Array, progress: Callable[[Round], None] | None) -> None:
+        """Set aside what stands out in a robust adjustment, by test values (n,) for σ0 = 1."""
+        critical = float(norm.ppf(1.0 - self.alpha / 2.0))
+        chosen = choose(
+            self.reliability, values, scale=1.0, critical=critical, share=0.0, every=True
+        ).chosen
+        sigma0, size = self.solution.sigma0, self._largest(values)
+        gone = 0
+        while chosen and not gone:
+            gone = self._set_aside(chosen, 0)
+            chosen = chosen[: len(chosen) // 2]
+        if not gone:
+            failure = self._adjust((), ())
+            if failure is not None:
+                raise failure
+        self._note(
+            Round(0, sigma0, float(size.max()), int((size > critical).sum()), gone, 0), progress
+        )
+
+    def run(self, share: float, max_rounds: int, progress: Callable[[Round], None] | None) -> str:
+        """Go on until nothing is found; return why it ended."""
+        for number in range(1, max_rounds + 1):
+            sigma0, size, critical = self.solution.sigma0, self._largest(self.values), self.critical
+            gone = self._reject(share, number)
+            back = 0 if gone else self._readmit()
+            suspects = int((size > critical).sum())
+            self._note(Round(number, sigma0, float(size.max()), suspects, gone, back), progress)
+            if not gone and not back:
+                if suspects:
+                    return "what is still above the critical value cannot be set aside"
+                return "no test value is above the critical value, nothing set aside fits again"
+        return f"stopped after {max_rounds} rounds"
+
+    @property
+    def values(self) -> Array:
+        """The test values that decide, (n,)."""
+        return self.reliability.w if self.test == "baarda" else self.reliability.tau
+
+    @property
+    def critical(self) -> float:
+        """Their critical value."""
+        rel = self.reliability
+        return rel.critical_w if self.test == "baarda" else rel.critical_tau
+
+    def _largest(self, values: Array) -> Array:
+        return Units.of(self.solution.equations).largest(values)
+
+    def _note(self, done: Round, progress: Callable[[Round], None] | None) -> None:
+        self.rounds.append(done)
+        if progress is not None:
+            progress(done)
+
+    # -- setting aside --------------------------------------------------------------------------
+
+    def _reject(self, share: float, number: int) -> int:
+        """Set aside the worst; return how many observations."""
+        while chosen := self._choice(share).chosen:
+            gone = self._set_aside(chosen, number) or self._set_aside(chosen[:1], number)
+            if gone:
+                return gone
+        return 0
+
+    def _choice(self, share: float) -> Choice:
+        return choose(
+            self.reliability,
+            self.values,
+            scale=1.0 if self.test == "baarda" else self.solution.sigma0,
+            critical=self.critical,
+            share=share,
+            stuck=self._units(self.stuck),
+        )
+
+    def _set_aside(self, chosen: Sequence[Candidate], number: int) -> int:
+        """Adjust without them; return how many observations went, 0 if that failed."""
+        aside = {r.id: r for c in chosen if c.point is None for r in [self._rejected(c, number)]}
+        lost = {p.name: p for c in chosen if c.point is not None for p in [self._point(c, number)]}
+        points = [*self.points, *lost]
+        failure = self._adjust([*self.aside, *aside], points)
+        if failure is None:
+            self.aside |= aside
+            self.points |= lost
+            return len(aside) + sum(len(p.rays) for p in lost.values())
+        if len(chosen) == 1:
+            ident = self.solution.equations.id(chosen[0].row)
+            self.stuck[ident] = f"without it the adjustment fails: {failure}"
+        return 0
+
+    def _adjust(self, ids: Iterable[str], points: Iterable[str]) -> AdjustmentError | None:
+        """Adjust without these; return what went wrong, and stay where we were."""
+        try:
+            network = without(self.network, ids, points=points)
+            solution = adjust(network, start=self.solution, **self.options)
+            if not solution.converged and self.solution.converged:
+                return AdjustmentError(solution.reason)
+            rel = reliability(solution, alpha=self.alpha, power=self.power)
+        except AdjustmentError as error:
+            return error
+        self.solution, self.reliability = solution, rel
+        return None
+
+    def _units(self, ids: Collection[str]) -> list[int]:
+        """Return the numbers of observations of the solution, by id."""
+        number = self.solution.equations.observation_of_row
+        found = self.solution.equations.find(list(ids))
+        return [int(number[rows[0]]) for rows in found if len(rows)]
+
+    def _rejected(self, c: Candidate, number: int) -> Rejected:
+        equations = self.solution.equations
+        label, record = equations.label, self.solution.observations[c.row]
+        self.place[record.id] = c.row - int(Units.of(equations).first[c.unit])
+        return Rejected(
+            record.id,
+            record.kind,
+            label(c.row),
+            record.component,
+            c.test,
+            float(self.reliability.estimated_errors[c.row]),
+            number,
+            np.nan,
+            np.nan,
+            np.nan,
+            tuple((label(row), rho) for row, rho in c.inseparable),
+        )
+
+    def _point(self, c: Candidate, number: int) -> PointSetAside:
+        equations = self.solution.equations
+        rays: list[str] = []
+        for block in equations.blocks:
+            if block.kind == "image":
+                at = np.flatnonzero(block.variables[2][1] == c.point)
+                rays += [block.ids[int(i)] for i in at]
+        assert c.point is not None
+        name = equations.unknowns["point"].names[c.point]
+        self.coordinates[name] = self.solution.point(name)
+        return PointSetAside(
+            name,
+            tuple(rays),
+            equations.label(c.row),
+            c.test,
+            number,
+            f"its {len(rays)} rays do not fit, and without {equations.id(c.row)!r} the others do "
+            "not determine it",
+        )
+
+    # -- putting back ---------------------------------------------------------------------------
+
+    def _readmit(self) -> int:
+        """Put back what fits the solution again, once each; return how many observations."""
+        ids, points = self._fitting(), self._fitting_points()
+        rays = [ray for name in points for ray in self.points[name].rays]
+        if not ids and not points:
+            return 0
+        if points:
+            self.network = self._with_start(points)
+        self.readmitted += [*ids, *rays]
+        aside = [i for i in self.aside if i not in ids]
+        if self._adjust(aside, [p for p in self.points if p not in points]) is not None:
+            return 0
+        for ident in ids:
+            del self.aside[ident]
+        for name in points:
+            del self.points[name]
+        return len(ids) + len(rays)
+
+    def _with_start(self, points: Collection[str]) -> Network:
+        """Return the network with coordinates for points, where they started the first time.
+
+        Inner constraints refer to those.
+        """
+        network = self.network.copy()
+        for name, x in zip(network.points, self.start.tolist(), strict=True):
+            if name in points:
+                network.points[name] = replace(network.points[name], coordinates=tuple(x))
+        return network
+
+    def _fitting(self) -> list[str]:
+        """Return the observations set aside that would not be above the critical value."""
+        prediction = self._predicted([i for i in self.aside if i not in self.readmitted])
+        if prediction is None:
+            return []
+        test, critical = self._if_put_back(prediction)
+        largest = np.maximum.reduceat(np.abs(test), prediction.first)
+        return [i for i, ok in zip(prediction.ids, largest <= critical, strict=True) if ok]
+
+    def _fitting_points(self) -> list[str]:
+        """Return the points set aside whose rays would meet: T² of their intersection passes."""
+        predictor = Predictor(self.equations, self.solution)
+        pope, f = self.test == "pope", self.solution.redundancy
+        out = []
+        for name, point in self.points.items():
+            rows = np.sort(np.concatenate(self.equations.find(point.rays)))
+            if len(rows) <= 3 or set(point.rays) & set(self.readmitted):
+                continue
+            try:
+                found = predictor.intersect(name, self.coordinates[name], rows)
+            except InputError:
+                continue
+            limit = chi2.ppf(1.0 - self.alpha, found.dof)
+            if pope:
+                limit = (
+                    fisher.ppf(1.0 - self.alpha, found.dof, f) * found.dof * self.solution.sigma0**2
+                )
+            if found.t2 <= limit:
+                out.append(name)
+        return out
+
+    def _predicted(self, ids: Sequence[str]) -> Prediction | None:
+        """Predict observations that were set aside, as far as the solution determines them."""
+        found = [rows for rows in self.equations.find(ids) if len(rows)]
+        if not found:
+            return None
+        predictor = Predictor(self.equations, self.solution)
+        rows = np.sort(np.concatenate(found))
+        number = self.equations.observation_of_row[rows]
+        rows = rows[~np.isin(number, number[~predictor.known(rows)])]
+        return predictor.predict(rows) if len(rows) else None
+
+    def _if_put_back(self, prediction: Prediction) -> tuple[Array, Array]:
+        """Return the test values (k,) that observations would have in the adjustment.
+
+        Also the critical value for each of them, (m,). For Pope's test, vᵀPv grows by T² and the
+        redundancy by the number of components.
+        """
+        if self.test == "baarda":
+            return prediction.w, np.full(len(prediction.first), self.critical)
+        f = self.solution.redundancy + prediction.size
+        sigma0 = np.sqrt((self.solution.vtpv + prediction.t2) / f)
+        critical = np.array([critical_tau(self.alpha, int(k)) for k in f])
+        return prediction.w / np.repeat(sigma0, prediction.size), critical
+
+    # -- what was found -------------------------------------------------------------------------
+
+    def result(self, reason: str) -> Snooping:
+        """Return it, with what was set aside predicted from the clean solution."""
+        return Snooping(
+            self.solution,
+            self.reliability,
+            self._with_final_errors(),
+            tuple(self.readmitted),
+            tuple(self.points.values()),
+            self._unresolved(),
+            tuple(self.rounds),
+            self.critical,
+            self.test,
+            reason,
+        )
+
+    def _with_final_errors(self) -> tuple[Rejected, ...]:
+        prediction = self._predicted(list(self.aside))
+        if prediction is None:
+            return tuple(self.aside.values())
+        test, _ = self._if_put_back(prediction)
+        out = dict(self.aside)
+        for number, ident in enumerate(prediction.ids):
+            at = int(prediction.first[number]) + self.place[ident]
+            out[ident] = replace(
+                out[ident],
+                final_error=-float(prediction.innovation[at]),
+                final_sigma=float(prediction.sigma[at]),
+                final_test=float(test[at]),
+            )
+        return tuple(out.values())
+
+    def _unresolved(self) -> tuple[Unresolved, ...]:
+        """Return what is above the critical value at the end, the largest first."""
+        units = Units.of(self.solution.equations)
+        size = units.largest(self.values)
+        above = [int(u) for u in np.argsort(-size, kind="stable") if size[u] > self.critical]
+        blocked = {c.unit for c in self._choice(share=1.0).blocked} if above else set()
+        out = []
+        for unit in above:
+            rows = units.rows(unit)
+            row = int(rows[np.argmax(np.nan_to_num(np.abs(self.values[rows])))])
+            record = self.solution.observations[row]
+            reason = self.stuck.get(record.id, "the search stopped before it was its turn")
+            if unit in blocked:
+                reason = "without it something would be undetermined"
+            out.append(
+                Unresolved(
+                    record.id,
+                    record.kind,
+                    self.solution.equations.label(row),
+                    record.component,
+                    float(self.values[row]),
+                    float(self.reliability.estimated_errors[row]),
+                    reason,
+                )
+            )
+        return tuple(out)
