@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
-from ..errors import InputError
+from ..errors import InputError, Problem
 from ..network import DatumChoice, Network
 from ..solve.batch import adjust
 from .rejections import Round, Snooping, Test
@@ -78,7 +78,7 @@ def snoop(
     if max_rounds < 1:
         problems.append(f"max_rounds must be 1 or more, not {max_rounds}")
     if problems:
-        raise InputError("; ".join(problems))
+        raise InputError([Problem(p) for p in problems])
     if robust is None:
         solution = adjust(network, datum=datum, variance=variance, start=start)
         values = None

@@ -15,9 +15,9 @@ from .precision import Precision
 from .sights import draw_lines, lines_by_kinds
 from .style import (
     VERMILLION,
+    exaggeration,
     headline,
     length,
-    multiple,
     new_figure,
     readable,
     scale_key,
@@ -33,7 +33,7 @@ def draw_heights(solution: Solution, precision: Precision | None, labels: bool) 
 
     unknowns, name = solution.equations.unknowns, solution.network.name or "network"
     n = len(unknowns["point"].names)
-    at = np.stack([_order(solution, n).astype(float), solution.state["point"][:, 2]], 1)
+    at = np.stack([place_in_order(solution).astype(float), solution.state["point"][:, 2]], 1)
     figure = new_figure(10.0, 5.0)
     axes = figure.add_subplot()
     extent = float(np.ptp(at[:, 1])) or 1.0
@@ -63,7 +63,7 @@ def draw_heights(solution: Solution, precision: Precision | None, labels: bool) 
         axes.add_collection(bars)
         legend.append(bars)
         key = readable(2 * typical)
-        label = f"{length(key)}, exaggerated {multiple(factor)}"
+        label = f"{length(key)}, {exaggeration(factor)}"
         scale_key(axes, factor * key, label, upright=True)
         headline(axes, name, precision.title)
     axes.set_xticks([])
@@ -78,8 +78,9 @@ def draw_heights(solution: Solution, precision: Precision | None, labels: bool) 
     return figure
 
 
-def _order(solution: Solution, n: int) -> Index:
+def place_in_order(solution: Solution) -> Index:
     """Return places 0 … n − 1 of the points, those that are joined near one another."""
+    n = len(solution.equations.unknowns["point"].names)
     pairs = [ends for _, ends in lines_by_kinds(solution)]
     ends = np.concatenate([np.zeros((0, 2), dtype=np.intp), *pairs])
     both = np.concatenate([ends, ends[:, ::-1]])

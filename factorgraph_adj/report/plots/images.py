@@ -97,7 +97,7 @@ def plot_photo_residuals(
             gid="name of a suspect", path_effects=outline, in_layout=False,
         )  # fmt: skip
     draw_key(axes, own, corners, used, above=True)
-    headline(axes, title, summary(own, bad, tests))
+    headline(axes, title, summary(own, bad, tests), width=size_of(corners)[0] - 2.4)
     axes.set_xlabel(f"x [{unit}]")
     axes.set_ylabel(f"y [{unit}]")
     note = f"{SIGN}; red: {tests.what}; +: principal point"
@@ -250,7 +250,7 @@ def plot_mean_photo(
         f"{photos} photo{'s' * (photos != 1)}, {len(own.row)} points; "
         f"{red} of {int(enough.sum())} cells differ from zero (red)"
     )
-    headline(axes, title, below)
+    headline(axes, title, below, width=size_of(corners)[0] - 2.4)
     axes.set_xlabel(f"x [{unit}]")
     axes.set_ylabel(f"y [{unit}]")
     note = f"{SIGN}; small numbers: points in the cell; +: principal point"

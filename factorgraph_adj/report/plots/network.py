@@ -92,8 +92,8 @@ def _plan_view(solution: Solution, plan: Plan, precision: Precision | None, labe
     extent = float(np.max(high - low))
     if extent < COINCIDENT:
         low, high, extent = low - 1.0, high + 1.0, 2.0
-    # Long and narrow networks get a margin, so that there is room for ellipses and names.
-    half = np.maximum(high - low, 0.3 * extent) / 2
+    # Long and narrow networks get a margin, so that there is room for names, title and key.
+    half = np.maximum(high - low, np.array([0.65, 0.3]) * extent) / 2
     low, high = (low + high) / 2 - half, (low + high) / 2 + half
     width, height = half
     across = float(min(8.0, 7.5 * max(width / height, 0.55)))
@@ -105,7 +105,7 @@ def _plan_view(solution: Solution, plan: Plan, precision: Precision | None, labe
     notes = [plan.note] if plan.note else []
     legend = draw_lines(axes, at, solution)
     if len(centres):
-        size = 0.06 * extent / max(1.0, np.sqrt(len(centres) / 30))
+        size = 0.07 * extent / max(1.0, np.sqrt(len(centres) / 30))
         shapes = photo_shapes(solution, image_rows(solution), size)
         flat = plan.coordinates(shapes.reshape(-1, 3))[:, :2].reshape(len(centres), -1, 2)
         legend += draw_photos(axes, centres, flat)
@@ -116,7 +116,7 @@ def _plan_view(solution: Solution, plan: Plan, precision: Precision | None, labe
         notes.append("no ellipses: the normal equations are singular where the iteration stopped")
     else:
         shown = draw_precision(axes, precision, at, centres, (low, high))
-        headline(axes, name, shown.title)
+        headline(axes, name, shown.title, width=across - 2.2)
         legend += shown.legend
         notes += shown.notes
     if outside:

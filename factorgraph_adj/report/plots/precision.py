@@ -12,7 +12,7 @@ from ...quality.solution import Solution
 from ...types import Array, Mask
 from .marks import spacing
 from .plan import Plan, covariances, ellipses
-from .style import PURPLE, VERMILLION, length, multiple, readable, scale_key
+from .style import PURPLE, VERMILLION, exaggeration, length, readable, scale_key
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -143,7 +143,7 @@ def draw_precision(
     key = readable(typical)
     while key * factor < 0.04 * extent:
         key = readable(2.6 * key)
-    scale_key(axes, key * factor, f"{length(key)}, exaggerated {multiple(factor)}")
+    scale_key(axes, key * factor, f"{length(key)}, {exaggeration(factor)}")
     return Shown(precision.title, found, notes)
 
 

@@ -19,6 +19,7 @@ from .images import plot_mean_photo, plot_photos
 from .network import plot_network
 from .statistics import plot_qq, plot_redundancy, plot_w
 from .style import drawn, nothing
+from .vectors import tests_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,16 +64,15 @@ def save_plots(
         raise InputError(f"unknown format {format!r}; valid: {', '.join(FORMATS)}")
     if photos < 1:
         raise InputError(f"photos must be at least 1, not {photos}")
+    tests_of(solution, reliability)  # refuses the reliability of another solution
     figures = {"network": plot_network(solution, confidence=confidence)}
     name = solution.network.name or "network"
     statistics = {"w": plot_w, "qq": plot_qq, "redundancy": plot_redundancy}
+    rel = reliability
     try:
-        rel = compute_reliability(solution) if reliability is None else reliability
+        rel = compute_reliability(solution) if rel is None else rel
         figures |= {key: plot(rel) for key, plot in statistics.items()}
-    except InputError:
-        raise
-    except AdjustmentError as error:
-        rel = None
+    except AdjustmentError as error:  # an iteration that stopped half-way, a network too weak
         figures |= {key: nothing(name, str(error)) for key in statistics}
     rows = image_rows(solution)
     if len(rows.row):

@@ -98,9 +98,9 @@ def _wrapped(text: str) -> str:
 def photo_shapes(solution: Solution, images: ImageRows, size: float) -> Array:
     """Return the outline of what each photo sees, one line (n, 11, 3), metres.
 
-    The rays to the corners of the measured part of the image, ``size`` metres long in the middle:
-    from above, a photo that looks down is a rectangle with its diagonals, one that looks
-    sideways a fan.
+    The rays to the corners of the measured part of the image, up to ``size`` metres long: from
+    above, a photo that looks down is a rectangle with its diagonals, one that looks sideways a
+    fan.
     """
     network, state = solution.network, solution.state
     out = np.empty((len(network.photos), 11, 3))
@@ -110,9 +110,10 @@ def photo_shapes(solution: Solution, images: ImageRows, size: float) -> Array:
         corners = np.array(
             [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]]
         )
+        depth = size / np.sqrt(1.0 + np.max(np.sum(corners**2, axis=1)))
         # y of images is up, that of the camera's axes down.
         rays = np.column_stack([corners[:, 0], -corners[:, 1], np.ones(4)])
-        a, b, c, d = stored[9:] + size * rays @ stored[:9].reshape(3, 3).T
+        a, b, c, d = stored[9:] + depth * rays @ stored[:9].reshape(3, 3).T
         o = stored[9:]
         out[i] = (o, a, b, c, d, a, b, o, c, o, d)
     return out

@@ -152,6 +152,8 @@ def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
     if largest > 4 * max(crit, reach):
         # Gross errors must not flatten all others to a line.
         axes.set_yscale("symlog", linthresh=2 * crit, linscale=2.0)
+        low, high = axes.get_ylim()
+        axes.set_ylim(2 * min(low, 0.0), 2 * max(high, 0.0))
         axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}".replace("-", "−")))
         axes.set_ylabel(f"w (logarithmic beyond ±{2 * crit:.1f})")
     else:

@@ -92,9 +92,17 @@ def nothing(title: str, why: str) -> Figure:
     return figure
 
 
-def headline(axes: Axes, title: str, below: str = "") -> None:
-    """Write a title over axes, and a line of what is shown under it."""
-    axes.set_title(f"{shortened(title)}\n{below}" if below else shortened(title))
+def headline(axes: Axes, title: str, below: str = "", *, width: float | None = None) -> None:
+    """Write a title over axes, and a line of what is shown under it.
+
+    Args:
+        axes: what they belong to.
+        title: name, cut where it is too long.
+        below: the line under it.
+        width: room for the title, inches, where a scale key stands beside it.
+    """
+    name = shortened(title) if width is None else shortened(title, max(int(width / 0.085), 16))
+    axes.set_title(f"{name}\n{below}" if below else name)
 
 
 def shortened(text: str, most: int = 70) -> str:
@@ -119,17 +127,25 @@ def positive(value: float, what: str) -> float:
 
 
 def multiple(factor: float) -> str:
-    """Write an exaggeration: × 2 000."""
-    if factor >= 1:
-        return f"× {factor:,.0f}".replace(",", "\u202f")
-    return f"× {factor:.12g}" if factor > 1e-6 else f"× {factor:.0e}"
+    """Write the scale of what is exaggerated, or reduced: × 2 000, ÷ 5."""
+    sign, value = ("×", factor) if factor >= 1 else ("÷", 1 / factor)
+    return f"{sign} {value:,.10g}".replace(",", "\u202f")
+
+
+def exaggeration(factor: float) -> str:
+    """Say how much larger something is drawn than it is."""
+    if factor == 1:
+        return "in true size"
+    return f"{'exaggerated' if factor > 1 else 'reduced'} {multiple(factor)}"
 
 
 def length(metres: float) -> str:
     """Write a length in a unit that makes it readable."""
     for unit, size in (("km", 1e3), ("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
         if metres >= size * (1 - 1e-9):
-            return f"{metres / size:.4g} {unit}"
+            value = metres / size
+            text = f"{value:,.0f}" if value >= 1000 else f"{value:.4g}"
+            return f"{text} {unit}".replace(",", "\u202f")
     return f"{metres / 1e-9:.3g} nm"
 
 
