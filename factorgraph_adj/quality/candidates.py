@@ -8,6 +8,9 @@ Of those with a test value above the critical one, the largest first, each goes 
 3. without those, in the linear model, it is still above the critical value;
 4. the others still determine everything without it.
 
+One above the critical value that cannot go stays, but 2 and 3 count it as if it had gone: others do
+not go for its error.
+
 With the correlations R of the test values w, those without the set S are
 
     w_j' = (w_j − R_jS R_SS⁻¹ w_S) / √(1 − R_jS R_SS⁻¹ R_Sj),
@@ -112,14 +115,14 @@ def choose(
         scale: ``rel.w`` / test.
         critical: critical value of ``test``.
         share: part of the largest test value that others must reach to go with it.
-        stuck: observations that cannot go.
+        stuck: observations that cannot go, but may explain others as if they had gone.
         every: all that stand out by ``test`` go, as long as the rest determines everything:
             conditions 2 and 3 are left out.
     """
     most_rows = MOST_ROWS_AT_ONCE if every else MOST_ROWS
-    equations = rel.solution.equations
-    units = Units.of(equations)
+    units = Units.of(rel.solution.equations)
     size = units.largest(test)
+    kept = [unit for unit in stuck if size[unit] > critical]
     size[list(stuck)] = 0.0
     order = np.argsort(-size, kind="stable")
     order = order[(size[order] > critical) & (size[order] >= share * size[order[0]])]
@@ -127,7 +130,10 @@ def choose(
     candidates = order[np.cumsum(units.size[order]) <= max(most_rows, int(units.size.max()))]
     if not len(candidates):
         return Choice((), ())
-    search = _Search(rel, units, candidates, test, scale)
+    looked_at = np.concatenate([np.array(kept, dtype=np.intp), candidates])
+    search = _Search(rel, units, looked_at, test, scale)
+    for unit in kept:
+        search.explain_by(unit)
     for unit in candidates.tolist():
         if every or search.stands_out(unit, critical):
             search.consider(unit)
@@ -174,6 +180,10 @@ class _Search:
         still = np.abs(self.w[at]) / np.sqrt(np.where(left > UNCONTROLLED, left, np.inf))
         return bool(np.nanmax(still, initial=0.0) > critical)
 
+    def explain_by(self, unit: int) -> None:
+        """Let a unit that stays explain what it can, as if it were gone."""
+        self._let_go(self._at(unit))
+
     def consider(self, unit: int) -> None:
         """Let a unit go, if the rest determines everything; alone or with its point."""
         at = self._at(unit)
@@ -190,8 +200,9 @@ class _Search:
                 self.lost_points.add(point)
                 candidate = replace(candidate, point=point)
             else:
-                if not self.gone:
+                if not self.chosen:
                     self.blocked.append(candidate)
+                    self._let_go(at)
                 return
         self.chosen.append(candidate)
         self._let_go(at)

@@ -314,15 +314,20 @@ class Search:
         units = Units.of(self.solution.equations)
         size = units.largest(self.values)
         above = [int(u) for u in np.argsort(-size, kind="stable") if size[u] > self.critical]
-        blocked = {c.unit for c in self._choice(share=1.0).blocked} if above else set()
+        last = self._choice(share=1.0) if above else Choice((), ())
+        blocked, choice = {c.unit for c in last.blocked}, {c.unit for c in last.chosen}
         out = []
         for unit in above:
             rows = units.rows(unit)
             row = int(rows[np.argmax(np.nan_to_num(np.abs(self.values[rows])))])
             record = self.solution.observations[row]
-            reason = self.stuck.get(record.id, "the search stopped before it was its turn")
+            reason = self.stuck.get(record.id)
             if unit in blocked:
                 reason = "without it something would be undetermined"
+            elif reason is None and unit in choice:
+                reason = "the search stopped before it was its turn"
+            elif reason is None:
+                reason = "a larger one that stays, or would go first, may explain it"
             out.append(
                 Unresolved(
                     record.id,
