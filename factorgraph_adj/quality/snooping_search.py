@@ -315,7 +315,7 @@ class Search:
         size = units.largest(self.values)
         above = [int(u) for u in np.argsort(-size, kind="stable") if size[u] > self.critical]
         last = self._choice(share=1.0) if above else Choice((), ())
-        blocked, choice = {c.unit for c in last.blocked}, {c.unit for c in last.chosen}
+        blocked = {c.unit for c in last.blocked}
         out = []
         for unit in above:
             rows = units.rows(unit)
@@ -324,10 +324,10 @@ class Search:
             reason = self.stuck.get(record.id)
             if unit in blocked:
                 reason = "without it something would be undetermined"
-            elif reason is None and unit in choice:
+            elif reason is None and last.chosen:
                 reason = "the search stopped before it was its turn"
             elif reason is None:
-                reason = "a larger one that stays, or would go first, may explain it"
+                reason = "a larger one that stays may explain it"
             out.append(
                 Unresolved(
                     record.id,
