@@ -41,6 +41,7 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
     Raises:
         InputError: every id and point that the network does not have, all at once.
     """
+    ids, points = ([x] if isinstance(x, str) else x for x in (ids, points))
     wanted, lost = list(dict.fromkeys(ids)), dict.fromkeys(points)
     problems = [
         Problem(f"unknown point; known: {known(network.points)}", f"point {p!r}")

@@ -31,6 +31,8 @@ from ..types import Array
 from .relative import Place, covariance, covariances, position
 from .solution import Solution
 
+FLAT = 1e-13
+"""Variance of an axis relative to the largest that is rounding: the axis is held."""
 NOTHING = 1e-12
 """Component of a unit vector that is none but for rounding."""
 
@@ -263,7 +265,6 @@ def _half_turn(azimuth: Array) -> Array:
 def _ellipses(
     solution: Solution, pairs: _Pairs, centres: Array, sigma: Array, confidence: float | None
 ) -> tuple[ErrorEllipse, ...]:
-    factor = factor_of(solution, 2, confidence)
     plan, _ = _in_horizon(solution, centres, sigma)
     ee, nn, en = plan[:, 0, 0], plan[:, 1, 1], plan[:, 0, 1]
     major = (ee + nn + np.hypot(nn - ee, 2.0 * en)) / 2.0
@@ -271,22 +272,32 @@ def _ellipses(
     determinant = np.maximum(ee * nn - en * en, 0.0)
     minor = np.divide(determinant, major, out=np.zeros_like(major), where=major > 0)
     azimuths = _half_turn(np.arctan2(2.0 * en, nn - ee) / 2.0).tolist()
-    axes = factor * np.sqrt(np.stack([np.maximum(major, 0.0), minor], axis=1))
+    variances = np.stack([np.maximum(major, 0.0), minor], axis=1)
+    factors = _factors(solution, variances, confidence)
+    axes = factors[:, None] * np.sqrt(variances)
     return tuple(
         ErrorEllipse(a, b, centre, (big, small), azimuth, confidence, factor)
-        for (a, b), centre, (big, small), azimuth in zip(
-            pairs, centres, axes.tolist(), azimuths, strict=True
+        for (a, b), centre, (big, small), azimuth, factor in zip(
+            pairs, centres, axes.tolist(), azimuths, factors.tolist(), strict=True
         )
     )
+
+
+def _factors(solution: Solution, variances: Array, confidence: float | None) -> Array:
+    """Return K (n,) by how many axes (n, dim) there are: one that is held does not count."""
+    rank = np.sum(variances > FLAT * variances[:, :1], axis=1)
+    every = [factor_of(solution, k, confidence) for k in range(1, variances.shape[1] + 1)]
+    return np.asarray(np.array(every)[np.maximum(rank, 1) - 1])
 
 
 def _ellipsoids(
     solution: Solution, pairs: _Pairs, centres: Array, sigma: Array, confidence: float | None
 ) -> tuple[ErrorEllipsoid, ...]:
-    factor = factor_of(solution, 3, confidence)
     local, enu = _in_horizon(solution, centres, sigma)
     values, vectors = np.linalg.eigh((local + local.transpose(0, 2, 1)) / 2.0)
-    axes = factor * np.sqrt(np.maximum(values[:, ::-1], 0.0))
+    variances = np.maximum(values[:, ::-1], 0.0)
+    factors = _factors(solution, variances, confidence)
+    axes = factors[:, None] * np.sqrt(variances)
     # Rows east, north, up of the axes, longest first; the end whose azimuth is in [0, π).
     ends = vectors.transpose(0, 2, 1)[:, ::-1]
     east, north, up = ends[..., 0], ends[..., 1], ends[..., 2]
@@ -301,7 +312,14 @@ def _ellipsoids(
         ErrorEllipsoid(
             a, b, centre, tuple(sizes), tuple(azimuth), tuple(dip), axis, confidence, factor
         )
-        for (a, b), centre, sizes, azimuth, dip, axis in zip(
-            pairs, centres, axes.tolist(), azimuths.tolist(), dips.tolist(), ends @ enu, strict=True
+        for (a, b), centre, sizes, azimuth, dip, axis, factor in zip(
+            pairs,
+            centres,
+            axes.tolist(),
+            azimuths.tolist(),
+            dips.tolist(),
+            ends @ enu,
+            factors.tolist(),
+            strict=True,
         )
     )

@@ -27,7 +27,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..graph.equations import Equations, compile_network
 from ..network import Network
-from ..observations import AnyObservation
+from ..observations import AnyObservation, Correlated, Observation
 from ..types import Array, Index, Mask
 from .innovations import Innovations
 from .solution import Solution
@@ -61,7 +61,8 @@ class Prediction:
     w: Array
     """Test values (k,) with the sign of what the residual would be."""
     redundancy_numbers: Array
-    """What each component's redundancy number would be, (k,)."""
+    """What each component's redundancy number would be, (k,); NaN for members of a correlated
+    group of which others are in the solution: theirs change too."""
     t2: Array
     """T² (m,), χ² with ``size`` degrees of freedom."""
 
@@ -80,7 +81,7 @@ class Prediction:
 
 def predict(
     solution: Solution,
-    what: Network | Sequence[AnyObservation],
+    what: Network | AnyObservation | Sequence[AnyObservation],
     *,
     ids: Sequence[str] | None = None,
 ) -> Prediction:
@@ -89,22 +90,45 @@ def predict(
     Args:
         solution: what predicts.
         what: a network that contains the observations, or observations between points and
-            photos of the solution.
+            photos of the solution, or one of them.
         ids: which of the network's observations, weighted unknowns among them; none: all
             observations that the solution does not have.
 
     Raises:
-        InputError: an id that ``what`` does not have, or an observation of something that the
-            solution does not determine; all at once.
+        InputError: an id that ``what`` does not have or the solution has, or an observation of
+            something that the solution does not determine, all at once; a solution with weights
+            that are not those of its network (`adjust` with ``weights``, robust estimation,
+            variance components).
     """
+    if solution.weights is not None:
+        raise InputError(
+            "no prediction from a solution with changed weights: state the standard deviations in "
+            "the network and adjust it"
+        )
+    if isinstance(what, Observation | Correlated):
+        what = [what]
     if isinstance(what, Network):
         equations = compile_network(what)
         wanted = None if ids is None else _rows_of(equations, ids)
+        _refuse_known(solution, () if ids is None else ids)
         rows = _absent(equations, solution) if wanted is None else wanted
     else:
         equations = compile_network(_only(solution.network, what))
         rows = _given(equations) if ids is None else _rows_of(equations, ids)
     return Predictor(equations, solution).predict(rows)
+
+
+def _refuse_known(solution: Solution, ids: Sequence[str]) -> None:
+    found = solution.equations.find(list(ids))
+    problems = [
+        Problem(
+            "is in the solution already: it has a residual, no prediction", f"observation {i!r}"
+        )
+        for i, rows in zip(ids, found, strict=True)
+        if len(rows)
+    ]
+    if problems:
+        raise InputError(problems)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +176,10 @@ class Predictor:
             figures.append(_figures(v[at], own, full, size[units]))
         sigma, w, r, t2 = (np.concatenate(x) for x in zip(*figures, strict=True))
         ids = tuple(self.equations.id(int(row)) for row in rows[first])
+        for cluster in self.equations.clusters:
+            others = [self.equations.id(int(i)) for i in np.setdiff1d(cluster.rows, rows)]
+            if any(len(found) for found in self.solution.equations.find(others)):
+                r[np.isin(rows, cluster.rows)] = np.nan
         return Prediction(self.equations, rows, ids, first, size, v, sigma, w, r, t2)
 
     def intersect(self, point: str, start: Array, rows: Index) -> Intersection:

@@ -97,7 +97,7 @@ class Round:
     """Observations that it put back."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Snooping:
     """What data snooping found."""
 
@@ -121,6 +121,14 @@ class Snooping:
     """Which test."""
     reason: str
     """Why the search ended."""
+
+    def __repr__(self) -> str:
+        """Say what was found."""
+        return (
+            f"<Snooping: {len(self.rejected)} observations and {len(self.points_set_aside)} points "
+            f"set aside, {len(self.unresolved)} unresolved, σ̂0 {self.solution.sigma0:.4f}; "
+            f"{self.reason}>"
+        )
 
     @property
     def network(self) -> Network:

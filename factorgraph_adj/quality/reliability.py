@@ -35,11 +35,13 @@ from .solution import Solution
 UNCONTROLLED = 1e-6
 """Share of an error that must show in the residuals for the observation to count as controlled:
 below it, the smallest detectable error is more than 4000 σ, and rounding can tell nothing."""
+UNMOVED = 1e-12
+"""Effect of an error of one σ on a point, metres, that is rounding."""
 TRUSTED = 1e-3
 """Largest difference of Σr from the redundancy with which the figures are given out."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Reliability:
     """Reliability of every scalar observation; arrays (n,) like ``solution.observations``.
 
@@ -78,6 +80,16 @@ class Reliability:
     precision: Array
     """(P Q_vv P)_ii, the inverse variance of an estimated error; 1/unit²."""
     _leverages: Leverages
+
+    def __repr__(self) -> str:
+        """Say how much is controlled, and how well."""
+        r, n = self.redundancy_numbers, len(self.w)
+        largest = float(np.nanmax(np.abs(self.w))) if self.controlled.any() else np.nan
+        return (
+            f"<Reliability: {n} observations, Σr {float(r.sum()):.3f}, mean r "
+            f"{float(r.mean()):.2f}, {n - int(self.controlled.sum())} not controlled, largest |w| "
+            f"{largest:.2f} (critical {self.critical_w:.2f})>"
+        )
 
     # -- parts --------------------------------------------------------------------------------
 
@@ -203,7 +215,8 @@ class Reliability:
             close = np.flatnonzero(np.abs(rho[:, j]) >= inseparable)
             close = close[np.argsort(-np.abs(rho[close, j]), kind="stable")]
             partners = tuple((int(i), float(rho[i, j])) for i in close if i != row)
-            out.append(Suspect(row, float(self.w[row]), partners))
+            label = self.solution.equations.label(row)
+            out.append(Suspect(row, label, float(self.w[row]), partners))
         return tuple(out)
 
     def correlations_with(self, rows: Index) -> Array:
@@ -221,6 +234,8 @@ class Suspect:
 
     row: int
     """Its row."""
+    label: str
+    """Its readable name, with the source."""
     value: float
     """W."""
     inseparable: tuple[tuple[int, float], ...]
@@ -287,13 +302,19 @@ def reliability(solution: Solution, *, alpha: float = 0.001, power: float = 0.80
         w=pv / root,
         mdb=mdb,
         delta_bar=np.where(controlled, delta0 * np.sqrt(lost) / root, np.inf),
-        largest_effect=largest_shift(equations, found) * mdb,
+        largest_effect=_effect(largest_shift(equations, found), mdb, weight),
         estimated_errors=-pv / root**2,
         controlled=controlled,
         redundancy_of_extra_factors=extra,
         precision=precision,
         _leverages=found,
     )
+
+
+def _effect(shift: Array, mdb: Array, weight: Array) -> Array:
+    """Return shift · ∇; what does not move by more than rounding has no effect, whatever ∇ is."""
+    still = shift * np.sqrt(1.0 / weight) < UNMOVED
+    return np.where(still, 0.0, np.where(still, 1.0, shift) * np.where(still, 1.0, mdb))
 
 
 def noncentrality(alpha: float, power: float) -> float:

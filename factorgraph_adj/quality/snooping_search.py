@@ -76,6 +76,11 @@ class Search:
             if not gone and not back:
                 if suspects:
                     return "what is still above the critical value cannot be set aside"
+                if not np.isfinite(critical):
+                    f = self.solution.redundancy
+                    return f"no test: with a redundancy of {f} Pope's has no critical value"
+                if not self.reliability.controlled.any():
+                    return "no test: no observation is controlled by others"
                 return "no test value is above the critical value, nothing set aside fits again"
         return f"stopped after {max_rounds} rounds"
 

@@ -152,7 +152,9 @@ class ObservationTable(Sequence[ObservationRecord]):
         found = [r for r in rows if component is None or self[r].component == component]
         if len(found) != 1:
             names = ", ".join(self[r].component or f"row {r}" for r in rows)
-            raise InputError(f"observation {id!r} has the components {names}: name one of them")
+            raise InputError(
+                f"observation {id!r} has the components {names}: name one of them with component="
+            )
         return found[0]
 
     @cached_property
@@ -180,7 +182,7 @@ class ObservationTable(Sequence[ObservationRecord]):
         return self.residuals / self.sigmas
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Solution:
     """An adjusted network."""
 
@@ -206,6 +208,8 @@ class Solution:
     """Datum defects that were found."""
     variance: Literal["a-priori", "a-posteriori"]
     """Whether covariances are scaled by 1 or by σ̂0²."""
+    weights: Array | None
+    """What the weights of the scalar observations were multiplied by; none where nothing was."""
     n_extra: int
     """Rows of factors that the user added."""
     normal: Callable[[], NormalEquations] = field(repr=False)
@@ -216,6 +220,14 @@ class Solution:
     """What a free network adds to their diagonal, (n_columns,)."""
     reference: ReferenceDatum | None = None
     """Datum points that covariances refer to instead of a given datum, see `s_transform`."""
+
+    def __repr__(self) -> str:
+        """Say how it ended."""
+        ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
+        return (
+            f"<Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "
+            f"d {self.datum_defect}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}>"
+        )
 
     # -- figures ------------------------------------------------------------------------------
 

@@ -188,6 +188,14 @@ def _result(report: Report) -> list[str]:
     ]
     if test.redundancy <= 0:
         return [*out, "  σ̂0                    no redundancy: no observation checks another"]
+    if report.components is not None:
+        return [
+            *out,
+            f"  σ̂0                    {test.sigma0:.5f}: the weights were fitted to these residuals",
+            "  global test           none: it would test the fit; blunders are found before, by"
+            " --snoop",
+            *_precision(report),
+        ]
     verdict = "accepted" if test.accepted else "REJECTED"
     out += [
         f"  σ̂0                    {test.sigma0:.5f} (a priori 1)",
@@ -199,18 +207,28 @@ def _result(report: Report) -> list[str]:
         out.append(f"                        {hint}")
     elif not test.accepted:
         out.append("                        standard deviations stated too large")
+    return [*out, *_precision(report)]
+
+
+def _precision(report: Report) -> list[str]:
+    s = report.solution
     if report.singular:
         what = "none: the normal equations are singular where the iteration stopped"
-        return [*out, f"  precision             {what}"]
+        return [f"  precision             {what}"]
+    if report.components is not None:
+        what = "σ of unknowns are those of the estimated weights"
+        return [f"  precision             {what}"]
     a_priori = "all σ of unknowns are a priori: for a standard deviation of unit weight of 1"
-    a_posteriori = f"all σ of unknowns are a posteriori: multiplied by σ̂0 = {test.sigma0:.5f}"
+    a_posteriori = f"all σ of unknowns are a posteriori: multiplied by σ̂0 = {s.sigma0:.5f}"
     chosen = a_priori if s.variance == "a-priori" else a_posteriori
-    return [*out, f"  precision             {chosen}"]
+    return [f"  precision             {chosen}"]
 
 
 def _datum(report: Report) -> str:
     s = report.solution
     if s.datum is None:
+        if report.network.datum == "free":
+            return "given: what is held or known leaves no defect for a free network"
         return "given: held and weighted unknowns, control"
     flagged = sum(p.datum for p in report.network.points.values())
     which = f"{flagged} datum points" if flagged else "all points"

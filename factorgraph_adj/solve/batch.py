@@ -188,6 +188,7 @@ def adjust(
         datum=run.datum,
         defects=run.defects,
         variance=variance,
+        weights=None if weights is None else np.array(weights, dtype=float),
         n_extra=sum(len(e.residual) for e in run.extra(run.state)),
         normal=run.normal,
         normal_at=run.normal_at,
