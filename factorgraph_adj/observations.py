@@ -236,7 +236,7 @@ def _covariance(observation: Observation, size: int) -> Array | None:
     if (sigma is None) == (covariance is None):
         observation._fail("give either sigma or covariance")
     if covariance is None:
-        if np.ndim(sigma) != 1 or len(sigma) != size:
+        if np.shape(np.asarray(sigma)) != (size,):
             observation._fail(f"sigma must be {size} standard deviations, not {sigma!r}")
         return None
     matrix = np.asarray(covariance, dtype=float)

@@ -273,7 +273,7 @@ def _ellipses(
     minor = np.divide(determinant, major, out=np.zeros_like(major), where=major > 0)
     azimuths = _half_turn(np.arctan2(2.0 * en, nn - ee) / 2.0).tolist()
     variances = np.stack([np.maximum(major, 0.0), minor], axis=1)
-    factors = _factors(solution, variances, confidence)
+    factors = factors_of(solution, variances, confidence)
     axes = factors[:, None] * np.sqrt(variances)
     return tuple(
         ErrorEllipse(a, b, centre, (big, small), azimuth, confidence, factor)
@@ -283,8 +283,14 @@ def _ellipses(
     )
 
 
-def _factors(solution: Solution, variances: Array, confidence: float | None) -> Array:
-    """Return K (n,) by how many axes (n, dim) there are: one that is held does not count."""
+def factors_of(solution: Solution, variances: Array, confidence: float | None) -> Array:
+    """Return K (n,) by how many axes there are: one that is held does not count.
+
+    Args:
+        solution: for the scale of its covariances.
+        variances: along the axes, descending, (n, dim) metres².
+        confidence: probability; none of standard ellipses.
+    """
     rank = np.sum(variances > FLAT * variances[:, :1], axis=1)
     every = [factor_of(solution, k, confidence) for k in range(1, variances.shape[1] + 1)]
     return np.asarray(np.array(every)[np.maximum(rank, 1) - 1])
@@ -296,7 +302,7 @@ def _ellipsoids(
     local, enu = _in_horizon(solution, centres, sigma)
     values, vectors = np.linalg.eigh((local + local.transpose(0, 2, 1)) / 2.0)
     variances = np.maximum(values[:, ::-1], 0.0)
-    factors = _factors(solution, variances, confidence)
+    factors = factors_of(solution, variances, confidence)
     axes = factors[:, None] * np.sqrt(variances)
     # Rows east, north, up of the axes, longest first; the end whose azimuth is in [0, π).
     ends = vectors.transpose(0, 2, 1)[:, ::-1]

@@ -76,6 +76,8 @@ def ellipse_columns(report: Report, places: int) -> tuple[list[str], dict[str, l
     header = [f"a [{unit}]", f"b [{unit}]", f"azimuth a [{report.units.angle}]"]
     k = factor(report, 2)
     note = f"  a, b: {level} error ellipses in the horizon, {k:.3f} × standard ellipse"
+    if any(0 < report.ellipses[n].factor < k - 1e-9 for n in names):
+        note += f"; {factor(report, 1):.3f} × where an axis is held"
     return header, cells, note
 
 

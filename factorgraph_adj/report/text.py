@@ -191,9 +191,8 @@ def _result(report: Report) -> list[str]:
     if report.components is not None:
         return [
             *out,
-            f"  σ̂0                    {test.sigma0:.5f}: the weights were fitted to these residuals",
-            "  global test           none: it would test the fit; blunders are found before, by"
-            " --snoop",
+            f"  σ̂0                    {test.sigma0:.5f}: weights are fitted to these residuals",
+            "  global test           none: it would test that fit, which hides blunders; --snoop first",
             *_precision(report),
         ]
     verdict = "accepted" if test.accepted else "REJECTED"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...quality.ellipses import factor_of
+from ...quality.ellipses import factor_of, factors_of
 from ...quality.solution import Solution
 from ...types import Array, Mask
 from .marks import spacing
@@ -60,15 +60,15 @@ def precision_of(
     if found is None:
         return None
     points, centres = (plan.covariance(each) for each in found)
-    k2, k1 = (factor_of(solution, d, confidence) for d in (2, 1))
+    k1 = factor_of(solution, 1, confidence)
     semi, direction = ellipses(points[:, :2, :2])
     centre_semi, centre_direction = ellipses(centres[:, :2, :2])
     up = np.sqrt(np.maximum(points[:, 2, 2], 0.0))
     return Precision(
         solution,
-        k2 * semi,
+        factors_of(solution, semi**2, confidence)[:, None] * semi,
         direction,
-        k2 * centre_semi,
+        factors_of(solution, centre_semi**2, confidence)[:, None] * centre_semi,
         centre_direction,
         k1 * up if heights else np.zeros(len(up)),
         f"confidence {100 * confidence:g} %, {_SIGMA0[solution.variance]}"
