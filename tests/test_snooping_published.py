@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 from conftest import data_dir
 from loaders.aicon import read_aicon, rejected_image_points

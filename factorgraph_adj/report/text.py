@@ -192,7 +192,7 @@ def _result(report: Report) -> list[str]:
         return [
             *out,
             f"  σ̂0                    {test.sigma0:.5f}: weights are fitted to these residuals",
-            "  global test           none: it would test that fit, which hides blunders; --snoop first",
+            "  global test           none: it would test that fit; find blunders first (--snoop)",
             *_precision(report),
         ]
     verdict = "accepted" if test.accepted else "REJECTED"
