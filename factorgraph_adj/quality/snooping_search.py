@@ -318,7 +318,8 @@ class Search:
         """Return what is above the critical value at the end, the largest first."""
         units = Units.of(self.solution.equations)
         size = units.largest(self.values)
-        above = [int(u) for u in np.argsort(-size, kind="stable") if size[u] > self.critical]
+        order = np.argsort(-size, kind="stable")
+        above = order[size[order] > self.critical].tolist()
         last = self._choice(share=1.0) if above else Choice((), ())
         blocked = {c.unit for c in last.blocked}
         out = []
