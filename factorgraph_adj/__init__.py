@@ -7,6 +7,7 @@ solution = fga.adjust(fga.read_project("project.toml"))
 from .errors import AdjustmentError, ApproximationError, DatumError, InputError
 from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from .graph.build import build_graph
+from .incremental.adjustment import IncrementalAdjustment
 from .io.bal import read_bal
 from .io.gama import read_gama
 from .io.project import read_project
@@ -34,6 +35,7 @@ __all__ = [
     "ApproximationError",
     "DatumError",
     "GeocentricFrame",
+    "IncrementalAdjustment",
     "InputError",
     "LocalFrame",
     "Network",

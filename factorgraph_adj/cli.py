@@ -1,4 +1,4 @@
-"""The command: ``factorgraph-adj check | adjust | plot PROJECT``.
+"""The command: ``factorgraph-adj check | adjust | plot | stream PROJECT``.
 
 Exit codes: 0 fine; 1 adjusted, but not converged, the global test failed or gross errors are
 left; 2 bad input; 3 a fault of the program; 130 interrupted. Errors go to stderr as a list, one
@@ -18,11 +18,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from .check import check
+from .cli_stream import add_stream
 from .errors import AdjustmentError, ApproximationError, InputError, Problem
-from .io.bal import read_bal
-from .io.gama import read_gama
-from .io.project import Project, load_project
-from .options import READERS, add_adjustment, add_project, count, probability
+from .io.project import Project
+from .options import add_adjustment, add_project, count, probability, read
 from .quality.global_test import global_test
 from .quality.rejections import Snooping
 from .quality.snooping import snoop
@@ -112,24 +111,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_adjustment(plot)
     plot.set_defaults(run=_plot)
+    add_stream(commands)
     look = commands.add_parser("check", help="find every problem of the input")
     add_project(look)
     look.set_defaults(run=_check)
     return parser
-
-
-def _read(name: str) -> Project:
-    """Read whatever kind of project it is."""
-    path = Path(name)
-    if not path.exists():
-        raise InputError(Problem("no such file or folder", name))
-    if path.is_dir() or path.suffix == ".toml":
-        return load_project(path)
-    if path.suffix == ".gkf":
-        return Project(read_gama(path), path)
-    if ".txt" in path.suffixes:
-        return Project(read_bal(path), path)
-    raise InputError(Problem(f"unknown kind of file; valid: {READERS}", name))
 
 
 def _checked(project: Project, datum: str | None = None) -> None:
@@ -169,7 +155,7 @@ def _solve(options: argparse.Namespace) -> Found:
         problems.append(Problem("--sidak belongs to --snoop"))
     if problems:
         raise InputError(problems)
-    project = _read(options.project)
+    project = read(options.project)
     _checked(project, options.datum)
     network = project.network
     variance = options.variance or project.options.variance
@@ -276,7 +262,7 @@ def _verdict(found: Found) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    project = _read(options.project)
+    project = read(options.project)
     _checked(project)
     network = project.network
     print(

@@ -231,6 +231,8 @@ class Network:
                 Problem("photos need a right-handed frame: choose axes en, nw, ws or se", where)
             )
         at = None if position is None else triple(position, "position", where)
+        if at is not None and any(np.isnan(v) for v in at):
+            raise InputError(Problem(f"position must be finite or none, not {at}", where))
         if rotation is None and omega_phi_kappa is not None:
             rotation = world_R_camera(*triple(omega_phi_kappa, "omega_phi_kappa", where))
         if rotation is not None:

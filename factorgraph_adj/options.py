@@ -1,10 +1,15 @@
-"""Options of the command that say what to adjust, and how."""
+"""Options of the command that say what to adjust, and how; and what is to be adjusted, read."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import get_args
 
+from .errors import InputError, Problem
+from .io.bal import read_bal
+from .io.gama import read_gama
+from .io.project import Project, load_project
 from .quality.observation_groups import Rule
 from .quality.robust import ESTIMATORS
 
@@ -50,19 +55,42 @@ def add_adjustment(parser: argparse.ArgumentParser) -> None:
         choices=("baarda", "pope"),
         help="w, for which σ0 = 1, or τ with the estimated one (w, τ if a posteriori)",
     )
+    add_probabilities(errors)
     errors.add_argument(
+        "--sidak", action="store_true", help="--alpha is that of all tests of --snoop together"
+    )
+
+
+def add_probabilities(parser: argparse._ActionsContainer) -> None:
+    """Add α and the power of a test."""
+    parser.add_argument(
         "--alpha", type=probability, default=0.001, metavar="P", help="of one test (0.001)"
     )
-    errors.add_argument(
+    parser.add_argument(
         "--power",
         type=probability,
         default=0.80,
         metavar="P",
         help="with which an error of the smallest detectable size is found (0.80)",
     )
-    errors.add_argument(
-        "--sidak", action="store_true", help="--alpha is that of all tests of --snoop together"
-    )
+
+
+def read(name: str) -> Project:
+    """Read what is adjusted, whatever kind of project it is.
+
+    Raises:
+        InputError: no such file, or everything that is wrong with it.
+    """
+    path = Path(name)
+    if not path.exists():
+        raise InputError(Problem("no such file or folder", name))
+    if path.is_dir() or path.suffix == ".toml":
+        return load_project(path)
+    if path.suffix == ".gkf":
+        return Project(read_gama(path), path)
+    if ".txt" in path.suffixes:
+        return Project(read_bal(path), path)
+    raise InputError(Problem(f"unknown kind of file; valid: {READERS}", name))
 
 
 def count(text: str) -> int:

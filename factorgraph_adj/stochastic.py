@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -51,6 +51,10 @@ class StandardDeviation:
                 f"the parts of a standard deviation must be finite, not negative and not all "
                 f"zero: {self}"
             )
+
+    def scaled(self, by: float) -> StandardDeviation:
+        """Return it with every part multiplied."""
+        return StandardDeviation(*(by * getattr(self, f.name) for f in fields(self)))
 
 
 def whitening(covariance: Array) -> Array:

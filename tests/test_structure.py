@@ -41,8 +41,13 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("quality",),
     ("check",),
     ("io",),
+    ("incremental",),
     ("report", "experiment"),
+    # What the stream says is in the units and names of reports.
+    ("incremental.answers",),
+    ("incremental.stream",),
     ("options",),
+    ("cli_stream",),
     ("cli",),
 )
 """From the bottom up; the longest entry that a module's name starts with is its place. Modules

@@ -1,5 +1,5 @@
 """Approximate values where none are given."""
 
-from .rounds import approximate
+from .rounds import approximate, reach
 
-__all__ = ["approximate"]
+__all__ = ["approximate", "reach"]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..errors import ApproximationError
+from ..errors import ApproximationError, Problem
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..network import DatumChoice
@@ -43,9 +43,17 @@ def approximate(equations: Equations, *, datum: DatumChoice | None = None) -> St
     Raises:
         ApproximationError: lists every point, photo and set that could not be reached, and why.
     """
+    state, problems = reach(equations, datum=datum)
+    if problems:
+        raise ApproximationError(problems)
+    return state
+
+
+def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[State, list[Problem]]:
+    """Return start values as `approximate`, and what could not be reached; NaN there."""
     state = equations.unknowns.start()
     if not any(np.isnan(values).any() for values in state.values()):
-        return state
+        return state, []
     state["vertical"] = np.nan_to_num(state["vertical"])
     if np.isnan(state["point"]).any() or np.isnan(state["pose"]).any():
         progress, rays = _begin(equations, state)
@@ -56,9 +64,9 @@ def approximate(equations: Equations, *, datum: DatumChoice | None = None) -> St
         _take_over(progress, state)
         problems = not_reached(equations, progress, rays, free=free)
         if problems:
-            raise ApproximationError(problems)
+            return state, problems
     orient_by_model(equations, state)
-    return state
+    return state, []
 
 
 def _begin(equations: Equations, state: State) -> tuple[Progress, ImageRays]:

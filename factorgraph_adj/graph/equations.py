@@ -158,6 +158,20 @@ def compile_network(network: Network) -> Equations:
     Raises:
         InputError: nothing to adjust, or a point measured twice in one photo.
     """
+    equations = compile_rows(network)
+    if equations.n_rows == 0:
+        raise InputError("nothing to adjust: the network has no observations")
+    if equations.unknowns.n_columns == 0:
+        raise InputError("nothing to adjust: everything is held")
+    return equations
+
+
+def compile_rows(network: Network) -> Equations:
+    """Turn a network into arrays, whether there is something to adjust or not.
+
+    Raises:
+        InputError: a point measured twice in one photo.
+    """
     unknowns = Unknowns(network)
     blocks = [*plain_blocks(network, unknowns), *control_blocks(network, unknowns)]
     blocks += [*weighted_blocks(unknowns), *image_blocks(network, unknowns)]
@@ -165,9 +179,5 @@ def compile_network(network: Network) -> Equations:
     for block in blocks:
         placed.append(replace(block, first_row=first))
         first += block.observed.size
-    if first == 0:
-        raise InputError("nothing to adjust: the network has no observations")
-    if unknowns.n_columns == 0:
-        raise InputError("nothing to adjust: everything is held")
     clusters, in_cluster = clusters_of(network, placed)
     return Equations(network, unknowns, tuple(placed), clusters, in_cluster)

@@ -19,20 +19,16 @@ from .variables import NO_DEFLECTION, NO_METER, Unknowns
 from .weights import constant_sigma, vector_weights
 
 
-def _number(
-    network: Network, unknowns: Unknowns, kind: VariableKind, attribute: str, o: Observation
-) -> int:
-    """Return the number of the variable that an observation touches."""
-    name = getattr(o, attribute)
+def variable_name(network: Network, kind: VariableKind, attribute: str, o: Observation) -> str:
+    """Return the name of the variable of a kind that an attribute of an observation names."""
+    name: str | None = getattr(o, attribute)
     if kind == "orientation":
-        name = f"{o.station}/{name}"  # type: ignore[attr-defined]
-    elif kind == "vertical":
-        name = name if name in network.verticals else NO_DEFLECTION
-    elif kind == "refraction" and name is None:
-        name = REFRACTION_OF_THE_NETWORK
-    elif kind == "edm" and name is None:
-        name = NO_METER
-    return unknowns[kind].number[name]
+        return f"{o.station}/{name}"  # type: ignore[attr-defined]
+    if kind == "vertical" and name not in network.verticals:
+        return NO_DEFLECTION
+    if name is None:
+        return REFRACTION_OF_THE_NETWORK if kind == "refraction" else NO_METER
+    return name
 
 
 def _by_kind(network: Network) -> dict[str, list[tuple[str, Observation]]]:
@@ -53,7 +49,10 @@ def plain_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
             (
                 what,
                 np.array(
-                    [_number(network, unknowns, what, attribute, o) for o in observations],
+                    [
+                        unknowns[what].number[variable_name(network, what, attribute, o)]
+                        for o in observations
+                    ],
                     dtype=np.intp,
                 ),
             )

@@ -185,8 +185,9 @@ class Unknowns:
     def component_names(self, kind: VariableKind, number: int) -> tuple[str, ...]:
         """Return the names of the components of one variable."""
         if kind == "calibration":
-            name = self.tables[kind].names[number].split("@")[0]
-            return self.network.cameras[name].lens.names
+            name = self.tables[kind].names[number]
+            camera = self.network.cameras.get(name) or self.network.cameras[name.split("@")[0]]
+            return camera.lens.names
         return COMPONENTS[kind]
 
     def describe(self, column: int) -> tuple[VariableKind, str, str]:

@@ -30,3 +30,5 @@ class RecordContext:
     """Fields of the standard deviation by kind, where a record has none."""
     images: Mapping[str, ImageAxes] = field(default_factory=dict)
     """Axes of image coordinates by photo."""
+    cameras: Mapping[str, ImageAxes] = field(default_factory=dict)
+    """The same by camera, for photos that are still to come."""

@@ -112,7 +112,10 @@ def _parse(text: str, unit: str) -> float:
         hint = "; write a decimal point" if re.fullmatch(r"[+-]?\d+,\d+", text) else ""
         raise ValueError(f"{text!r} is not a number{hint}")
     size = factor(unit)
-    number = float(text) if size == 1 else float(_EXACT.multiply(Decimal(text), size))
+    try:
+        number = float(text) if size == 1 else float(_EXACT.multiply(Decimal(text), size))
+    except ArithmeticError:  # an exponent beyond what decimals can hold
+        raise ValueError(f"{text!r} is too large or too small a number") from None
     if math.isinf(number):
         raise ValueError(f"{text!r} is not a finite number")
     return number

@@ -104,14 +104,14 @@ def load_project(path: str | Path) -> Project:
         path = path / "project.toml"
     problems: list[Problem] = []
     document = _read_toml(path)
-    top = _section(document, path.name, "", problems)
+    top = Row(document, path.name, problems)
     for key in document:
         if key not in KEYS:
             top.wrong(f"unknown key {key!r}; known: {', '.join(KEYS)}")
     units = _units(_table(document, "units", path.name, problems))
     datum = top.choice("datum", ("given", "free"), "given")
     network = Network(
-        top.text("name", default=path.stem) or "",
+        top.text("name", default="" if document.get("name") == "" else path.stem) or "",
         frame=_frame(_table(document, "frame", path.name, problems), units),
         datum=cast(Literal["given", "free"], datum),
     )
@@ -131,7 +131,7 @@ def load_project(path: str | Path) -> Project:
         elif name in tables:
             reader.unreadable.add(name.removesuffix("s"))
     images = {f.name: axes[f.camera] for f in network.photos.values() if f.camera in axes}
-    context = RecordContext(units, sigma, images)
+    context = RecordContext(units, sigma, images, axes)
     observations = ObservationsReader(network, context, problems, reader.unreadable)
     if tables.get("images") is not None:
         observations.images(cast(Table, tables["images"]))
@@ -161,17 +161,13 @@ def _read_toml(path: Path) -> dict[str, Any]:
         raise InputError(Problem(f"is not TOML: {error}", where)) from None
 
 
-def _section(fields_of: Mapping[str, object], file: str, of: str, problems: list[Problem]) -> Row:
-    return Row(fields_of, file, problems, of)
-
-
 def _table(document: dict[str, Any], key: str, file: str, problems: list[Problem]) -> Row:
     """Return a table of the document; one that is none is noted and counts as empty."""
     value = document.get(key, {})
     if not isinstance(value, dict):
         problems.append(Problem(f"must be a table [{key}], not {value!r}", f"{file}: {key}"))
         value = {}
-    return _section(value, file, f"[{key}]", problems)
+    return Row(value, file, problems, f"[{key}]")
 
 
 def _only(row: Row, known: tuple[str, ...]) -> None:
@@ -230,35 +226,45 @@ def _cameras(
         return {}
     out: dict[str, ImageAxes] = {}
     for number, entry in enumerate(entries, start=1):
-        row = _section(entry, file, f"[[camera]] {entry.get('name', number)!r}", problems)
+        row = Row(entry, file, problems, f"[[camera]] {entry.get('name', number)!r}")
         name = row.text("name", required=True) or f"camera {number}"
-        unit = row.choice("unit", ("px", *LENGTH), "mm")
-        y_down = row.choice("y_axis", ("up", "down"), "up") == "down"
-        sigma = {k: v for k, v in row.fields.items() if k in sigma_fields("image")}
-        _only(row, (*CAMERA_KEYS, *sigma))
-        _positive(row, sigma)
-        out[name] = ImageAxes(unit, y_down, stand_in_sigma("image") if row.failed else sigma)
-        lens = _lens(row)
-        values, free, weights = _parameters(row, y_down)
-        if not row.failed:
-            try:
-                network.add_camera(
-                    name,
-                    lens,
-                    values,
-                    free=free,
-                    sigma=weights,
-                    unit=unit,
-                    per_photo=row.flag("per_photo"),
-                )
-            except InputError as error:
-                row.wrong_all(error)
-        if name not in network.cameras:
-            n = len(lens.names)
-            network.cameras[name] = Camera(
-                name, lens, (1.0,) * n, (True,) * n, (float("inf"),) * n, unit
-            )
+        out[name] = read_camera(row, name, network)
     return out
+
+
+def read_camera(row: Row, name: str, network: Network) -> ImageAxes:
+    """Add a camera, or a stand-in where something is wrong with it.
+
+    Args:
+        row: its keys: a table [[camera]] or a record; gets what is wrong.
+        name: its name.
+        network: gets the camera.
+
+    Returns:
+        How its image coordinates stand in files.
+    """
+    unit = row.choice("unit", ("px", *LENGTH), "mm")
+    y_down = row.choice("y_axis", ("up", "down"), "up") == "down"
+    sigma = {k: v for k, v in row.fields.items() if k in sigma_fields("image")}
+    _only(row, (*CAMERA_KEYS, *sigma))
+    _positive(row, sigma)
+    axes = ImageAxes(unit, y_down, stand_in_sigma("image") if row.failed else sigma)
+    lens = _lens(row)
+    values, free, weights = _parameters(row, y_down)
+    per_photo = row.flag("per_photo")
+    if not row.failed:
+        try:
+            network.add_camera(
+                name, lens, values, free=free, sigma=weights, unit=unit, per_photo=per_photo
+            )
+        except InputError as error:
+            row.wrong_all(error)
+    if name not in network.cameras:
+        n = len(lens.names)
+        network.cameras[name] = Camera(
+            name, lens, (1.0,) * n, (True,) * n, (float("inf"),) * n, unit
+        )
+    return axes
 
 
 def _lens(row: Row) -> Lens:
@@ -330,7 +336,7 @@ def _sigma_defaults(
         if not isinstance(given, dict):
             whole.wrong(f"{kind} must be a table [sigma.{kind}]")
             continue
-        row = _section(given, file, f"[sigma.{kind}]", problems)
+        row = Row(given, file, problems, f"[sigma.{kind}]")
         for name in given:
             what = unknown_field(name, sigma_fields(kind))
             if what is not None:

@@ -35,10 +35,10 @@ def _with_units(prefixes: Iterable[str], units: Iterable[str]) -> tuple[str, ...
 
 
 _SIGMA_XYZ = _with_units(("sigma", "sigma_x", "sigma_y", "sigma_z"), LENGTH)
-_CHECK = ("check_x", "check_y", "check_z")
+CHECK = ("check_x", "check_y", "check_z")
 POINT_COLUMNS = (
     *("name", "x", "y", "z", *GEOGRAPHIC, "fixed", "datum"),
-    *(*_SIGMA_XYZ, *_CHECK),
+    *(*_SIGMA_XYZ, *CHECK),
 )
 PHOTO_COLUMNS = (
     *("name", "camera", "x", "y", "z", *ANGLES, *ROTATION, "fixed"),
@@ -140,40 +140,42 @@ class UnknownsReader:
 
     def points(self, table: Table) -> None:
         """Read points.csv."""
-        held = HELD[self.dimension]
         if "name" not in table.columns:
             self.unreadable.add("point")
         for row, name in self._named(table, POINT_COLUMNS, "point"):
-            xyz = self._coordinates(row)
-            fixed = "".join(row.letters("fixed", "xyz"))
-            for i, axis in enumerate("xyz"):
-                if axis in held:
-                    xyz[i] = 0.0 if np.isnan(xyz[i]) else xyz[i]
-            fixed += "".join(a for a in held if a not in fixed)
-            sigma = _sigmas(row, "xyz", LENGTH)
-            if sigma is not None:
-                sigma = tuple(
-                    np.inf if a in fixed else s for a, s in zip("xyz", sigma, strict=True)
+            self.point(row, name)
+
+    def point(self, row: Row, name: str) -> None:
+        """Read one point, whose name is new."""
+        held = HELD[self.dimension]
+        xyz = self._coordinates(row)
+        fixed = "".join(row.letters("fixed", "xyz"))
+        for i, axis in enumerate("xyz"):
+            if axis in held:
+                xyz[i] = 0.0 if np.isnan(xyz[i]) else xyz[i]
+        fixed += "".join(a for a in held if a not in fixed)
+        sigma = _sigmas(row, "xyz", LENGTH)
+        if sigma is not None:
+            sigma = tuple(np.inf if a in fixed else s for a, s in zip("xyz", sigma, strict=True))
+        check = [row.number(c, self.units.length) for c in CHECK]
+        datum = row.flag("datum")
+        if not row.failed:
+            try:
+                self.network.add_point(
+                    name,
+                    xyz,
+                    fixed=fixed,
+                    sigma=sigma,
+                    datum=datum,
+                    check=None if check == [None] * 3 else [_or_nan(c) for c in check],
                 )
-            check = [row.number(c, self.units.length) for c in _CHECK]
-            datum = row.flag("datum")
-            if not row.failed:
-                try:
-                    self.network.add_point(
-                        name,
-                        xyz,
-                        fixed=fixed,
-                        sigma=sigma,
-                        datum=datum,
-                        check=None if check == [None] * 3 else [_or_nan(c) for c in check],
-                    )
-                except InputError as error:
-                    row.wrong_all(error)
-            if name not in self.network.points:
-                self.network.add_point(name, datum=datum)
-                flags = ("x" in fixed, "y" in fixed, "z" in fixed)
-                point = self.network.points[name]
-                self.network.points[name] = replace(point, fixed=flags, sigma=sigma)  # type: ignore[arg-type]
+            except InputError as error:
+                row.wrong_all(error)
+        if name not in self.network.points:
+            self.network.add_point(name, datum=datum)
+            flags = ("x" in fixed, "y" in fixed, "z" in fixed)
+            point = self.network.points[name]
+            self.network.points[name] = replace(point, fixed=flags, sigma=sigma)  # type: ignore[arg-type]
 
     def _coordinates(self, row: Row) -> list[float]:
         """Return x, y, z, metres, NaN where unknown, also from latitude and longitude."""
@@ -203,40 +205,44 @@ class UnknownsReader:
 
     def photos(self, table: Table) -> None:
         """Read photos.csv; a project with one camera may leave the column camera out."""
-        only = next(iter(self.network.cameras), None) if len(self.network.cameras) == 1 else None
         if "name" not in table.columns:
             self.unreadable.add("photo")
         for row, name in self._named(table, PHOTO_COLUMNS, "photo"):
-            camera = row.text("camera", required=only is None, default=only)
-            units = self.units
-            position = self._all_or_none(row, ("x", "y", "z"), units.length)
-            angles = self._all_or_none(row, ANGLES, units.angle)
-            rotation: Array | None = None
-            entries = self._all_or_none(row, ROTATION, "")
-            if entries is not None:
-                rotation = np.array(entries).reshape(3, 3)
-                if angles is not None:
-                    row.wrong("give either omega, phi, kappa or r11 … r33, not both")
-            fixed = self._fixed_parts(row)
-            sigma = _sigmas(row, "xyz", LENGTH)
-            attitude = row.quantity("sigma_attitude", ANGLE, positive=True)
-            if not row.failed and camera is not None:
-                try:
-                    self.network.add_photo(
-                        name,
-                        camera,
-                        position=position,
-                        omega_phi_kappa=angles,
-                        rotation=rotation,
-                        fixed=fixed,
-                        sigma_position=sigma,
-                        sigma_attitude=attitude,
-                    )
-                except InputError as error:
-                    row.wrong_all(error)
-            if name not in self.network.photos:
-                self.network.photos[name] = Photo(name, camera or "", fixed=tuple(fixed))
-                self.complete &= camera in self.network.cameras
+            self.photo(row, name)
+
+    def photo(self, row: Row, name: str) -> None:
+        """Read one photo, whose name is new; the camera may be absent where there is only one."""
+        only = next(iter(self.network.cameras), None) if len(self.network.cameras) == 1 else None
+        camera = row.text("camera", required=only is None, default=only)
+        units = self.units
+        position = self._all_or_none(row, ("x", "y", "z"), units.length)
+        angles = self._all_or_none(row, ANGLES, units.angle)
+        rotation: Array | None = None
+        entries = self._all_or_none(row, ROTATION, "")
+        if entries is not None:
+            rotation = np.array(entries).reshape(3, 3)
+            if angles is not None:
+                row.wrong("give either omega, phi, kappa or r11 … r33, not both")
+        fixed = self._fixed_parts(row)
+        sigma = _sigmas(row, "xyz", LENGTH)
+        attitude = row.quantity("sigma_attitude", ANGLE, positive=True)
+        if not row.failed and camera is not None:
+            try:
+                self.network.add_photo(
+                    name,
+                    camera,
+                    position=position,
+                    omega_phi_kappa=angles,
+                    rotation=rotation,
+                    fixed=fixed,
+                    sigma_position=sigma,
+                    sigma_attitude=attitude,
+                )
+            except InputError as error:
+                row.wrong_all(error)
+        if name not in self.network.photos:
+            self.network.photos[name] = Photo(name, camera or "", fixed=tuple(fixed))
+            self.complete &= camera in self.network.cameras
 
     def _all_or_none(self, row: Row, names: tuple[str, ...], unit: str) -> tuple[float, ...] | None:
         if not any(n in row for n in names):
@@ -245,6 +251,8 @@ class UnknownsReader:
         return None if None in found else tuple(v for v in found if v is not None)
 
     def _fixed_parts(self, row: Row) -> list[bool]:
+        if isinstance(row.fields.get("fixed"), bool):
+            return [row.flag("fixed")] * len(POSE_PARTS)
         text = row.text("fixed", default="") or ""
         held: set[str] = set()
         for word in text.split():

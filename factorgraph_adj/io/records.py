@@ -54,7 +54,7 @@ def observation(
     Args:
         record: the fields, text or numbers; empty ones and None count as absent.
         context: what the record leaves to the project.
-        source: where the record stands, for messages: file:line.
+        source: where the record stands, for messages: file:line; may be empty.
 
     Raises:
         InputError: everything that is wrong with it: unknown kind or field, missing field,
@@ -70,7 +70,7 @@ def observation(
         raise InputError(problems)
     cls = OBSERVATIONS[kind]
     row.of = label(record)
-    arguments: dict[str, Any] = {"id": row.text("id"), "source": source}
+    arguments: dict[str, Any] = {"id": row.text("id"), "source": source or None}
     for name in NAMES:
         if name in attributes(kind):
             arguments[name] = row.text(name, required=True)
@@ -113,7 +113,7 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
         return None
     have = attributes(kind)
     names = [n for n in (*NAMES, "set", "instrument", "refraction") if n in have]
-    arguments: dict[str, Any] = {n: record[n] for n in names if record.get(n)}
+    arguments: dict[str, Any] = {n: str(record[n]) for n in names if record.get(n)}
     if any(n in have and n not in arguments for n in NAMES):
         return None
     vector = "covariance" in have
@@ -123,7 +123,7 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
         arguments["value"] = (1.0,) * 3 if vector else 1.0
     arguments["sigma"] = (1.0,) * 3 if vector else 1.0
     make: Callable[..., Observation] = OBSERVATIONS[kind]
-    return make(**arguments, source=source)
+    return make(**arguments, source=source or None)
 
 
 def label(record: Mapping[str, object]) -> str:

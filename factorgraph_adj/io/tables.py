@@ -142,7 +142,7 @@ class Row:
     @property
     def place(self) -> str:
         """Where the row stands and what it is about."""
-        return f"{self.where}: {self.of}" if self.of else self.where
+        return ": ".join(part for part in (self.where, self.of) if part)
 
     def wrong(self, what: str) -> None:
         """Note a problem."""
@@ -153,7 +153,7 @@ class Row:
         for p in error.problems:
             inside = p.where if p.where and p.where not in self.place else ""
             inside = inside.removeprefix(f"{self.where}: ")
-            where = f"{self.where}: {inside}" if inside else self.place
+            where = ": ".join(part for part in (self.where, inside or self.of) if part)
             self.problems.append(Problem(p.what, where))
 
     def __contains__(self, name: str) -> bool:

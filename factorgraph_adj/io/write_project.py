@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import fields
+import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from ..entities import Camera, Parameter
+from ..entities import Parameter, Photo, Point
 from ..errors import InputError, Problem
-from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..network import Network
-from ..observations import ControlPoint, Observation
+from ..observations import ControlPoint, Direction, Observation
 from ..rotation import TURN_ABOUT_X, omega_phi_kappa, world_R_camera
 from ..types import Array
 from ..units import LENGTH
@@ -26,6 +24,7 @@ from .numbers import Units
 from .read_observations import COVARIANCE_COLUMNS, IMAGE_COLUMNS
 from .read_unknowns import (
     ANGLES,
+    CHECK,
     METER_COLUMNS,
     ORIENTATION_COLUMNS,
     PHOTO_COLUMNS,
@@ -37,8 +36,10 @@ from .read_unknowns import (
     VERTICAL_COLUMNS,
 )
 from .tables import write_table
+from .write_toml import toml_lines
 
 Records = Iterator[dict[str, str]]
+_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def write_project(network: Network, path: str | Path, *, units: Units | None = None) -> None:
@@ -56,14 +57,31 @@ def write_project(network: Network, path: str | Path, *, units: Units | None = N
         InputError: a name or a unit that cannot stand in a file, or the folder cannot be
             written; nothing has changed then.
     """
-    path, units = Path(path), units or Units()
+    path = Path(path)
     if path.suffix != ".toml":
         raise InputError(Problem("a project is a .toml file", str(path)))
+    write_files(path.parent, network_files(network, units=units, toml=path.name))
+
+
+def network_files(
+    network: Network, *, units: Units | None = None, toml: str = "project.toml"
+) -> dict[str, str]:
+    """Return the files of a project of a network: their texts by name.
+
+    Args:
+        network: the network; it may have no observations.
+        units: units of the files; metres, gon and degrees by default.
+        toml: name of the TOML file.
+
+    Raises:
+        InputError: a name or a unit that cannot stand in a file.
+    """
+    units = units or Units()
     _check_names(network)
     files: dict[str, str] = {}
     for name, columns, rows in (
-        ("points", POINT_COLUMNS, _points(network, units)),
-        ("photos", PHOTO_COLUMNS, _photos(network, units)),
+        ("points", POINT_COLUMNS, (point_record(p, units) for p in network.points.values())),
+        ("photos", PHOTO_COLUMNS, (photo_record(f, units) for f in network.photos.values())),
         ("images", IMAGE_COLUMNS, _images(network)),
         ("observations", COLUMNS, _observations(network, units)),
         ("covariances", COVARIANCE_COLUMNS, _covariances(network)),
@@ -75,8 +93,8 @@ def write_project(network: Network, path: str | Path, *, units: Units | None = N
         found = list(rows)
         if found or name == "points":
             files[f"{name}.csv"] = write_table(columns, found)
-    files[path.name] = "\n".join(_toml(network, units, files)) + "\n"
-    write_files(path.parent, files)
+    files[toml] = "\n".join(toml_lines(network, units, list(files))) + "\n"
+    return files
 
 
 def _check_names(network: Network) -> None:
@@ -96,6 +114,12 @@ def _check_names(network: Network) -> None:
         for what, names in named
         for n in names
         if n != n.strip() or "\n" in n or "\r" in n or "\0" in n
+    ]
+    problems += [
+        Problem("a name with half a character (a lone surrogate) is no text", f"{what} {n!r}")
+        for what, names in (*named, ("network", (network.name,)))
+        for n in names
+        if not n.isascii() and _SURROGATE.search(n)
     ]
     problems += [
         Problem(
@@ -130,36 +154,43 @@ def _filled(names: Iterable[str], values: Iterable[float], unit: str) -> dict[st
     }
 
 
-def _points(network: Network, units: Units) -> Records:
-    for p in network.points.values():
-        out = {"name": p.name, **_filled("xyz", p.coordinates, units.length)}
-        out["fixed"] = "".join(a for a, f in zip("xyz", p.fixed, strict=True) if f)
-        out["datum"] = "yes" if p.datum else ""
-        out |= _sigmas(p.sigma, "xyz", units.sigma_length)
-        if p.check is not None:
-            out |= _filled(("check_x", "check_y", "check_z"), p.check, units.length)
-        yield out
+def point_record(point: Point, units: Units) -> dict[str, str]:
+    """Return the fields of a point, a row of points.csv; some may be empty."""
+    out = {"name": point.name, **_filled("xyz", point.coordinates, units.length)}
+    out["fixed"] = "".join(a for a, f in zip("xyz", point.fixed, strict=True) if f)
+    out["datum"] = "yes" if point.datum else ""
+    out |= _sigmas(point.sigma, "xyz", units.sigma_length)
+    if point.check is not None:
+        out |= _filled(CHECK, point.check, units.length)
+    return out
 
 
-def _photos(network: Network, units: Units) -> Records:
-    for f in network.photos.values():
-        out = {"name": f.name, "camera": f.camera}
-        if f.position is not None:
-            out |= _filled("xyz", f.position, units.length)
-        if f.rotation is not None:
-            angles = exact_angles(f.rotation)
-            if angles is not None:
-                out |= _filled(ANGLES, angles, units.angle)
-            else:
-                out |= _filled(ROTATION, f.rotation.ravel().tolist(), "")
-        held = tuple(part for part, fixed in zip(POSE_PARTS, f.fixed, strict=True) if fixed)
-        words = {parts: word for word, parts in POSE_WORDS.items()}
-        out["fixed"] = words.get(held, " ".join(held))
-        out |= _sigmas(f.sigma_position, "xyz", units.sigma_length)
-        if f.sigma_attitude is not None:
-            name = f"sigma_attitude_{units.sigma_angle}"
-            out[name] = numbers.write(f.sigma_attitude, units.sigma_angle)
-        yield out
+def photo_record(photo: Photo, units: Units, *, angles: bool = True) -> dict[str, str]:
+    """Return the fields of a photo, a row of photos.csv; some may be empty.
+
+    Args:
+        photo: the photo.
+        units: units of the fields.
+        angles: state the rotation as ω, φ, κ where they make it to the bit; otherwise, and
+            where none do, as its matrix.
+    """
+    out = {"name": photo.name, "camera": photo.camera}
+    if photo.position is not None:
+        out |= _filled("xyz", photo.position, units.length)
+    if photo.rotation is not None:
+        turned = exact_angles(photo.rotation) if angles else None
+        if turned is not None:
+            out |= _filled(ANGLES, turned, units.angle)
+        else:
+            out |= _filled(ROTATION, photo.rotation.ravel().tolist(), "")
+    held = tuple(part for part, fixed in zip(POSE_PARTS, photo.fixed, strict=True) if fixed)
+    words = {parts: word for word, parts in POSE_WORDS.items()}
+    out["fixed"] = words.get(held, " ".join(held))
+    out |= _sigmas(photo.sigma_position, "xyz", units.sigma_length)
+    if photo.sigma_attitude is not None:
+        name = f"sigma_attitude_{units.sigma_angle}"
+        out[name] = numbers.write(photo.sigma_attitude, units.sigma_angle)
+    return out
 
 
 def exact_angles(rotation: Array) -> tuple[float, float, float] | None:
@@ -234,8 +265,11 @@ def _parameter(parameter: Parameter) -> dict[str, str]:
 
 
 def _orientations(network: Network, units: Units) -> Records:
-    """Write all, in order, if any is more than a free unknown."""
-    if all(math.isnan(p.values[0]) for p in network.orientations.values()):
+    """Write all, in order, unless the directions by themselves give the same free unknowns."""
+    directions = (o for o in network.observations.values() if isinstance(o, Direction))
+    sets = dict.fromkeys((o.station, o.set) for o in directions)
+    free = all(math.isnan(p.values[0]) for p in network.orientations.values())
+    if free and list(sets) == list(network.orientations):
         return
     for (station, chosen), p in network.orientations.items():
         out = {"station": station, "set": chosen, **_filled(["value"], p.values, units.angle)}
@@ -275,81 +309,3 @@ def _distance_meters(network: Network, units: Units) -> Records:
         parts = zip(("scale", "zero"), p.fixed, p.sigma, strict=True)
         out["free"] = " ".join(n for n, held, s in parts if not held and not math.isfinite(s))
         yield out
-
-
-# -- TOML -----------------------------------------------------------------------------------------
-
-
-def _text(value: str) -> str:
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _float(value: float) -> str:
-    return repr(float(value))
-
-
-def _toml(network: Network, units: Units, files: Mapping[str, str]) -> Iterator[str]:
-    yield f"name = {_text(network.name)}"
-    yield f"datum = {_text(network.datum)}"
-    yield ""
-    yield "[frame]"
-    yield from _frame(network.frame, units)
-    yield ""
-    yield "[units]"
-    for f in fields(Units):
-        yield f"{f.name} = {_text(getattr(units, f.name))}"
-    yield ""
-    yield "[files]"
-    for file in files:
-        yield f"{file.removesuffix('.csv')} = {_text(file)}"
-    for camera in network.cameras.values():
-        yield ""
-        yield from _camera(camera)
-
-
-def _frame(frame: Frame, units: Units) -> Iterator[str]:
-    if isinstance(frame, LocalFrame):
-        yield 'kind = "local"'
-        yield f"axes = {_text(frame.axes)}"
-        yield f"curvature = {'true' if frame.curvature else 'false'}"
-        yield f"radius = {_float(frame.radius)}"
-        yield f"origin = [{', '.join(_decimal(v, units.length) for v in frame.origin)}]"
-        return
-    yield f'kind = "{"geocentric" if isinstance(frame, GeocentricFrame) else "topocentric"}"'
-    yield f"ellipsoid = {_text(frame.ellipsoid_name)}"
-    yield f"radius = {_float(frame.radius)}"
-    if not isinstance(frame, GeocentricFrame):
-        yield f"latitude = {_text(numbers.write(frame.latitude, units.geographic))}"
-        yield f"longitude = {_text(numbers.write(frame.longitude, units.geographic))}"
-        yield f"height = {_decimal(frame.height, units.length)}"
-
-
-def _decimal(value: float, unit: str) -> str:
-    """Return a TOML number, or text where a float cannot hold the digits."""
-    text = numbers.write(value, unit)
-    return repr(float(text)) if numbers.parse(float(text), unit) == value else _text(text)
-
-
-def _camera(camera: Camera) -> Iterator[str]:
-    lens = camera.lens
-    options = {f.name: getattr(lens, f.name) for f in fields(lens)}
-    yield "[[camera]]"
-    yield f"name = {_text(camera.name)}"
-    if options:
-        stated = {k: _text(v) if isinstance(v, str) else _float(v) for k, v in options.items()}
-        inside = ", ".join(f"{k} = {v}" for k, v in {"model": _text(lens.kind), **stated}.items())
-        yield f"lens = {{ {inside} }}"
-    else:
-        yield f"lens = {_text(lens.kind)}"
-    yield f"unit = {_text(camera.unit)}"
-    if camera.per_photo:
-        yield "per_photo = true"
-    yield "[camera.parameters]"
-    rows = zip(lens.names, camera.values, camera.fixed, camera.sigma, strict=True)
-    for name, value, fixed, sigma in rows:
-        if fixed:
-            yield f"{name} = {_float(value)}"
-        elif math.isfinite(sigma):
-            yield f"{name} = {{ value = {_float(value)}, sigma = {_float(sigma)} }}"
-        else:
-            yield f"{name} = {{ value = {_float(value)}, free = true }}"

@@ -11,6 +11,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.image_blocks import ImageIds
 from ..io.numbers import Units
+from ..models.registry import Unit
 from ..types import Array, Index
 from ..units import ANGLE, LENGTH, format_angle
 
@@ -134,11 +135,7 @@ class Rows:
         if block.kind == "image":
             camera = self.network.photos[self._photos[photo or 0]].camera
             return image_scale(self.network.cameras[camera].unit)
-        if block.unit == "m":
-            return Scale(units.length, units.sigma_length, LENGTH[units.sigma_length])
-        if block.unit == "rad" or block.kind in IN_RADIANS:
-            return Scale(units.angle, units.sigma_angle, ANGLE[units.sigma_angle])
-        return Scale("", "", 1.0)
+        return scale_of(block.kind, block.unit, units)
 
     def all(self) -> Iterator[Row]:
         """Iterate over every scalar observation."""
@@ -225,6 +222,15 @@ class Rows:
                     scale,
                     source,
                 )
+
+
+def scale_of(kind: str, unit: Unit, units: Units) -> Scale:
+    """Return the units of a kind of observation; image coordinates have `image_scale`."""
+    if unit == "m":
+        return Scale(units.length, units.sigma_length, LENGTH[units.sigma_length])
+    if unit == "rad" or kind in IN_RADIANS:
+        return Scale(units.angle, units.sigma_angle, ANGLE[units.sigma_angle])
+    return Scale("", "", 1.0)
 
 
 def image_scale(unit: str) -> Scale:

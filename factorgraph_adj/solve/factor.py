@@ -13,8 +13,8 @@ from .plan import Plan
 from .rays import Rays
 from .reduction import RayCovariances, ReducedPoints
 from .selected_inverse import SelectedInverse
-from .tree import SingularError, TreeFactors
-from .triangular import lower_solve, upper_solve, upper_transposed_solve
+from .tree import SingularError, TreeFactors, down, up
+from .triangular import lower_solve
 
 
 class Factor:
@@ -100,21 +100,12 @@ class Factor:
         if self.points is not None:
             z = self.points.forward(y, border)
         y[self.plan.border] = border
-        halves = []
-        for c in reversed(self.cliques):
-            half = upper_transposed_solve(c.r, y[c.frontal])
-            halves.append(half)
-            if len(c.separator):
-                # Sᵀ R⁻ᵀ y = Tᵀ y
-                y[c.separator] -= c.t.T @ y[c.frontal]
+        halves = down(self.cliques, y)
         if len(self.plan.border):
             b = self.scale[:, None] * y[self.plan.border]
             solved = lower_solve(self.root, lower_solve(self.root, b), transposed=True)
             x[self.plan.border] = self.scale[:, None] * solved
-        for c, half in zip(self.cliques, reversed(halves), strict=True):
-            x[c.frontal] = upper_solve(c.r, half)
-            if len(c.separator):
-                x[c.frontal] -= c.t @ x[c.separator]
+        up(self.cliques, halves, x)
         if self.points is not None and z is not None:
             x[self.plan.point_columns] = self.points.backward(z, x[self.plan.border])
         x[~self.free] = 0.0

@@ -9,7 +9,7 @@ memory) and serve every right side and the selected inverse:
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -19,7 +19,7 @@ from ..errors import AdjustmentError
 from ..types import Array, Index
 from .linear import LinearSystem
 from .plan import Plan
-from .triangular import upper_solve
+from .triangular import upper_solve, upper_transposed_solve
 
 UNIT = {d: gtsam.noiseModel.Unit.Create(d) for d in range(1, 7)}
 MOST_KEYS = 3
@@ -44,6 +44,28 @@ class Clique:
     """T = R⁻¹ S, (f, s)."""
     parent: int
     """Number of the clique that holds the separator; −1 where only the border does."""
+
+
+def down(cliques: Sequence[Clique], y: Array) -> list[Array]:
+    """Go from the leaves to the roots: R⁻ᵀ y of each clique, (f, k), from y (n_columns, k).
+
+    The parts of y that belong to separators are changed.
+    """
+    halves = []
+    for c in reversed(cliques):
+        halves.append(upper_transposed_solve(c.r, y[c.frontal]))
+        if len(c.separator):
+            # Sᵀ R⁻ᵀ y = Tᵀ y
+            y[c.separator] -= c.t.T @ y[c.frontal]
+    return halves[::-1]
+
+
+def up(cliques: Sequence[Clique], halves: Sequence[Array], x: Array) -> None:
+    """Go from the roots to the leaves: fill x (n_columns, k) with R⁻¹ (R⁻ᵀ y − S x_S)."""
+    for c, half in zip(cliques, halves, strict=True):
+        x[c.frontal] = upper_solve(c.r, half)
+        if len(c.separator):
+            x[c.frontal] -= c.t @ x[c.separator]
 
 
 class TreeFactors:

@@ -1,0 +1,1 @@
+"""Adjustment of observations as they arrive, in one iSAM2."""

@@ -1,0 +1,736 @@
+"""The network in its iSAM2: putting observations in, taking them out, keeping the promise.
+
+The promise is `accuracy`: an estimate is never further from that of a batch adjustment of the
+same observations than this part of its own standard deviation, and neither is the standard
+deviation. `relinearise` keeps it, see `factorgraph_adj.incremental.rows`; `settle` goes to rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy, deepcopy
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import gtsam
+import numpy as np
+
+from ..errors import AdjustmentError, InputError
+from ..graph.equations import Equations, compile_network, compile_rows
+from ..graph.keys import KeyMap
+from ..graph.variables import State
+from ..models.registry import VariableKind
+from ..network import DatumChoice, Network
+from ..quality.solution import Solution
+from ..solve.batch import adjust
+from ..solve.tree import SingularError
+from ..types import Array, Index
+from .local import filtered, known_network, local_network, local_state
+from .register import Register
+from .rows import Group, Piece, Rows, Store
+from .tree import LinearTree
+from .units import Unit, components
+from .verdicts import Judged
+from .view import onto_datum, start_at, variances_of
+
+AT_REST = 1e-7
+"""Bound of the last step relative to σ at which the network has settled."""
+CLOSE = 1e-3
+"""Step relative to σ below which the next ones converge for sure."""
+ON_DATUM = 1e-7
+"""Motion relative to the extent of the points, second powers of which are nothing."""
+AT_DATUM = 1e-11
+"""The same, where a settled network is on its inner constraints."""
+MOST_ROUNDS = 12
+"""Rounds of relinearisation after an arrival."""
+MOST_STEPS = 15
+"""Steps of `Engine.settle` before the batch adjustment takes over."""
+RESERVE = 0.1
+"""Part of the promise that the bounds may use up. They are those of Gauss-Newton steps; where
+residuals are large the minimum is further away than such a step, as second partials count too."""
+TURNED = 1e-3
+"""Rotation, radians, from which on the axes of a photo are not those of its chart any more."""
+LARGE = 0.25
+"""Part of all rows from which on all of them are linearised anew together."""
+SPARE = 20_000
+"""Empty slots of iSAM2 beyond twice those in use, at which it is built anew."""
+LATE: dict[VariableKind, int] = {"pose": 1, "calibration": 2, "refraction": 2, "edm": 2}
+"""Variables of very many observations are eliminated last."""
+
+
+Marks: TypeAlias = tuple[dict[VariableKind, int], tuple[dict[int, int], int]]
+"""How many variables and rows there were."""
+
+
+@dataclass
+class Held:
+    """A component that carries the minimal datum of a free network."""
+
+    kind: VariableKind
+    number: int
+    component: int
+    weight: float
+    """√ of what is added to the diagonal of N."""
+    slot: int = -1
+
+
+@dataclass
+class Trial:
+    """Units that were put into the tree and may still be taken back."""
+
+    units: tuple[Unit, ...]
+    piece: Piece
+    marks: Marks
+    entered: list[tuple[VariableKind, int]]
+    """Variables that entered with them."""
+    rows: dict[str, Index]
+    """Scalar rows of each unit, by its first id."""
+    a: Array
+    """Whitened partials (rows, columns of ``keys``)."""
+    joint: Array
+    """Joint covariance of ``keys``."""
+    keys: list[int]
+    column: dict[int, Index]
+    """Columns of each key."""
+    raw: Array
+    """L with Σ = L Lᵀ of all rows: what whitening is undone with, (rows, rows)."""
+    judged: Judged
+
+
+class Engine:
+    """A network in an iSAM2."""
+
+    def __init__(self, network: Network, *, datum: DatumChoice, accuracy: float) -> None:
+        """Start with an empty graph.
+
+        Args:
+            network: points, photos and so on; its observations are those in the graph.
+            datum: given or free.
+            accuracy: the promise, relative to standard deviations.
+        """
+        self.network, self.datum, self.accuracy = network, datum, accuracy
+        self.qr = False
+        self.settled = True
+        self.kept = True
+        """Whether estimates are within ``accuracy`` of the minimum."""
+        self.doubt = ""
+        """Why not."""
+        self.clear()
+
+    def clear(self) -> None:
+        """Empty the graph."""
+        self.register = Register()
+        self.store = Store(self.network.frame, self.register)
+        self.tree = LinearTree(qr=self.qr)
+        self.held: list[Held] = []
+        self.signatures: dict[tuple[object, ...], int] = {}
+        self._before: State = {}
+        """Where the variables were before the last change."""
+        self.priors: dict[tuple[VariableKind, int], list[str]] = {}
+        """Ids of the rows that weight a variable's own given values."""
+
+    def copy(self) -> Engine:
+        """Return an engine of its own; iSAM2 copies its tree in no time."""
+        out = copy(self)
+        parts = (self.register, self.store, self.held, self.signatures, self.priors)
+        own = deepcopy(parts)
+        out.register, out.store, out.held, out.signatures, out.priors = own
+        out.tree = self.tree.copy()
+        return out
+
+    def values_of(
+        self, variables: Sequence[tuple[VariableKind, int]]
+    ) -> dict[VariableKind, dict[str, list[float]]]:
+        """Return x₀ of points and photos, by kind and name."""
+        out: dict[VariableKind, dict[str, list[float]]] = {}
+        for kind, number in variables:
+            if kind in ("point", "pose"):
+                table = self.register[kind]
+                values = table.given.view[number].tolist()
+                out.setdefault(kind, {})[table.names[number]] = values
+        return out
+
+    def point_covariance(self, a: str, b: str) -> Array:
+        """Return the covariance between two points, (3, 3); zero for held components."""
+        table = self.register["point"]
+        out = np.zeros((3, 3))
+        numbers = [table.number.get(n, -1) for n in (a, b)]
+        if min(numbers) < 0:
+            return out
+        free = [table.free.view[i] for i in numbers]
+        if not (free[0].any() and free[1].any()):
+            return out
+        keys = [KeyMap.of("point", i) for i in dict.fromkeys(numbers)]
+        joint = self.tree.joint(keys)
+        k = int(free[0].sum())
+        block = joint if a == b else joint[:k, k:]
+        out[np.ix_(free[0], free[1])] = block
+        return out
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is in the graph."""
+        return not self.register.keys
+
+    # -- building the tree --------------------------------------------------------------------
+
+    def load(self, equations: Equations, state: State, given: State, constraint: Array) -> None:
+        """Make everything anew from equations at a state.
+
+        Args:
+            equations: those of ``network``, weights evaluated.
+            state: values of all variables.
+            given: x₀, what the inner constraints of a free network refer to.
+            constraint: what a minimal datum adds to the diagonal of N, (n_columns,).
+
+        Raises:
+            InputError: names observations whose geometry has no answer; nothing has changed then.
+        """
+        before = dict(vars(self))
+        try:
+            self.clear()
+            numbers = self.register.absorb(equations.unknowns, state, given)
+            piece = self.store.absorb(equations, numbers)
+            self.store.linearise(piece)
+            for column in np.flatnonzero(constraint).tolist():
+                kind, name, _ = equations.unknowns.describe(column)
+                table = equations.unknowns[kind]
+                i = table.number[name]
+                component = column - int(table.offset[i])
+                number = int(numbers[kind][i])
+                self.held.append(Held(kind, number, component, float(np.sqrt(constraint[column]))))
+            self._count_signatures(piece, 1)
+            self._note_priors(piece)
+            self.rebuild()
+            self.register.set_variances(variances_of(self.tree.isam, self.register))
+        except BaseException:
+            vars(self).update(before)
+            raise
+
+    def _note_priors(self, piece: Piece) -> None:
+        """Note the rows of weighted unknowns: one variable, and no observation of their id."""
+        for rows, at in piece.rows:
+            kind = rows.template.kind
+            if len(rows.kinds) > 1 or not (kind.startswith("weighted") or kind == "control"):
+                continue
+            for i in at.tolist():
+                if kind == "control" and not rows.labels[i].startswith("weighted "):
+                    continue
+                owner = rows.kinds[0], int(rows.index[0].view[i])
+                ids = self.priors.setdefault(owner, [])
+                if rows.ids[i] not in ids:
+                    ids.append(rows.ids[i])
+
+    def rebuild(self) -> None:
+        """Build the tree anew from the linear forms, by QR where Cholesky refuses."""
+        self.store.compact()
+        while True:
+            tree = LinearTree(qr=self.qr)
+            factors, owners = self.store.factors(self.store.everything())
+            factors += [self._held_factor(h) for h in self.held]
+            try:
+                if factors:
+                    slots = tree.update(factors, self.register.values(), late=self._late())
+                    self.store.number(owners, slots[: len(owners)])
+                    for h, slot in zip(self.held, slots[len(owners) :], strict=True):
+                        h.slot = slot
+                    tree.joint(self.register.keys[:1])
+                delta = tree.delta(self.register.keys)
+                if not np.isfinite(delta).all():
+                    raise SingularError("δ is not finite")
+            except (SingularError, RuntimeError):
+                if self.qr:
+                    raise
+                self.qr = True
+                continue
+            self.tree = tree
+            self.register.move_to(delta)
+            return
+
+    def _late(self) -> list[tuple[int, int]]:
+        if not any(r.template.kind == "image" for r in self.store.kinds.values()):
+            return []
+        out = []
+        for key in self.register.keys:
+            kind, _ = self.register.variable(key)
+            if kind in LATE:
+                out.append((key, LATE[kind]))
+        return out if len(out) < len(self.register.keys) else []
+
+    def _held_factor(self, held: Held) -> gtsam.NonlinearFactor:
+        table = self.register[held.kind]
+        free = np.flatnonzero(table.free.view[held.number])
+        a = np.zeros((1, len(free)))
+        a[0, int(np.searchsorted(free, held.component))] = held.weight
+        key = KeyMap.of(held.kind, held.number)
+        unit = gtsam.noiseModel.Unit.Create(1)
+        # Held where it is now: moving along a defect of datum changes no observation.
+        b = a @ table.delta.view[held.number][free]
+        return gtsam.LinearContainerFactor(gtsam.JacobianFactor(key, a, b, unit))
+
+    def _update(
+        self,
+        factors: Sequence[gtsam.NonlinearFactor],
+        owners: list[tuple[object, int]],
+        values: gtsam.Values,
+        remove: Sequence[int],
+    ) -> None:
+        """Change the tree, and move to its solution; build it anew where that fails."""
+        try:
+            slots = self.tree.update(factors, values, remove)
+            self.store.number(owners, slots)
+            delta = self.tree.delta(self.register.keys)
+            if not np.isfinite(delta).all():
+                raise SingularError("δ is not finite")
+            self.register.move_to(delta)
+        except (SingularError, RuntimeError):
+            self.rebuild()
+
+    # -- putting in and taking back -----------------------------------------------------------
+
+    def begin(self, units: Sequence[Unit], found: Solution) -> Trial:
+        """Put the first units of a free network in, with the minimal datum that they need."""
+        self.load(found.equations, found.state, found.start, found.constraint)
+        marks: Marks = (dict.fromkeys(self.register.tables, 0), ({}, 0))
+        entered = [self.register.variable(k) for k in self.register.keys]
+        return self._trial(units, self.store.everything(), marks, entered)
+
+    def put_in(self, units: Sequence[Unit], found: Sequence[Solution]) -> Trial:
+        """Put units into the tree, to be kept or taken back.
+
+        Args:
+            units: what they depend on is known, or in ``found``.
+            found: where the variables are that enter with them.
+
+        Raises:
+            InputError: names observations whose geometry has no answer; nothing has changed then.
+            SingularError: they do not determine what enters; nothing has changed then.
+        """
+        local = local_network(self.network, self.register, units)
+        equations = compile_rows(local)
+        start = equations.unknowns.start()
+        given = start
+        everything = {k: np.ones(v.shape, dtype=bool) for k, v in start.items()}
+        for part in found:
+            there = part.equations.unknowns
+            start = equations.unknowns.carried(start, there, part.state, where=everything)
+            given = equations.unknowns.carried(given, there, part.start, where=everything)
+        state = local_state(equations, self.register, start)
+        equations = equations.weighted_at(state)
+        marks = self.register.marks(), self.store.marks()
+        known = {k: t.known.view.copy() for k, t in self.register.tables.items()}
+        n_keys = len(self.register.keys)
+        try:
+            numbers = self.register.absorb(equations.unknowns, state, given)
+            piece = self.store.absorb(equations, numbers)
+            self.store.linearise(piece)
+        except InputError:
+            self._forget(marks, known)
+            raise
+        self._remember()
+        fresh = self.register.keys[n_keys:]
+        factors, owners = self.store.factors(piece)
+        try:
+            slots = self.tree.update(factors, self.register.values(fresh))
+            self.store.number(owners, slots)
+            delta = self.tree.delta(self.register.keys)
+            if not np.isfinite(delta).all():
+                raise SingularError("δ is not finite")
+            self.register.move_to(delta)
+        except (SingularError, RuntimeError):
+            try:
+                self.rebuild()  # by QR
+            except (SingularError, RuntimeError):
+                self._forget(marks, known)
+                self.rebuild()
+                raise
+        self._note_priors(piece)
+        entered = [self.register.variable(k) for k in fresh]
+        return self._trial(units, piece, marks, entered)
+
+    def _remember(self) -> None:
+        self._before = {k: v.copy() for k, v in self.register.state.items()}
+
+    def _forget(
+        self,
+        marks: Marks,
+        known: dict[VariableKind, Array],
+    ) -> None:
+        back = []
+        for kind, mask in known.items():
+            now = self.register[kind].known.view[: len(mask)]
+            back += [(kind, int(i)) for i in np.flatnonzero(now & ~mask)]
+        self.store.forget(marks[1])
+        self.register.forget(marks[0], back)
+
+    def trial_of(self, units: Sequence[Unit]) -> Trial:
+        """Return units that are in the graph as a trial, to be judged."""
+        trial = self.trial_of_ids([i for u in units for i in u.ids])
+        rows = {u.ids[0]: np.concatenate([trial.rows[i] for i in u.ids]) for u in units}
+        return replace(trial, units=tuple(units), rows=rows)
+
+    def trial_of_ids(self, ids: Sequence[str]) -> Trial:
+        """Return rows of the graph by their ids, correlated groups as a whole."""
+        chosen: dict[int, tuple[Rows, list[int]]] = {}
+        for ident in ids:
+            for rows, i in self.store.places[ident]:
+                chosen.setdefault(id(rows), (rows, []))[1].append(i)
+        pieces = [(rows, np.array(at, dtype=np.intp)) for rows, at in chosen.values()]
+        inside = np.concatenate([rows.group.view[at] for rows, at in pieces])
+        piece = Piece(pieces, np.unique(inside[inside >= 0]).tolist())
+        return self._trial((), piece, (self.register.marks(), self.store.marks()), [])
+
+    def take_back(self, trial: Trial) -> None:
+        """Make everything as it was before `put_in`, or `begin`."""
+        if not trial.marks[1][0]:
+            self.clear()
+            return
+        slots = _slots(trial.piece, self.store)
+        self.store.forget(trial.marks[1])
+        self.register.forget(
+            trial.marks[0], [(k, n) for k, n in trial.entered if n < trial.marks[0][k]]
+        )
+        self._update([], [], gtsam.Values(), slots)
+
+    def _trial(
+        self,
+        units: Sequence[Unit],
+        piece: Piece,
+        marks: Marks,
+        entered: list[tuple[VariableKind, int]],
+    ) -> Trial:
+        """Gather the arriving rows as one dense system."""
+        keys = self._keys_of(piece)
+        column: dict[int, Index] = {}
+        place_to_column = np.full(self.register.n_places + 1, -1)
+        n = 0
+        for key in keys:
+            kind, number = self.register.variable(key)
+            places = self.register[kind].place.view[number]
+            places = places[places >= 0]
+            column[key] = np.arange(n, n + len(places))
+            place_to_column[places] = column[key]
+            n += len(places)
+        a, v, raw, rows = self._dense(piece, place_to_column, n)
+        joint = self.tree.joint(keys)
+        self.register.note_variances(keys, np.diag(joint))
+        m = np.eye(len(v)) - a @ joint @ a.T
+        judged = Judged(m, v)
+        if units:
+            rows = {u.ids[0]: np.concatenate([rows[i] for i in u.ids]) for u in units}
+        return Trial(tuple(units), piece, marks, entered, rows, a, joint, keys, column, raw, judged)
+
+    def _keys_of(self, piece: Piece) -> list[int]:
+        found: dict[int, None] = {}
+        for rows, at in piece.rows:
+            for kind, index in zip(rows.kinds, rows.index, strict=True):
+                numbers = np.unique(index.view[at])
+                inside = (self.register[kind].place.view[numbers] >= 0).any(axis=1)
+                found.update(dict.fromkeys(KeyMap.of(kind, i) for i in numbers[inside].tolist()))
+        return list(found)
+
+    def _dense(
+        self, piece: Piece, place_to_column: Index, n: int
+    ) -> tuple[Array, Array, Array, dict[str, Index]]:
+        """Return whitened A (rows, n) and v, L of whitening, and the rows of each id."""
+        sizes = [len(at) * rows.template.dimension for rows, at in piece.rows]
+        total = sum(sizes)
+        a, v, raw = np.zeros((total, n)), np.zeros(total), np.zeros((total, total))
+        of: dict[str, list[int]] = {}
+        where: dict[tuple[int, int], Index] = {}
+        first = 0
+        for rows, at in piece.rows:
+            d = rows.template.dimension
+            at_row = first + np.arange(len(at) * d).reshape(len(at), d)
+            first += len(at) * d
+            v[at_row] = self.store.linear(rows, at)
+            for kind, index, partials in zip(rows.kinds, rows.index, rows.a, strict=True):
+                values = partials.view[at]
+                k = values.shape[2]
+                columns = place_to_column[self.register[kind].place.view[index.view[at], :k]]
+                on = columns >= 0
+                for j in range(k):
+                    i = np.flatnonzero(on[:, j])
+                    if len(i):
+                        for c in range(d):
+                            np.add.at(a, (at_row[i, c], columns[i, j]), values[i, c, j])
+            if rows.whitener is None:
+                raw[at_row, at_row] = rows.sigma.view[at]
+            else:
+                inverse = np.linalg.inv(rows.whitener.view[at])
+                raw[at_row[:, :, None], at_row[:, None, :]] = inverse
+            for i, r in zip(at.tolist(), at_row, strict=True):
+                of.setdefault(rows.ids[i], []).extend(r.tolist())
+                where[id(rows), i] = r
+        for number in piece.groups:
+            group = self.store.groups[number]
+            r = np.zeros(len(group.whitener), dtype=np.intp)
+            for (rows, at), order in zip(group.members, group.order, strict=True):
+                r[order] = np.array([where[id(rows), i] for i in at.tolist()])
+            a[r], v[r] = group.whitener @ a[r], group.whitener @ v[r]
+            raw[np.ix_(r, r)] = np.linalg.inv(group.whitener)
+        return a, v, raw, {k: np.array(i, dtype=np.intp) for k, i in of.items()}
+
+    def drop(self, ids: Sequence[str], leaving: Sequence[tuple[VariableKind, int]]) -> None:
+        """Take observations out of the tree, and variables that lose all theirs with them.
+
+        The caller has made sure that everything else stays determined.
+        """
+        self._remember()
+        slots = self.store.drop(ids)
+        self.register.leave(leaving)
+        self._update([], [], gtsam.Values(), slots)
+        self._count()
+
+    # -- keeping the promise ------------------------------------------------------------------
+
+    def keep_the_promise(self) -> None:
+        """Linearise anew what no longer holds; where that runs away, adjust in batch.
+
+        Where that has no answer either, `kept` is false, and `doubt` says why.
+        """
+        try:
+            self.kept = self._relinearise()
+        except (InputError, SingularError, RuntimeError, np.linalg.LinAlgError):
+            self.kept = False
+        if self.kept:
+            return
+        for kind, values in self._before.items():
+            self.register[kind].value.view[:] = values
+        equations, state, given = self.whole()
+        try:
+            self.by_batch(start_at(equations, state, given))
+        except AdjustmentError as error:
+            self.doubt = f"no step leads to a minimum: {error}"
+            self.load(equations, state, given, self.constraint(equations))
+
+    def _relinearise(self) -> bool:
+        """Linearise anew what no longer holds; return whether the promise is kept."""
+        last = np.inf
+        for _ in range(MOST_ROUNDS):
+            moved = self.register.moved(RESERVE * self.accuracy)
+            if not moved:
+                return True
+            self.settled = False
+            self.store.compare(moved, self.network)
+            kinds = [r for r in self.store.kinds.values() if r.n]
+            off = [np.where(r.alive.view, r.off.view, 0.0) for r in kinds]
+            turned = [np.where(r.alive.view, r.turned.view, 0.0) for r in kinds]
+            bound = RESERVE * self.accuracy
+            total = sum(float(o.sum()) for o in off)
+            turned_poses = self.register.turned_poses(TURNED)
+            within = max(total, sum(float(t @ t) for t in turned)) <= bound**2
+            if within and not len(turned_poses):
+                return True
+            if not np.isfinite(total) or (total > last and total > 1.0):
+                return False
+            last = total
+            piece = self._doubtful(kinds, off, turned, bound, turned_poses)
+            if piece is None:
+                self.relinearise_all()
+                continue
+            remove = _slots(piece, self.store)
+            self.register.recentre_poses(turned_poses)
+            self.store.reweigh(piece, self.network)
+            self.store.linearise(piece)
+            factors, owners = self.store.factors(piece)
+            self._update(factors, owners, gtsam.Values(), remove)
+            if self.tree.slots > 2 * self.store.n_scalars + SPARE:
+                self.rebuild()
+        return False
+
+    def relinearise_all(self) -> None:
+        """Linearise everything at the present state, and build the tree anew."""
+        self.register.recentre()
+        everything = self.store.everything()
+        self.store.reweigh(everything, self.network)
+        self.store.linearise(everything)
+        self.rebuild()
+
+    @staticmethod
+    def _doubtful(
+        kinds: list[Rows],
+        off: list[Array],
+        turned: list[Array],
+        bound: float,
+        turned_poses: Index,
+    ) -> Piece | None:
+        """Return the rows to linearise anew, so that the others keep well below the bound.
+
+        None where that is so many that all may as well be.
+        """
+        every = np.concatenate([o + t**2 for o, t in zip(off, turned, strict=True)])
+        # Leave those alone that together make up a hundredth of the bound's square.
+        order = np.sort(every)
+        quiet = np.searchsorted(np.cumsum(order), 0.01 * bound**2)
+        threshold = order[min(quiet, len(order) - 1)]
+        chosen = [
+            (o + t**2 >= threshold) & (o + t**2 > 0) & r.alive.view
+            for r, o, t in zip(kinds, off, turned, strict=True)
+        ]
+        for r, c in zip(kinds, chosen, strict=True):
+            for kind, index in zip(r.kinds, r.index, strict=True):
+                if kind == "pose":
+                    c |= np.isin(index.view, turned_poses) & r.alive.view
+        inside = [r.group.view[c] for r, c in zip(kinds, chosen, strict=True)]
+        groups = np.unique(np.concatenate(inside))
+        groups = groups[groups >= 0]
+        rows = []
+        for r, c in zip(kinds, chosen, strict=True):
+            at = np.flatnonzero(c | (np.isin(r.group.view, groups) & r.alive.view))
+            if len(at):
+                rows.append((r, at))
+        n = sum(len(at) for _, at in rows)
+        if n > LARGE * len(every) and n > 100:
+            return None
+        return Piece(rows, groups.tolist())
+
+    def settle(self) -> None:
+        """Go to rest: Gauss-Newton steps until no unknown moves by 1e-7 of its σ."""
+        last = np.inf
+        equations, state, given = self.whole()
+        begun = start_at(equations, state, given)
+        try:
+            for step in range(MOST_STEPS):
+                moved = 0.0
+                if self.held and last < CLOSE:
+                    moved, state = onto_datum(equations, state, given)
+                self.load(equations, state, given, self.constraint(equations))
+                bound = self._step()
+                if bound < AT_REST and step and moved < AT_DATUM:
+                    self.settled = self.kept = True
+                    return
+                if not np.isfinite(bound) or (bound > 2 * last and bound > CLOSE):
+                    break
+                last = bound
+                equations, state, given = self.whole()
+        except (InputError, SingularError, RuntimeError, np.linalg.LinAlgError):
+            pass
+        self.by_batch(begun)
+
+    def begin_anew_with(self, units: Sequence[Unit]) -> None:
+        """Let the batch adjustment find the solution and its datum, of all and some new units."""
+        new = {v for u in units for v in u.variables}
+
+        def stays(kind: VariableKind, name: str) -> bool:
+            known = self.register.known(kind, name) or (kind, name) in new
+            return known or not components(self.network, (kind, name))[0]
+
+        self._adjust(filtered(self.network, stays), None)
+
+    def by_batch(self, start: Solution) -> None:
+        """Let the batch adjustment find the solution; then hold it."""
+        self._adjust(start.network, start)
+
+    def _adjust(self, network: Network, start: Solution | None) -> None:
+        solution = adjust(network, datum=self.datum, start=start, tolerance=AT_REST)
+        self.load(solution.equations, solution.state, solution.start, solution.constraint)
+        self.settled = self.kept = solution.converged
+        self.doubt = solution.reason
+
+    def to_datum(self) -> None:
+        """Move a free network to its inner constraints, charts and all.
+
+        Verticals and orientations follow such a motion only to first order; the next step does
+        the rest.
+        """
+        for _ in range(MOST_STEPS if self.held else 0):
+            equations, state, given = self.whole()
+            far, moved = onto_datum(equations, state, given)
+            if far < ON_DATUM:
+                return
+            self.load(equations, moved, given, self.constraint(equations))
+
+    def _step(self) -> float:
+        """Return √(δᵀ N δ) of the step from the charts' origins: its bound relative to σ."""
+        total = 0.0
+        piece = self.store.everything()
+        for rows, at in piece.rows:
+            step = self.store._product(rows, at)
+            total += float(np.sum(step[rows.group.view[at] < 0] ** 2))
+        for number in piece.groups:
+            group = self.store.groups[number]
+            v = np.zeros(len(group.whitener))
+            for (rows, at), order in zip(group.members, group.order, strict=True):
+                v[order] = self.store._product(rows, at)
+            total += float(np.sum((group.whitener @ v) ** 2))
+        return float(np.sqrt(total))
+
+    # -- the whole network --------------------------------------------------------------------
+
+    def whole(self) -> tuple[Equations, State, State]:
+        """Return the equations of the network, its state, and x₀."""
+        equations = compile_network(known_network(self.network, self.register))
+        state, given = equations.unknowns.start(), equations.unknowns.start()
+        for kind, theirs in equations.unknowns.tables.items():
+            table = self.register[kind]
+            mine = [table.number.get(n, -1) for n in theirs.names]
+            at = np.array(mine, dtype=np.intp)
+            on = np.flatnonzero(at >= 0)
+            on = on[table.known.view[at[on]]] if len(on) else on
+            width = min(state[kind].shape[1], table.value.view.shape[1])
+            state[kind][on, :width] = table.value.view[at[on], :width]
+            given[kind][on, :width] = table.given.view[at[on], :width]
+        return equations.weighted_at(state), state, given
+
+    def constraint(self, equations: Equations) -> Array:
+        out = np.zeros(equations.unknowns.n_columns)
+        for h in self.held:
+            name = self.register[h.kind].names[h.number]
+            table = equations.unknowns[h.kind]
+            out[int(table.offset[table.number[name]]) + h.component] = h.weight**2
+        return out
+
+    # -- the datum ----------------------------------------------------------------------------
+
+    def _count_signatures(self, piece: Piece, sign: int) -> None:
+        for rows, at in piece.rows:
+            for signature in self._signatures(rows, at):
+                self.signatures[signature] = self.signatures.get(signature, 0) + sign
+
+    def _signatures(self, rows: Rows, at: Index) -> set[tuple[object, ...]]:
+        """Return what kinds of observation there are, as far as a datum is concerned.
+
+        Two of one kind, with the same of their variables held, notice the same motions.
+        """
+        if not len(at):
+            return set()
+        held = np.stack(
+            [
+                (self.register[kind].place.view[index.view[at]] < 0).sum(axis=1)
+                for kind, index in zip(rows.kinds, rows.index, strict=True)
+            ],
+            axis=1,
+        )
+        meters = [
+            index.view[at] if kind in ("edm", "refraction") else np.zeros(len(at), dtype=np.intp)
+            for kind, index in zip(rows.kinds, rows.index, strict=True)
+        ]
+        codes = np.unique(np.concatenate([held, np.stack(meters, axis=1)], axis=1), axis=0)
+        return {(rows.template.kind, *c) for c in codes.tolist()}
+
+    def new_to_datum(self, trial: Trial) -> bool:
+        """Return whether a trial has a kind of observation that a free network has not seen."""
+        return self.datum == "free" and any(
+            s not in self.signatures
+            for rows, at in trial.piece.rows
+            for s in self._signatures(rows, at)
+        )
+
+    def _count(self) -> None:
+        """Count the kinds of observation anew."""
+        if self.datum == "free":
+            self.signatures = {}
+            self._count_signatures(self.store.everything(), 1)
+
+
+def _slots(piece: Piece, store: Store) -> list[int]:
+    out: list[int] = []
+    for rows, at in piece.rows:
+        slots = rows.slot.view[at]
+        out += slots[slots >= 0].tolist()
+    for number in piece.groups:
+        group: Group = store.groups[number]
+        if group.slot >= 0:
+            out.append(group.slot)
+    return out

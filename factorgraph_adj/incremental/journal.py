@@ -1,0 +1,309 @@
+"""The journal: a JSON Lines file to which every transaction is appended before it counts.
+
+The first line is the header ``{"journal": 1, …}``, every further line one entry, an object. A
+line counts as recorded when all of it is in the file. Whatever stops the process, the file
+holds whole lines and at most one torn line at its end, which is found and left out on opening.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import weakref
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NoReturn
+
+from ..errors import InputError, Problem
+
+if sys.platform != "win32":
+    import fcntl
+
+VERSION = 1
+"""Version of the format, the value of ``journal`` in the header."""
+_SHOWN = 60
+"""Characters of a bad line that a message shows."""
+_BEGIN = b'{"journal"'
+"""How every header begins."""
+
+
+class Journal:
+    """An open journal, to which only this process appends.
+
+    Opened by `create` or `open`; closed by `close`, at the end of a ``with``, or when it is no
+    longer in use.
+    """
+
+    def __init__(self, path: Path, descriptor: int, *, durable: bool) -> None:
+        """Take over an open, locked file whose lines are all whole."""
+        self.path = path
+        """The file."""
+        self.durable = durable
+        """Whether an entry is on the disk, not only with the operating system, once appended."""
+        self._descriptor = descriptor
+        self._size = os.fstat(descriptor).st_size
+        self._unusable = ""
+        self._close = weakref.finalize(self, os.close, descriptor)
+
+    # -- opening ------------------------------------------------------------------------------
+
+    @classmethod
+    def create(
+        cls, path: str | Path, header: Mapping[str, object], *, durable: bool = True
+    ) -> Journal:
+        """Start a journal.
+
+        Args:
+            path: the file; it must not exist or be empty.
+            header: what the first line holds beside ``journal``.
+            durable: wait with every entry until it is on the disk; otherwise a crash of the
+                process loses nothing, but one of the computer may.
+
+        Raises:
+            InputError: the file holds something or is in use, or cannot be written; the header
+                cannot stand in JSON. What was there is left as it was.
+        """
+        path = Path(path)
+        line = _line({"journal": VERSION, **header}, path)
+        existed = path.exists()
+        descriptor = _open(path, os.O_CREAT)
+        journal = None
+        try:
+            _lock(descriptor, path)
+            if os.fstat(descriptor).st_size > 0:
+                what = "holds something already: resume this journal, or choose another name"
+                raise InputError(Problem(what, str(path)))
+            journal = cls(path, descriptor, durable=durable)
+            journal._write(line)
+            if durable:
+                _sync_folder(path.parent)
+        except BaseException as error:
+            if journal is None:
+                os.close(descriptor)
+            else:
+                with suppress(OSError):
+                    os.ftruncate(descriptor, 0)
+                    if not existed:
+                        path.unlink()
+                journal.close()
+            _explain(error, path)
+        return journal
+
+    @classmethod
+    def open(
+        cls, path: str | Path, *, durable: bool = True
+    ) -> tuple[Journal, dict[str, Any], list[dict[str, Any]], str]:
+        """Open a journal to go on with it.
+
+        A last line that is not an object of JSON was torn when the process was stopped; it is
+        cut off, so that the next entry starts on a line of its own. A last line that is one
+        and lacks only the end of the line is whole, as no beginning of an object is an object
+        itself; it is kept and gets its end.
+
+        Args:
+            path: the file.
+            durable: as for `create`.
+
+        Returns:
+            The journal, its header, its entries, and what was torn: number and beginning of
+            the line; empty where nothing was.
+
+        Raises:
+            InputError: no such file, empty, not a journal, of another version, in use; nothing
+                but a torn header; lines before the last one that cannot be read, all of them.
+                The file is left as it was.
+        """
+        path = Path(path)
+        descriptor = _open(path)
+        journal = None
+        try:
+            _lock(descriptor, path)
+            with os.fdopen(descriptor, "rb", closefd=False) as stream:
+                data = stream.read()
+            lines, torn, keep = _whole_lines(data, path)
+            if keep < len(data):
+                os.ftruncate(descriptor, keep)
+            journal = cls(path, descriptor, durable=durable)
+            if not data[:keep].endswith(b"\n"):
+                journal._write(b"\n")
+            elif keep < len(data) and durable:
+                os.fsync(descriptor)
+        except BaseException as error:
+            if journal is None:
+                os.close(descriptor)
+            else:
+                journal.close()
+            _explain(error, path)
+        return journal, lines[0], lines[1:], torn
+
+    # -- use ----------------------------------------------------------------------------------
+
+    def append(self, entry: Mapping[str, object]) -> None:
+        """Record an entry: one line, in the file when this returns.
+
+        Raises:
+            InputError: the entry cannot stand in JSON, the file cannot be written, or the
+                journal is closed; nothing was recorded then.
+        """
+        self._write(_line(entry, self.path))
+
+    def close(self) -> None:
+        """Close the file, and so unlock it; closing again does nothing."""
+        self._close()
+
+    def __enter__(self) -> Journal:
+        """Return the journal, to be closed at the end of the ``with``."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the file."""
+        self.close()
+
+    def _write(self, line: bytes) -> None:
+        """Append bytes, all or none of them."""
+        if not self._close.alive:
+            raise InputError(Problem("the journal is closed", str(self.path)))
+        if self._unusable:
+            raise InputError(Problem(self._unusable, str(self.path)))
+        try:
+            done = os.write(self._descriptor, line)
+            while done < len(line):  # a disk that is nearly full takes a part
+                done += os.write(self._descriptor, line[done:])
+            if self.durable:
+                os.fsync(self._descriptor)
+        except BaseException as error:
+            # An interruption counts as well: the caller takes the entry for not recorded.
+            self._take_back()
+            if isinstance(error, OSError):
+                what = f"cannot be written: {error.strerror}; nothing was recorded"
+                raise InputError(Problem(what, str(self.path))) from None
+            raise
+        self._size += len(line)
+
+    def _take_back(self) -> None:
+        """Cut off what an append that failed has left."""
+        try:
+            os.ftruncate(self._descriptor, self._size)
+        except OSError as error:
+            self._unusable = (
+                f"a torn line could not be cut off ({error.strerror}): resume from this journal"
+            )
+
+
+# -- files ----------------------------------------------------------------------------------------
+
+
+def _explain(error: BaseException, path: Path) -> NoReturn:
+    """Raise an error of the operating system as one for people, others as they are."""
+    if isinstance(error, OSError):
+        problem = Problem(f"cannot be used as a journal: {error.strerror}", str(path))
+        raise InputError(problem) from None
+    raise error
+
+
+def _open(path: Path, flags: int = 0) -> int:
+    try:
+        flags |= os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0)
+        return os.open(path, flags, 0o666)
+    except OSError as error:
+        raise InputError(Problem(f"cannot be opened: {error.strerror}", str(path))) from None
+
+
+def _lock(descriptor: int, path: Path) -> None:
+    """Keep other processes out, where the system and the file system can do that."""
+    if sys.platform == "win32":
+        return
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        what = "is in use by another adjustment: two cannot record in one journal"
+        raise InputError(Problem(what, str(path))) from None
+    except OSError:
+        return  # a file system without locks
+
+
+def _sync_folder(folder: Path) -> None:
+    """Bring the name of a new file to the disk, where the system has that."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+# -- lines ----------------------------------------------------------------------------------------
+
+
+def _line(entry: Mapping[str, object], path: Path) -> bytes:
+    """Return an entry as a line."""
+    try:
+        text = json.dumps(dict(entry), allow_nan=False, ensure_ascii=False)
+        return text.encode("utf-8") + b"\n"
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(Problem(f"cannot be recorded: {error}", str(path))) from None
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(f"{constant} is not JSON")
+
+
+def _parse(line: bytes) -> dict[str, Any] | None:
+    """Return the object of a line; none where it is not one."""
+    try:
+        found = json.loads(line.decode("utf-8"), parse_constant=_refuse)
+    except (ValueError, RecursionError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def _shown(line: bytes) -> str:
+    text = line[: 4 * _SHOWN].decode("utf-8", "replace")
+    return repr(text[:_SHOWN]) + ("…" if len(text) > _SHOWN else "")
+
+
+def _whole_lines(data: bytes, path: Path) -> tuple[list[dict[str, Any]], str, int]:
+    """Return the objects of all whole lines, what is torn, and the bytes to keep.
+
+    Raises:
+        InputError: this is not a journal, or a line before the last one is bad.
+    """
+    if not data:
+        raise InputError(Problem("is empty: nothing had been recorded", str(path)))
+    raw = data.split(b"\n")
+    if raw[-1] == b"":
+        raw.pop()
+    found = [_parse(line) for line in raw]
+    header = found[0]
+    if header is None:
+        own = raw[0].startswith(_BEGIN) or _BEGIN.startswith(raw[0])
+        if len(raw) == 1 and own:
+            what = f"holds only a torn line, {_shown(raw[0])}: nothing had been recorded"
+            raise InputError(Problem(what, f"{path}:1"))
+        what = "is not a journal: the first line is not its header {…}"
+        raise InputError(Problem(what, str(path)))
+    if "journal" not in header:
+        what = 'is not a journal: its first line lacks "journal"'
+        raise InputError(Problem(what, str(path)))
+    if header["journal"] != VERSION or isinstance(header["journal"], bool):
+        what = f"is a journal of version {header['journal']!r}; valid: {VERSION}"
+        raise InputError(Problem(what, str(path)))
+    torn, keep = "", len(data)
+    if found[-1] is None:
+        torn = f"{path}:{len(raw)}: the last line was torn and is left out: {_shown(raw[-1])}"
+        keep = sum(len(line) + 1 for line in raw[:-1])
+        found.pop()
+    bad = [number for number, entry in enumerate(found, start=1) if entry is None]
+    if bad:
+        raise InputError(
+            Problem(f"is not an object of JSON: {_shown(raw[n - 1])}", f"{path}:{n}") for n in bad
+        )
+    return [entry for entry in found if entry is not None], torn, keep

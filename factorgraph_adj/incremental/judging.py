@@ -1,0 +1,227 @@
+"""Which of the arriving units stay, by the policy, and what their verdicts say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..graph.keys import KeyMap
+from ..models.registry import VariableKind
+from ..observations import ControlPoint, Observation, n_scalars
+from ..types import Array, Index
+from .engine import Engine, Trial
+from .units import Unit
+from .verdicts import UNCONTROLLED, Gain, Outcome, Policy, Verdict, critical_t2, pseudo_inverse
+
+MOST_GAINS = 300
+"""Units of one arrival up to which it is worked out what each adds to its points."""
+TIED = 1e-6
+"""Eigenvalue of M up to which rows are all that determines something."""
+MOVES = 1e-3
+"""Movement relative to σ by which a variable takes part in a null motion."""
+
+
+@dataclass
+class Decision:
+    """What happens to the units of a trial."""
+
+    stay: list[Unit] = field(default_factory=list)
+    beyond: dict[str, tuple[float, int, Array, Array]] = field(default_factory=dict)
+    """Units left out because of their test: T², degrees of freedom, M and v at that moment."""
+    left_out: list[Unit] = field(default_factory=list)
+    """Those units."""
+    back: list[Unit] = field(default_factory=list)
+    """Units that contradict each other: the next ones may tell which is wrong."""
+    leaving: list[tuple[VariableKind, int]] = field(default_factory=list)
+    """Variables that they alone determined."""
+
+
+def decide(engine: Engine, trial: Trial, *, policy: Policy, alpha: float) -> Decision:
+    """Leave out units one by one, the one with the largest T²/critical first."""
+    out = Decision(stay=list(trial.units))
+    if policy == "accept":
+        return out
+    judged = trial.judged
+    entered = set(trial.entered)
+    while out.stay:
+        ratios = np.array([_ratio(trial, u, alpha) for u in out.stay])
+        worst = int(np.argmax(ratios))
+        if not ratios[worst] > 1.0:
+            return out
+        unit = out.stay[worst]
+        rows = trial.rows[unit.ids[0]]
+        values = np.linalg.eigvalsh(judged.m[np.ix_(rows, rows)])
+        lost = set() if values[0] > TIED else _held_by(engine, trial, rows, entered)
+        if lost:
+            # Without it something is not determined: whoever joins that goes back to waiting.
+            touching = [u for u in out.stay if lost & _variables(engine, u)]
+            taken = np.concatenate([trial.rows[u.ids[0]] for u in touching])
+            out.back += touching
+            out.leaving += sorted(lost)
+        else:
+            t2, dof = judged.test(rows)
+            out.beyond[unit.ids[0]] = (
+                *(t2, dof, judged.m[np.ix_(rows, rows)].copy(), judged.v[rows].copy()),
+            )
+            out.left_out.append(unit)
+            touching, taken = [unit], rows
+        judged.take_out(taken)
+        out.stay = [u for u in out.stay if u not in touching]
+    return out
+
+
+def _ratio(trial: Trial, unit: Unit, alpha: float) -> float:
+    t2, dof = trial.judged.test(trial.rows[unit.ids[0]])
+    if np.isnan(t2):  # too far off for its square: beyond every critical value
+        return np.inf
+    return t2 / critical_t2(alpha, dof) if dof else 0.0
+
+
+def _variables(engine: Engine, unit: Unit) -> set[tuple[VariableKind, int]]:
+    return {
+        (kind, number)
+        for kind, name in unit.variables
+        if (number := engine.register[kind].number.get(name)) is not None
+    }
+
+
+def _held_by(
+    engine: Engine, trial: Trial, rows: Index, entered: set[tuple[VariableKind, int]]
+) -> set[tuple[VariableKind, int]]:
+    """Return the entering variables that only these rows keep determined."""
+    m = trial.judged.m[np.ix_(rows, rows)]
+    values, vectors = np.linalg.eigh(m)
+    null = vectors[:, values <= TIED]
+    motion = trial.joint @ (trial.a[rows].T @ null)
+    sigma = np.sqrt(np.maximum(np.diag(trial.joint), 0.0))
+    lost = set()
+    for key, columns in trial.column.items():
+        variable = engine.register.variable(key)
+        if variable not in entered:
+            continue
+        moved = np.abs(motion[columns]) / np.where(sigma[columns] > 0, sigma[columns], 1.0)[:, None]
+        if (moved > MOVES).any():
+            lost.add(variable)
+    return lost
+
+
+def verdicts(
+    engine: Engine,
+    trial: Trial,
+    decision: Decision,
+    *,
+    policy: Policy,
+    alpha: float,
+    entered: set[str],
+    lacks: str,
+) -> list[Verdict]:
+    """Return the verdict of every observation of a trial, in the order of its units.
+
+    Args:
+        engine: what it was put into.
+        trial: the units.
+        decision: what happens to them.
+        policy: what becomes of those beyond the critical value.
+        alpha: probability of a false alarm of one test.
+        entered: ids of units that had been waiting.
+        lacks: what those lack that contradict each other.
+    """
+    back = {u.ids[0] for u in decision.back}
+    with_gains = len(trial.units) <= MOST_GAINS and not engine.held
+    out: list[Verdict] = []
+    for unit in trial.units:
+        first = unit.ids[0]
+        rows = trial.rows[first]
+        outcome: Outcome = "accepted"
+        why = ""
+        if first in back:
+            outcome, why = "waiting", lacks
+            m, v = trial.judged.m[np.ix_(rows, rows)], trial.judged.v[rows]
+            t2, dof = np.nan, 0
+        elif first in decision.beyond:
+            outcome = "rejected" if policy == "reject" else "suspect"
+            t2, dof, m, v = decision.beyond[first]
+        else:
+            m, v = trial.judged.m[np.ix_(rows, rows)], trial.judged.v[rows]
+            t2, dof = trial.judged.test(rows)
+        gains = _gains(engine, trial, unit, rows, m) if with_gains and outcome == "accepted" else ()
+        inverse, _ = pseudo_inverse(m)
+        raw = trial.raw[np.ix_(rows, rows)]
+        innovation = raw @ inverse @ v
+        sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", raw, inverse, raw), 0.0))
+        pv = np.linalg.solve(raw.T, v)
+        half = np.linalg.inv(raw)
+        precision = np.einsum("ji,jk,ki->i", half, m, half)
+        weight = np.einsum("ji,ji->i", half, half)
+        controlled = precision > UNCONTROLLED * weight
+        w = np.where(controlled, pv / np.sqrt(np.where(controlled, precision, 1.0)), np.nan)
+        r = np.einsum("ij,jk,ki->i", raw, m, half)
+        sigma = np.where(controlled, sigma, np.inf)
+        innovation = np.where(controlled, innovation, np.nan)
+        at = 0
+        for ident, o in zip(unit.ids, unit.observations, strict=True):
+            part = slice(at, at + n_scalars(o))
+            at = part.stop
+            out.append(
+                Verdict(
+                    ident,
+                    o.kind,
+                    o.label(),
+                    outcome,
+                    _components(o),
+                    innovation[part],
+                    sigma[part],
+                    w[part],
+                    r[part],
+                    t2,
+                    dof,
+                    critical_t2(alpha, dof),
+                    first in entered,
+                    why,
+                    _points(unit),
+                    gains,
+                )
+            )
+    return out
+
+
+def waiting(unit: Unit, lacks: str) -> list[Verdict]:
+    """Return the verdicts of a unit that waits."""
+    return [
+        Verdict(i, o.kind, o.label(), "waiting", _components(o), lacks=lacks, points=_points(unit))
+        for i, o in zip(unit.ids, unit.observations, strict=True)
+    ]
+
+
+def _points(unit: Unit) -> tuple[str, ...]:
+    return tuple(name for kind, name in unit.variables if kind == "point")
+
+
+def _components(o: Observation) -> tuple[str, ...]:
+    return tuple(o.axes) if isinstance(o, ControlPoint) else o.components
+
+
+def _gains(engine: Engine, trial: Trial, unit: Unit, rows: Index, m: Array) -> tuple[Gain, ...]:
+    """Return what a unit adds to its points: without it, Q + Q Aᵀ M⁻¹ A Q."""
+    out = []
+    for kind, name in unit.variables:
+        if kind != "point":
+            continue
+        number = engine.register[kind].number[name]
+        free = engine.register[kind].free.view[number]
+        if not free.any():
+            continue
+        columns = trial.column[KeyMap.of(kind, number)]
+        own = trial.joint[np.ix_(columns, columns)]
+        across = trial.joint[columns] @ trial.a[rows].T
+        values, vectors = np.linalg.eigh(m)
+        turned = across @ vectors
+        on = values > 1e-9
+        more = (turned[:, on] ** 2 / values[on]).sum(axis=1)
+        lost = (np.abs(turned[:, ~on]) > 1e-9 * np.sqrt(np.diag(own))[:, None]).any(axis=1)
+        after, before = np.zeros(3), np.zeros(3)
+        after[free] = np.sqrt(np.diag(own))
+        before[free] = np.where(lost, np.inf, np.sqrt(np.diag(own) + more))
+        out.append(Gain(name, before, after))
+    return tuple(out)

@@ -1,0 +1,331 @@
+"""The variables of the graph: numbers that stay, where they are, and how they are charted.
+
+iSAM2 holds each variable as a plain vector δ of its free components, zero at a chart's origin:
+x = origin ⊞ δ, with the tangents of `factorgraph_adj.rotation.retract_poses` for poses.
+What is held altogether is a constant: it has a number and a value, and no key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import gtsam
+import numpy as np
+
+from ..graph.keys import KeyMap
+from ..graph.variables import COMPONENTS, ORDER, State, Unknowns
+from ..models.registry import VariableKind
+from ..rotation import retract_poses
+from ..types import Array, Index, Mask
+from .growing import Growing
+
+WIDTH: dict[VariableKind, int] = {kind: len(COMPONENTS[kind]) for kind in COMPONENTS} | {
+    "calibration": 0
+}
+"""Components of the tangent; those of calibrations grow with their lenses."""
+
+
+class Table:
+    """The variables of one kind."""
+
+    def __init__(self, kind: VariableKind) -> None:
+        """Start without variables."""
+        self.kind = kind
+        k, w = WIDTH[kind], 12 if kind == "pose" else WIDTH[kind]
+        self.names: list[str] = []
+        self.number: dict[str, int] = {}
+        self.value = Growing(np.zeros((0, w)))
+        """Where they are now."""
+        self.origin = Growing(np.zeros((0, w)))
+        """Origin of the chart."""
+        self.given = Growing(np.zeros((0, w)))
+        """Given or approximate values x₀."""
+        self.delta = Growing(np.zeros((0, k)))
+        """Components in the chart."""
+        self.checked = Growing(np.zeros((0, k)))
+        """δ where its observations were last compared with their linear form."""
+        self.free = Growing(np.zeros((0, k), dtype=bool))
+        self.place = Growing(np.zeros((0, k), dtype=np.intp))
+        """Place of each component in the vector of all, −1 for those held or not in the graph."""
+        self.size = Growing(np.zeros(0, dtype=np.intp))
+        self.known = Growing(np.zeros(0, dtype=bool))
+        """In the graph, or a constant."""
+        self.weight = Growing(np.zeros((0, k)))
+        """Diagonal of N."""
+        self.variance = Growing(np.zeros((0, k)))
+        """Variances as far as they were worked out; further observations make them smaller."""
+
+    def columns(self) -> tuple[Growing, ...]:
+        """All arrays."""
+        return (
+            *(self.value, self.origin, self.given, self.delta, self.checked, self.free),
+            *(self.place, self.size, self.known, self.weight, self.variance),
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of variables."""
+        return len(self.names)
+
+
+class Register:
+    """All variables that the graph has or had."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self.tables: dict[VariableKind, Table] = {kind: Table(kind) for kind in ORDER}
+        self.keys: list[int] = []
+        """Keys in the graph, in the order of their places."""
+        self.n_places = 0
+        self.state: State = {}
+        self._renew()
+
+    def _renew(self) -> None:
+        self.state = {kind: t.value.view for kind, t in self.tables.items()}
+
+    def __getitem__(self, kind: VariableKind) -> Table:
+        """Return the variables of a kind."""
+        return self.tables[kind]
+
+    def known(self, kind: VariableKind, name: str) -> bool:
+        """Return whether it is in the graph, or a constant."""
+        table = self.tables[kind]
+        number = table.number.get(name)
+        return number is not None and bool(table.known.view[number])
+
+    # -- coming and going ---------------------------------------------------------------------
+
+    def absorb(self, unknowns: Unknowns, state: State, given: State) -> dict[VariableKind, Index]:
+        """Take the variables of some equations over that are not known yet.
+
+        Args:
+            unknowns: the variables.
+            state: their values, which become the origins of their charts.
+            given: x₀ of them.
+
+        Returns:
+            The number here of every variable there, by kind.
+        """
+        out: dict[VariableKind, Index] = {}
+        for kind, theirs in unknowns.tables.items():
+            table = self.tables[kind]
+            numbers = np.empty(len(theirs.names), dtype=np.intp)
+            fresh = []
+            for i, name in enumerate(theirs.names):
+                number = table.number.get(name)
+                if number is None:
+                    number = table.n
+                    table.number[name] = number
+                    table.names.append(name)
+                    fresh.append(i)
+                elif not table.known.view[number]:
+                    self._enter(table, np.array([number]), theirs.free[[i]], state[kind][[i]])
+                    table.given.view[number, : given[kind].shape[1]] = given[kind][i]
+                numbers[i] = number
+            if fresh:
+                self._append(table, theirs, fresh, state[kind], given[kind])
+            out[kind] = numbers
+        self._renew()
+        return out
+
+    def _append(
+        self, table: Table, theirs: object, rows: list[int], state: Array, given: Array
+    ) -> None:
+        free, size = theirs.free[rows], theirs.size[rows]  # type: ignore[attr-defined]
+        for column in (table.value, table.origin, table.given):
+            column.widen(state.shape[1], 0.0)
+        for column, fill in (
+            *((table.delta, 0.0), (table.checked, 0.0), (table.weight, 0.0), (table.variance, 0.0)),
+            *((table.free, False), (table.place, -1)),
+        ):
+            column.widen(free.shape[1], fill)
+        m = len(rows)
+        k, w = table.free.view.shape[1], table.value.view.shape[1]
+        first = table.value.n
+
+        def padded(a: Array, width: int) -> Array:
+            out = np.zeros((m, width), dtype=a.dtype)
+            out[:, : a.shape[1]] = a
+            return out
+
+        for column, rows_ in (
+            (table.value, padded(state[rows], w)),
+            (table.origin, padded(state[rows], w)),
+            (table.given, padded(given[rows], w)),
+            (table.delta, np.zeros((m, k))),
+            (table.checked, np.zeros((m, k))),
+            (table.free, padded(free, k)),
+            (table.place, np.full((m, k), -1)),
+            (table.size, size),
+            (table.known, np.zeros(m, dtype=bool)),
+            (table.weight, np.zeros((m, k))),
+            (table.variance, np.zeros((m, k))),
+        ):
+            column.append(rows_)
+        self._enter(table, np.arange(first, first + m), free, state[rows])
+
+    def _enter(self, table: Table, numbers: Index, free: Mask, values: Array) -> None:
+        """Give variables that were not known their places; their charts start at ``values``."""
+        k = free.shape[1]
+        table.free.view[numbers] = False
+        table.free.view[numbers, :k] = free
+        for column in (table.value, table.origin):
+            column.view[numbers, : values.shape[1]] = values
+        for column in (table.delta, table.checked, table.weight, table.variance):
+            column.view[numbers] = 0.0
+        table.known.view[numbers] = True
+        count = free.sum(axis=1)
+        inside = np.flatnonzero(count)
+        if not len(inside):
+            return
+        place = np.full(table.place.view[numbers].shape, -1, dtype=np.intp)
+        place[:, :k][free] = self.n_places + np.arange(int(count.sum()))
+        table.place.view[numbers] = place
+        self.n_places += int(count.sum())
+        self.keys += [KeyMap.of(table.kind, int(i)) for i in numbers[inside]]
+
+    def leave(self, variables: Iterable[tuple[VariableKind, int]]) -> None:
+        """Take variables out of the graph."""
+        for kind, number in variables:
+            table = self.tables[kind]
+            table.known.view[number] = False
+            table.place.view[number] = -1
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        """Number the places anew."""
+        self.keys, self.n_places = [], 0
+        for table in self.tables.values():
+            if not table.n:
+                continue
+            place, free = table.place.view, table.free.view
+            inside = table.known.view & free.any(axis=1)
+            place[:] = -1
+            mask = free & inside[:, None]
+            place[mask] = self.n_places + np.arange(int(mask.sum()))
+            self.n_places += int(mask.sum())
+            self.keys += [KeyMap.of(table.kind, i) for i in np.flatnonzero(inside).tolist()]
+
+    def marks(self) -> dict[VariableKind, int]:
+        """Return how many variables there are, for `forget`."""
+        return {kind: t.n for kind, t in self.tables.items()}
+
+    def forget(
+        self, marks: dict[VariableKind, int], left: Iterable[tuple[VariableKind, int]]
+    ) -> None:
+        """Drop the variables beyond ``marks``, and take ``left`` out of the graph."""
+        for kind, table in self.tables.items():
+            for name in table.names[marks[kind] :]:
+                del table.number[name]
+            del table.names[marks[kind] :]
+            for column in table.columns():
+                column.truncate(marks[kind])
+        self.leave(left)
+        self._renew()
+
+    # -- values -------------------------------------------------------------------------------
+
+    def values(self, keys: Iterable[int] | None = None) -> gtsam.Values:
+        """Return the origins as iSAM2 wants them: zero vectors of the free components."""
+        out = gtsam.Values()
+        for key in self.keys if keys is None else keys:
+            out.insert(key, np.zeros(self.dimension(key)))
+        return out
+
+    def dimension(self, key: int) -> int:
+        """Return the number of free components of a key."""
+        kind, number = self.variable(key)
+        return int(self.tables[kind].free.view[number].sum())
+
+    @staticmethod
+    def variable(key: int) -> tuple[VariableKind, int]:
+        """Return kind and number of a key."""
+        return _KIND_OF[key >> 56], key & ((1 << 56) - 1)
+
+    def move_to(self, delta: Array) -> None:
+        """Set δ of all variables (n_places,), and their values."""
+        x = np.append(delta, 0.0)
+        for kind, table in self.tables.items():
+            if not table.n:
+                continue
+            new = x[table.place.view]
+            old = table.delta.view
+            rows = np.flatnonzero((new != old).any(axis=1))
+            if not len(rows):
+                continue
+            old[rows] = new[rows]
+            self._retract(kind, rows)
+
+    def _retract(self, kind: VariableKind, rows: Index) -> None:
+        table = self.tables[kind]
+        delta, origin = table.delta.view[rows], table.origin.view[rows]
+        if kind == "pose":
+            rotation, centre = retract_poses(origin[:, :9].reshape(-1, 3, 3), origin[:, 9:], delta)
+            table.value.view[rows, :9] = rotation.reshape(-1, 9)
+            table.value.view[rows, 9:] = centre
+        else:
+            table.value.view[rows] = origin + delta
+
+    def note_variances(self, keys: Iterable[int], diagonal: Array) -> None:
+        """Note variances of the free components of some variables, one after the other."""
+        at = 0
+        for key in keys:
+            kind, number = self.variable(key)
+            table = self.tables[kind]
+            free = table.free.view[number]
+            n = int(free.sum())
+            table.variance.view[number, free] = diagonal[at : at + n]
+            at += n
+
+    def set_variances(self, diagonal: Array) -> None:
+        """Set the variances of all variables, (n_places,)."""
+        padded = np.append(diagonal, 0.0)
+        for table in self.tables.values():
+            table.variance.view[:] = padded[table.place.view]
+
+    def places(self, key: int) -> Index:
+        """Return the places of the free components of a variable."""
+        kind, number = self.variable(key)
+        places = self.tables[kind].place.view[number]
+        return np.asarray(places[places >= 0], dtype=np.intp)
+
+    def recentre(self) -> None:
+        """Put the origins of all charts where the variables are."""
+        for table in self.tables.values():
+            table.origin.view[:] = table.value.view
+            table.delta.view[:] = 0.0
+            table.checked.view[:] = 0.0
+
+    def turned_poses(self, far: float) -> Index:
+        """Return the poses that are turned from the origins of their charts by more than ``far``.
+
+        The covariance of a rotation is about the axes of the camera, which turn with it.
+        """
+        turn = self.tables["pose"].delta.view[:, :3]
+        return np.flatnonzero(np.abs(turn).max(axis=1, initial=0.0) > far)
+
+    def recentre_poses(self, numbers: Index) -> None:
+        """Put the origins of the charts of some poses where these are."""
+        table = self.tables["pose"]
+        table.origin.view[numbers] = table.value.view[numbers]
+        for column in (table.delta, table.checked):
+            column.view[numbers] = 0.0
+
+    def moved(self, share: float) -> dict[VariableKind, Mask]:
+        """Return which variables moved since their observations were last looked at.
+
+        By more than ``share`` of their conditional standard deviation 1/√N_ii, which is less
+        than any other.
+        """
+        out: dict[VariableKind, Mask] = {}
+        for kind, table in self.tables.items():
+            if not table.n:
+                continue
+            far = np.abs(table.delta.view - table.checked.view) * np.sqrt(table.weight.view)
+            mask = (far > share).any(axis=1)
+            if mask.any():
+                out[kind] = mask
+        return out
+
+
+_KIND_OF: dict[int, VariableKind] = {KeyMap.of(kind, 0) >> 56: kind for kind in ORDER}

@@ -1,0 +1,154 @@
+"""What arrives together or not at all: an observation, or a correlated group."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from ..entities import FREE_ORIENTATION, Parameter
+from ..graph.make_blocks import variable_name
+from ..graph.variables import calibration_name
+from ..models.registry import KINDS, VariableKind
+from ..network import Network
+from ..observations import AnyObservation, Correlated, ImagePoint, Observation, n_scalars
+from ..types import Array
+from .register import Register
+
+Variable: TypeAlias = tuple[VariableKind, str]
+"""Kind and name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """One observation, or a correlated group."""
+
+    ids: tuple[str, ...]
+    """Ids of its observations."""
+    observations: tuple[Observation, ...]
+    """They, each with its id (image points: where it has one of its own)."""
+    covariance: Array | None
+    """Joint covariance of a group."""
+    variables: tuple[Variable, ...]
+    """What they depend on."""
+    unknowns: tuple[Variable, ...]
+    """Those of them that have a free component."""
+
+    @property
+    def n_scalars(self) -> int:
+        """Number of scalar rows."""
+        return sum(n_scalars(o) for o in self.observations)
+
+    @property
+    def item(self) -> AnyObservation:
+        """The observation or group, as the network takes it."""
+        if self.covariance is None:
+            return self.observations[0]  # type: ignore[return-value]
+        return Correlated(self.observations, self.covariance)
+
+    def without(self, gone: set[str]) -> Unit | None:
+        """Return what remains of a group; none where nothing does."""
+        stays = [i not in gone for i in self.ids]
+        if not any(stays):
+            return None
+        assert self.covariance is not None
+        sizes = [n_scalars(o) for o in self.observations]
+        rows = np.flatnonzero(np.repeat(stays, sizes))
+        left = tuple(o for o, s in zip(self.observations, stays, strict=True) if s)
+        return Unit(
+            tuple(i for i, s in zip(self.ids, stays, strict=True) if s),
+            left,
+            self.covariance[np.ix_(rows, rows)],
+            self.variables,
+            self.unknowns,
+        )
+
+
+def identity(o: Observation) -> str | None:
+    """Return the id of an observation, none where the network has to number it."""
+    own: str | None = getattr(o, "id", None)
+    if own is None and isinstance(o, ImagePoint):
+        return f"{o.photo}/{o.point}"
+    return own
+
+
+def named(o: Observation, ident: str) -> Observation:
+    """Return the observation with its id; image points keep photo/point as theirs."""
+    if isinstance(o, ImagePoint) and ident == f"{o.photo}/{o.point}":
+        return o
+    return o if getattr(o, "id", None) == ident else replace(o, id=ident)  # type: ignore[call-arg]
+
+
+def unit_of(
+    network: Network, observations: Iterable[Observation], covariance: Array | None
+) -> Unit:
+    """Return the unit of observations that bear their ids."""
+    found = tuple(observations)
+    variables = dict.fromkeys(v for o in found for v in variables_of(network, o))
+    ids = tuple(identity(o) or "" for o in found)
+    unknowns = tuple(v for v in variables if components(network, v)[0])
+    return Unit(ids, found, covariance, tuple(variables), unknowns)
+
+
+def variables_of(network: Network, o: Observation) -> Iterator[Variable]:
+    """Return what an observation depends on."""
+    if isinstance(o, ImagePoint):
+        yield "pose", o.photo
+        yield "calibration", calibration_name(network, o.photo)
+        yield "point", o.point
+        return
+    kind = KINDS.get(o.kind)
+    if kind is None:
+        yield "point", o.point  # type: ignore[attr-defined]
+        return
+    for what, attribute in kind.variables:
+        yield what, variable_name(network, what, attribute, o)
+
+
+def components(network: Network, variable: Variable) -> tuple[int, int]:
+    """Return how many free components a variable has, and how many of them are weighted."""
+    kind, name = variable
+    fixed: tuple[bool, ...]
+    sigma: tuple[float, ...]
+    if kind == "point":
+        point = network.points[name]
+        fixed, sigma = point.fixed, point.sigma or (np.inf,) * 3
+    elif kind == "pose":
+        photo = network.photos[name]
+        attitude = np.inf if photo.sigma_attitude is None else photo.sigma_attitude
+        fixed = photo.fixed
+        sigma = (*(attitude,) * 3, *(photo.sigma_position or (np.inf,) * 3))
+    elif kind == "calibration":
+        camera = network.cameras.get(name) or network.cameras[name.split("@")[0]]
+        fixed, sigma = camera.fixed, camera.sigma
+    else:
+        parameter = small_unknown(network, kind, name)
+        if parameter is None:
+            return 0, 0
+        fixed, sigma = parameter.fixed, parameter.sigma
+    weighted = sum(not f and bool(np.isfinite(s)) for f, s in zip(fixed, sigma, strict=True))
+    return len(fixed) - sum(fixed), weighted
+
+
+def small_unknown(network: Network, kind: VariableKind, name: str) -> Parameter | None:
+    """Return what was stated of a small unknown; none where it is a constant of all."""
+    if kind == "orientation":
+        at = name.find("/")
+        while at >= 0:
+            found = network.orientations.get((name[:at], name[at + 1 :]))
+            if found is not None:
+                return found
+            at = name.find("/", at + 1)
+        return FREE_ORIENTATION
+    if kind == "refraction":
+        return network.refractions.get(name)
+    if kind == "vertical":
+        return network.verticals.get(name)
+    return network.distance_meters.get(name)
+
+
+def pending(register: Register, unit: Unit) -> list[Variable]:
+    """Return the variables of a unit that are neither known nor constants."""
+    return [v for v in unit.unknowns if not register.known(*v)]

@@ -1,0 +1,211 @@
+"""Observations as plain JSON, see `factorgraph_adj.io.json_records`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..observations import (
+    OBSERVATIONS,
+    AnyObservation,
+    ControlPoint,
+    Correlated,
+    ImagePoint,
+    Observation,
+)
+from ..types import Array
+from . import numbers, records
+from .context import ImageAxes, RecordContext
+from .fields import NAMES, TEXTS, is_angle, sigma_fields
+from .numbers import Units
+from .tables import IGNORED, Row
+
+Fields = dict[str, object]
+CORRELATED = "correlated"
+"""The kind of observations with a joint covariance."""
+SI = Units("m", "rad", "rad", "m", "rad")
+"""Units of what is written."""
+_CORRELATED_KEYS = ("kind", "observations", "covariance_si", *IGNORED)
+_OBSERVATION_TEXTS = frozenset({"kind", "id", *NAMES, *TEXTS})
+
+
+def plain(record: Mapping[str, str], texts: Iterable[str]) -> Fields:
+    """Return the filled fields of a record in SI, the numbers as numbers."""
+    return {k: v if k in texts else float(v) for k, v in record.items() if v}
+
+
+def checked(fields: object, source: str) -> Mapping[str, object]:
+    """Return fields that are a JSON object."""
+    if isinstance(fields, Mapping):
+        return fields
+    raise InputError(Problem(f"a record must be an object {{…}}, not {fields!r}", source))
+
+
+def observation_fields(
+    item: AnyObservation, *, id: str | Sequence[str] | None, unit: str = "mm"
+) -> Fields:
+    """Return the record of an observation; its source is left out.
+
+    Args:
+        item: the observation, or several with a joint covariance.
+        id: its name in the network, where it has none of its own; of correlated observations
+            one for each.
+        unit: unit of the camera, for image coordinates: px or a length; their σ is named by it.
+
+    Raises:
+        InputError: an empty id or name of a set, or a standard deviation of which no part
+            applies: no record says that.
+    """
+    if not isinstance(item, Correlated):
+        return _single_fields(item, id if isinstance(id, str) else None, unit)
+    ids: Sequence[str | None] = [None] * len(item.observations)
+    if id is not None:
+        ids = [id] if isinstance(id, str) else id
+    return {
+        "kind": CORRELATED,
+        "observations": [
+            _single_fields(o, i, unit) for o, i in zip(item.observations, ids, strict=True)
+        ],
+        "covariance_si": np.asarray(item.covariance, dtype=float).tolist(),
+    }
+
+
+def _single_fields(item: Observation, id: str | None, unit: str) -> Fields:
+    # An empty field counts as absent, so that reading would give something else.
+    stated = {n: getattr(item, n, None) for n in ("id", "set", "instrument", "refraction")}
+    problems = [
+        Problem(f"{name} must be text that is not empty, not {value!r}", item.label())
+        for name, value in stated.items()
+        if value is not None and (not isinstance(value, str) or not value)
+    ]
+    record = records.record(item, id=id, units=SI, axes=ImageAxes(unit))
+    out = plain(record, _OBSERVATION_TEXTS)
+    if not any(f in out for f in sigma_fields(item.kind)):
+        what = f"no part of its standard deviation applies to {item.kind}"
+        problems.append(Problem(what, item.label()))
+    if problems:
+        raise InputError(problems)
+    if not isinstance(item, ImagePoint):
+        out["unit"] = "rad" if is_angle(item.kind) else "m"
+    return out
+
+
+def observation_of(
+    fields: Mapping[str, object], *, context: RecordContext | None = None, source: str = ""
+) -> AnyObservation:
+    """Return the observation that a record describes.
+
+    Args:
+        fields: the record, as `json.loads` gives it.
+        context: what the record leaves to a project. Without it lengths are metres and angles
+            gon where the record states no ``unit``, heights of instruments and targets are
+            metres, and image coordinates have the unit that σ names. What
+            `observation_fields` returns is read without a context.
+        source: where the record stands, for messages and for the observation.
+
+    Raises:
+        InputError: everything that is wrong with it, as `records.observation` lists it;
+            correlated observations that are none, or whose covariance is not square, symmetric,
+            positive definite or of the size of their components.
+    """
+    fields = checked(fields, source)
+    if fields.get("kind") == CORRELATED:
+        return _correlated_of(fields, context, source)
+    return _single_of(fields, context, source)
+
+
+def _single_of(
+    fields: Mapping[str, object], context: RecordContext | None, source: str
+) -> Observation:
+    if context is None and fields.get("kind") == "image":
+        context = RecordContext(images={str(fields.get("photo")): _own_axes(fields)})
+    return records.observation(fields, context=context, source=source)
+
+
+def _own_axes(fields: Mapping[str, object]) -> ImageAxes:
+    """Return the unit of image coordinates that σ of a record names."""
+    named = [f.rpartition("_")[2] for f in sigma_fields("image") if f in fields]
+    return ImageAxes(named[0]) if named else ImageAxes()
+
+
+def _correlated_of(
+    fields: Mapping[str, object], context: RecordContext | None, source: str
+) -> Correlated:
+    problems: list[Problem] = []
+    row = Row(fields, source, problems, CORRELATED)
+    for name in row.fields:
+        if name not in _CORRELATED_KEYS:
+            row.wrong(f"unknown field {name!r}; known: {', '.join(_CORRELATED_KEYS)}")
+    covariance = _matrix(row)
+    given = row.take("observations", required=True)
+    if given is not None and not isinstance(given, list):
+        row.wrong(f"observations must be a list of records, not {given!r}")
+    members: list[Observation] = []
+    begin = 0
+    for number, entry in enumerate(given if isinstance(given, list) else (), start=1):
+        where = ", ".join(part for part in (source, f"observation {number}") if part)
+        try:
+            record = checked(entry, where)
+            kind = record.get("kind")
+            if kind in (CORRELATED, "image"):
+                raise InputError(Problem(f"{kind} cannot be in a correlated group", where))
+            if covariance is not None:
+                record = _with_sigma(record, np.diag(covariance)[begin:])
+            members.append(replace(_single_of(record, context, where), source=source or None))  # type: ignore[call-arg]
+            begin += _size(record)
+        except InputError as error:
+            problems.extend(error.problems)
+            # What comes after has no known place in the covariance.
+            covariance = None
+    if isinstance(given, list) and not given:
+        row.wrong("observations must be one record or more")
+    if problems or covariance is None:
+        raise InputError(problems)
+    try:
+        return Correlated(tuple(members), covariance)
+    except InputError as error:
+        row.wrong_all(error)
+        raise InputError(problems) from None
+
+
+def _matrix(row: Row) -> Array | None:
+    """Return the covariance; none, noted in the row, where it is no square of numbers."""
+    given = row.take("covariance_si", required=True)
+    if given is None:
+        return None
+    if not isinstance(given, list) or not all(
+        isinstance(line, list) and len(line) == len(given) for line in given
+    ):
+        row.wrong("covariance_si must be a square matrix: a list of rows as long as itself")
+        return None
+    try:
+        return np.array([[numbers.parse(v) for v in line] for line in given])
+    except ValueError as error:
+        row.wrong(f"covariance_si: {error}")
+        return None
+
+
+def _axes(record: Mapping[str, object]) -> tuple[str, ...]:
+    """Return the components of a record that may still be wrong."""
+    cls = OBSERVATIONS.get(str(record.get("kind")))
+    if cls is not None and issubclass(cls, ControlPoint):
+        return tuple(str(record.get("axes") or "xyz").replace(" ", ""))
+    return () if cls is None else cls.components
+
+
+def _size(record: Mapping[str, object]) -> int:
+    return len(_axes(record))
+
+
+def _with_sigma(record: Mapping[str, object], variances: Array) -> Mapping[str, object]:
+    """Give a member the variances of the group as its own where it has none, as tables do."""
+    kind, axes = str(record.get("kind")), _axes(record)
+    if kind not in OBSERVATIONS or any(record.get(f) is not None for f in sigma_fields(kind)):
+        return record
+    unit = "rad" if is_angle(kind) else "m"
+    own = zip(axes, variances.tolist(), strict=False)
+    stated = {f"sigma_{a}_{unit}" if a else f"sigma_{unit}": v**0.5 for a, v in own if v > 0}
+    return {**record, **stated}

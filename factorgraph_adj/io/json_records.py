@@ -1,0 +1,212 @@
+"""Records as plain JSON: what stands in a journal, and what comes in over a pipe.
+
+The fields are the columns of the CSV tables and the keys of [[camera]], see
+`factorgraph_adj.io.records`, `factorgraph_adj.io.read_unknowns` and
+`factorgraph_adj.io.project`; here they are only made numbers, or read from them. Written are
+metres and radians, with ``unit`` where a field does not name its own, so that a record needs no
+project to be read; read are numbers, text, true and false in any unit.
+
+Observations with a joint covariance are ``{"kind": "correlated", "observations": [fields, …],
+"covariance_si": [[…], …]}``: the covariance of all components in order, metres and radians.
+
+Whatever is wrong with a record is one `InputError` with all problems; where they are begins
+with the source that the reader states. Every float comes back to the bit.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TypeVar
+
+from ..entities import Camera, Photo, Point
+from ..errors import InputError, Problem
+from ..frames import Frame
+from ..models.lens import NoDistortion
+from ..network import Network
+from .context import RecordContext
+from .fields import unknown_field
+from .json_observations import SI, Fields, checked, observation_fields, observation_of, plain
+from .numbers import Units
+from .project import read_camera, read_project
+from .read_unknowns import PHOTO_COLUMNS, POINT_COLUMNS, UnknownsReader
+from .tables import IGNORED, Row
+from .write_project import network_files, photo_record, point_record
+from .write_toml import camera_record
+
+__all__ = [
+    "camera_fields",
+    "camera_of",
+    "network_files",
+    "network_of",
+    "observation_fields",
+    "observation_of",
+    "photo_fields",
+    "photo_of",
+    "point_fields",
+    "point_of",
+]
+
+_Found = TypeVar("_Found")
+_TEXTS = frozenset({"name", "camera", "fixed"})
+
+
+# -- points, photos, cameras ----------------------------------------------------------------------
+
+
+def point_fields(point: Point) -> Fields:
+    """Return the record of a point, metres."""
+    out = plain(point_record(point, SI) | {"datum": ""}, _TEXTS)
+    return out | ({"datum": True} if point.datum else {})
+
+
+def point_of(
+    fields: Mapping[str, object],
+    *,
+    context: RecordContext | None = None,
+    frame: Frame | None = None,
+    source: str = "",
+) -> Point:
+    """Return the point that a record describes.
+
+    Args:
+        fields: the record, with the columns of points.csv.
+        context: units of what does not name its own; metres and degrees by default.
+        frame: for points given by latitude, longitude and height.
+        source: where the record stands, for messages.
+
+    Raises:
+        InputError: everything that is wrong with it.
+    """
+    network = Network(frame=frame)
+
+    def read(row: Row, name: str, reader: UnknownsReader) -> Point:
+        _known(row, POINT_COLUMNS)
+        reader.point(row, name)
+        return network.points[name]
+
+    return _entity(fields, "point", network, context, source, read)
+
+
+def photo_fields(photo: Photo) -> Fields:
+    """Return the record of a photo, metres and radians; its rotation as a matrix."""
+    return plain(photo_record(photo, SI, angles=False), _TEXTS)
+
+
+def photo_of(
+    fields: Mapping[str, object],
+    *,
+    context: RecordContext | None = None,
+    frame: Frame | None = None,
+    source: str = "",
+) -> Photo:
+    """Return the photo that a record describes; its camera is not looked up.
+
+    Args:
+        fields: the record, with the columns of photos.csv.
+        context: units of what does not name its own; metres and gon by default.
+        frame: the frame it stands in; photos need a right-handed one.
+        source: where the record stands, for messages.
+
+    Raises:
+        InputError: everything that is wrong with it.
+    """
+    network = Network(frame=frame)
+
+    def read(row: Row, name: str, reader: UnknownsReader) -> Photo:
+        _known(row, PHOTO_COLUMNS)
+        if "camera" in row:
+            network.add_camera(str(row.fields["camera"]), NoDistortion(), {"c": 1.0})
+        reader.photo(row, name)
+        return network.photos[name]
+
+    return _entity(fields, "photo", network, context, source, read)
+
+
+def camera_fields(camera: Camera) -> Fields:
+    """Return the record of a camera, with the keys of [[camera]]; image units."""
+    return camera_record(camera)
+
+
+def camera_of(fields: Mapping[str, object], *, source: str = "") -> Camera:
+    """Return the camera that a record describes.
+
+    Args:
+        fields: the record, with the keys of [[camera]]. What it says about files of image
+            coordinates only, ``y_axis`` and σ, counts for y0 and else has no effect here;
+            `factorgraph_adj.io.project.read_camera` returns it.
+        source: where the record stands, for messages.
+
+    Raises:
+        InputError: everything that is wrong with it.
+    """
+    network = Network()
+
+    def read(row: Row, name: str, reader: UnknownsReader) -> Camera:
+        read_camera(row, name, network)
+        return network.cameras[name]
+
+    return _entity(fields, "camera", network, None, source, read)
+
+
+def _entity(
+    fields: Mapping[str, object],
+    what: str,
+    network: Network,
+    context: RecordContext | None,
+    source: str,
+    read: Callable[[Row, str, UnknownsReader], _Found],
+) -> _Found:
+    """Read one entity of a name into a network that has nothing else."""
+    fields = checked(fields, source)
+    problems: list[Problem] = []
+    of = f"{what} {fields['name']!r}" if fields.get("name") not in (None, "") else what
+    row = Row(fields, source, problems, of)
+    name = row.text("name", required=True) or what
+    units = context.units if context is not None else Units()
+    found = read(row, name, UnknownsReader(network, units, 3, problems))
+    if problems:
+        raise InputError(problems)
+    return found
+
+
+def _known(row: Row, columns: Iterable[str]) -> None:
+    for name in row.fields:
+        wrong = unknown_field(name, (*columns, *IGNORED))
+        if wrong is not None:
+            row.wrong(wrong.replace("column", "field", 1))
+
+
+# -- networks -------------------------------------------------------------------------------------
+
+
+def network_of(files: Mapping[str, str]) -> Network:
+    """Return the network whose project files are given; the way back of `network_files`.
+
+    Args:
+        files: texts by file name, the TOML as ``project.toml``.
+
+    Raises:
+        InputError: a name that is not a plain file name, no ``project.toml``, a text that is
+            none, and what `read_project` finds wrong.
+    """
+    problems = []
+    if "project.toml" not in files:
+        problems.append(Problem("project.toml is missing", "files"))
+    for name, text in files.items():
+        if name in ("", ".", "..") or any(c in name for c in "/\\\0"):
+            problems.append(Problem("must be a plain file name", f"files: {name!r}"))
+        elif not isinstance(text, str):
+            problems.append(Problem(f"must be text, not {text!r}", f"files: {name!r}"))
+    if problems:
+        raise InputError(problems)
+    try:
+        with tempfile.TemporaryDirectory(prefix="network-") as folder:
+            for name, text in files.items():
+                # A lone surrogate becomes a byte that is not UTF-8, which the reader names.
+                Path(folder, name).write_bytes(text.encode("utf-8", "surrogatepass"))
+            return read_project(folder)
+    except OSError as error:
+        where = str(error.filename or tempfile.gettempdir())
+        raise InputError(Problem(f"cannot be written: {error.strerror}", where)) from None

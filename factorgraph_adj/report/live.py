@@ -1,0 +1,233 @@
+"""The stream as a terminal view (extra ``cli``): counts, verdicts, weakest points, latency.
+
+It is fed with the answers of `factorgraph_adj.incremental.stream` and knows nothing else, so
+that it shows what a program at the other end of the pipe would know.
+"""
+
+from __future__ import annotations
+
+import heapq
+import threading
+from collections import deque
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from math import inf
+from statistics import median
+from typing import TYPE_CHECKING, Any, TextIO
+
+from ..errors import InputError
+from .layout import decimals, short
+
+if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions, RenderResult
+    from rich.table import Table
+    from rich.text import Text
+
+MISSING = "the live view needs rich: pip install 'factorgraph_adj[cli]'"
+REMEMBERED = 200
+"""Verdicts and errors that are remembered: as many lines as a tall terminal has."""
+LATENCIES = 1000
+"""Lines over which the median is taken."""
+GAP = "   "
+FRAMES = 4
+"""Pictures a second."""
+WIDE = 110
+"""Columns from which on both lists stand side by side."""
+NARROW = 42
+"""Columns of the weakest points, beside the verdicts."""
+FIXED_LINES = {True: 8, False: 10}
+"""Lines of a picture that are not rows of the lists, side by side or one above the other."""
+COUNTS = (
+    ("observations", "in the graph", "in the graph", "bold"),
+    ("waiting", "waiting", "waiting", "cyan"),
+    ("suspects", "suspect", "suspects", "yellow"),
+    ("rejected", "rejected", "rejected", "red"),
+)
+STYLE = {"accepted": "green", "suspect": "yellow", "rejected": "red", "waiting": "cyan"}
+
+Answer = Mapping[str, Any]
+
+
+class LiveView:
+    """What a terminal shows of a stream; draw it with rich."""
+
+    def __init__(self) -> None:
+        """Start with nothing."""
+        self._lock = threading.Lock()  # rich draws in a thread of its own
+        self._name = ""
+        self._unit = ""
+        self._counts: Answer = {}
+        self._verdicts: deque[tuple[str, str, str, str]] = deque(maxlen=REMEMBERED)
+        self._sigma: dict[str, tuple[float, ...]] = {}
+        self._seconds: deque[float] = deque(maxlen=LATENCIES)
+        self._longest = 0.0
+        self._lines = 0
+
+    # -- what is answered -----------------------------------------------------------------------
+
+    def take(self, answer: Answer) -> None:
+        """Take in an answer of the stream."""
+        with self._lock:
+            self._counts = answer["counts"]
+            if answer.get("ready"):
+                self._name = answer["name"]
+                self._unit = answer["units"]["sigma_length"]
+            else:
+                self._take_line(answer)
+
+    def _take_line(self, answer: Answer) -> None:
+        self._lines += 1
+        self._verdicts.extend(_verdict_rows(answer))
+        for point in answer.get("points", ()):
+            sigma = (point[f"sigma_{a}_{self._unit}"] for a in "xyz")
+            self._sigma[point["name"]] = tuple(inf if s is None else s for s in sigma)
+        for name in answer.get("points_lost", ()):
+            self._sigma.pop(name, None)
+        if "verdict" in answer or "verdicts" in answer:
+            self._seconds.append(answer["seconds"])
+            self._longest = max(self._longest, answer["seconds"])
+
+    # -- what is shown --------------------------------------------------------------------------
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Draw it as wide as the terminal is, and no higher."""
+        from rich.console import Group
+        from rich.table import Table
+
+        with self._lock:
+            wide = options.max_width >= WIDE
+            room = max(console.size.height - FIXED_LINES[wide], 6)
+            low = room if wide else room // 3
+            verdicts = self._verdict_table(room if wide else room - low)
+            weakest = self._weakest_table(low)
+            parts: list[Any] = [self._heading(), self._summary()]
+            if wide:
+                both = Table.grid(expand=True, padding=(0, 2, 0, 0))
+                both.add_column(ratio=1)
+                both.add_column(width=NARROW)
+                both.add_row(verdicts, weakest)
+                parts.append(both)
+            else:
+                parts += [verdicts, "", weakest]
+            parts += ["", self._figures()]
+        yield Group(*parts)
+
+    def _heading(self) -> Text:
+        from rich.text import Text
+
+        out = Text(self._name or "stream", style="bold", no_wrap=True, overflow="ellipsis")
+        return out.append(f"   {self._lines} lines", style="dim")
+
+    def _summary(self) -> Text:
+        from rich.text import Text
+
+        out = Text(no_wrap=True, overflow="ellipsis")
+        for key, one, many, style in COUNTS:
+            number = self._counts.get(key, 0)
+            out.append(str(number), style=style if number else "dim")
+            out.append(f" {one if number == 1 else many}{GAP}")
+        return out.append("\n")
+
+    def _verdict_table(self, rows: int) -> Table:
+        from rich.text import Text
+
+        table = _table("latest verdicts")
+        table.add_column("", no_wrap=True)
+        table.add_column("test/critical", justify="right", no_wrap=True)
+        latest = list(self._verdicts)[-rows:][::-1]
+        for what, verdict, test, lacks in latest:
+            name = Text(what)
+            if lacks:
+                name.append(f"  {lacks}", style="dim")
+            table.add_row(name, Text(verdict, style=STYLE.get(verdict, "red")), test)
+        _fill(table, rows - len(latest))
+        return table
+
+    def _weakest_table(self, rows: int) -> Table:
+        from rich.text import Text
+
+        table = _table("weakest points")
+        for axis in "xyz":
+            table.add_column(f"σ{axis} {self._unit}", justify="right", no_wrap=True)
+        weakest = heapq.nlargest(rows, self._sigma.items(), key=lambda item: max(item[1]))
+        places = decimals((max(sigma) for _, sigma in weakest), default=2, most=4)
+        for name, sigma in weakest:
+            table.add_row(Text(name), *(f"{s:.{places}f}" for s in sigma))
+        _fill(table, rows - len(weakest))
+        return table
+
+    def _figures(self) -> Text:
+        from rich.text import Text
+
+        found = []
+        if self._counts.get("sigma0") is not None:
+            found += [
+                f"σ̂0 {self._counts['sigma0']:.3f}",
+                f"redundancy {self._counts['redundancy']}",
+            ]
+        if self._seconds:
+            found.append(f"last {_milliseconds(self._seconds[-1])}")
+            found.append(f"median {_milliseconds(median(self._seconds))}")
+            found.append(f"maximum {_milliseconds(self._longest)}")
+        text = GAP.join(found) or "no observation has arrived yet"
+        return Text(text, style="dim", no_wrap=True, overflow="ellipsis")
+
+
+@contextmanager
+def live_view(stream: TextIO) -> Iterator[LiveView]:
+    """Show a view on a terminal while it is fed; the last picture stays.
+
+    Args:
+        stream: the terminal, such as ``sys.stderr``. Elsewhere only the last picture is written.
+
+    Raises:
+        InputError: rich is not installed.
+    """
+    try:
+        from rich.console import Console
+        from rich.live import Live
+    except ImportError:
+        raise InputError(MISSING) from None
+    view = LiveView()
+    # Standard output is left alone: its lines are for programs.
+    with Live(
+        get_renderable=lambda: view,
+        console=Console(file=stream),
+        refresh_per_second=FRAMES,
+        redirect_stdout=False,
+        redirect_stderr=False,
+    ):
+        yield view
+
+
+def _verdict_rows(answer: Answer) -> Iterator[tuple[str, str, str, str]]:
+    """Iterate over what was observed, the verdict, test value, and what is lacking."""
+    if answer.get("ok") is False:
+        first = answer["error"][0]
+        more = len(answer["error"]) - 1
+        what = first["what"] + (f" (and {more} more)" if more else "")
+        yield (f"line {answer['line']}", "error", "", what)
+        return
+    given = answer.get("verdicts", [answer] if "verdict" in answer else [])
+    for v in (*given, *answer.get("entered", ())):
+        test = v.get("test")
+        yield (v["label"], v["verdict"], "" if test is None else f"{test:.2f}", v.get("lacks", ""))
+
+
+def _table(title: str) -> Table:
+    """Return a table whose first column has what is left of the width."""
+    from rich.table import Table
+
+    out = Table(box=None, expand=True, padding=(0, 2, 0, 0), header_style="italic dim")
+    out.add_column(title, ratio=1, no_wrap=True, overflow="ellipsis")
+    return out
+
+
+def _fill(table: Table, rows: int) -> None:
+    """Keep the height of a table that is not full yet, so that nothing jumps."""
+    for _ in range(max(rows, 0)):
+        table.add_row(*("" for _ in table.columns))
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{short(1000 * seconds)} ms"
