@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from factorgraph_adj import IncrementalAdjustment, Network, Solution, adjust
+from factorgraph_adj import IncrementalAdjustment, Network, Solution, adjust, reliability
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint
 from factorgraph_adj.types import Array
 
@@ -93,6 +93,193 @@ def _between(a: Solution, b: Solution, kind: str, name: str) -> Array:
     return (moved + np.pi) % (2 * np.pi) - np.pi if kind == "orientation" else moved
 
 
+TOLERANCES = (1e-9, 1e-8, 1e-7, 1e-6, 1e-5)
+"""What the batch adjustment is asked for, relative to σ: networks that are hardly determined yet
+have rounding errors of 1e-6 σ, free ones do not come closer to their inner constraints."""
+
+
 def batch(inc: IncrementalAdjustment) -> Solution:
-    """Return the batch adjustment of the same observations."""
-    return adjust(inc.network(), start=inc.solution(), tolerance=1e-9)
+    """Return the batch adjustment of the same observations, to the least tolerance it reaches."""
+    network, start = inc.network(), inc.solution()
+    for tolerance in TOLERANCES:
+        found = adjust(network, start=start, tolerance=tolerance)
+        if found.converged:
+            break
+    return found
+
+
+# -- a whole network, arriving -------------------------------------------------------------------
+
+FEW = 8
+"""Points that are asked for directly at each moment."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A comparison with the batch adjustment of the same observations."""
+
+    when: str
+    """How many have arrived, and what happened last."""
+    settled: bool
+    estimates: float
+    """Largest difference of an estimate, relative to its σ."""
+    sigmas: float
+    """Largest relative difference of a σ."""
+    redundancy: float
+    """Largest difference of a redundancy number."""
+    n_waiting: int
+
+    @property
+    def promise(self) -> float:
+        """What the differences are in units of what was promised: at most 1."""
+        d = max(self.estimates, self.sigmas)
+        if self.settled:
+            return max(d, self.redundancy) / 1e-6
+        return max(d / 1e-2, self.redundancy / 1e-3)
+
+    def __str__(self) -> str:
+        """Return a line of a table."""
+        return (
+            f"{self.when}: x {self.estimates:.1e} σ {self.sigmas:.1e} r {self.redundancy:.1e}, "
+            f"{self.n_waiting} wait"
+        )
+
+
+def chunks(
+    network: Network, seed: int | None, *, by_photo: bool = False
+) -> list[list[AnyObservation]]:
+    """Return what arrives together, in file order or in a seeded random one.
+
+    Args:
+        network: all of it.
+        seed: of the order; none: as in the file.
+        by_photo: all image points of a photo together, in the order of the photos; the other
+            observations one by one in any case.
+    """
+    photos: dict[str, list[AnyObservation]] = {}
+    out: list[list[AnyObservation]] = []
+    for item in items(network):
+        if by_photo and isinstance(item, ImagePoint):
+            if item.photo not in photos:
+                out.append(photos.setdefault(item.photo, []))
+            photos[item.photo].append(item)
+        else:
+            out.append([item])
+    if seed is None:
+        return out
+    rng = np.random.default_rng(seed)
+    return [out[i] for i in rng.permutation(len(out))]
+
+
+def compare(inc: IncrementalAdjustment, when: str, *, rng: np.random.Generator) -> Moment | None:
+    """Compare with the batch; none while nothing is determined."""
+    if not len(inc):
+        return None
+    names = inc.network().points
+    chosen = [str(n) for n in rng.permutation(list(names))[:FEW]]
+    asked = [(inc.estimate(n), inc.standard_deviations(n)) for n in chosen]
+    ours = inc.solution()
+    theirs = batch(inc)
+    assert theirs.converged, f"the batch adjustment does not come to rest: {theirs.reason}"
+    found = difference(ours, theirs)
+    estimates, sigmas = found.estimates, found.sigmas
+    for name, (at, deviation) in zip(chosen, asked, strict=True):
+        sigma = np.sqrt(np.maximum(np.diag(theirs.covariance(name)), 0.0))
+        free = sigma > 0
+        assert not deviation[~free].any()
+        if free.any():
+            step = np.abs(at - theirs.point(name))[free] / sigma[free]
+            estimates = max(estimates, float(step.max()))
+            sigmas = max(sigmas, float(np.abs(deviation[free] / sigma[free] - 1.0).max()))
+    r, expected = (figures(s) for s in (ours, theirs))
+    assert r.keys() == expected.keys()
+    redundancy = max(float(np.abs(r[k] - expected[k]).max()) for k in r)
+    return Moment(when, inc.settled, estimates, sigmas, redundancy, inc.n_waiting)
+
+
+def figures(solution: Solution) -> dict[tuple[str, str], Array]:
+    """Return the redundancy numbers of every observation, by kind and id."""
+    out: dict[tuple[str, str], list[float]] = {}
+    numbers = reliability(solution).redundancy_numbers
+    for row, r in zip(solution.observations, numbers.tolist(), strict=True):
+        out.setdefault((row.kind, row.id), []).append(r)
+    return {k: np.array(v) for k, v in out.items()}
+
+
+MOST_OUT = 10
+"""Observations and groups that are taken out together."""
+
+
+def play(
+    network: Network, seed: int | None, *, moments: int = 5, by_photo: bool = False
+) -> Iterator[Moment]:
+    """Let a network arrive, with removals in between; compare with the batch.
+
+    At each of the moments some of what has arrived is taken out, of correlated groups a part;
+    at the next it comes back, after other arrivals. At the middle one, and in the end, when
+    everything is in, it settles.
+
+    Args:
+        network: all of it.
+        seed: of order and removals; none: file order.
+        moments: how often.
+        by_photo: see `chunks`.
+
+    Yields:
+        Every comparison, the last one settled.
+    """
+    rng = np.random.default_rng(seed)
+    inc = IncrementalAdjustment(bare(network), policy="accept")
+    arrivals = chunks(network, seed, by_photo=by_photo)
+    stops = np.unique(np.linspace(0, len(arrivals), moments + 1).astype(int)[1:]).tolist()
+    here: list[AnyObservation] = []
+    out: list[AnyObservation] = []
+
+    def moment(when: str) -> Iterator[Moment]:
+        found = compare(inc, f"{count} of {len(arrivals)}{when}", rng=rng)
+        if found is not None:
+            yield found
+
+    for count, arriving in enumerate(arrivals, start=1):
+        inc.add(arriving)
+        here += arriving
+        if count not in stops:
+            continue
+        yield from moment("")
+        come_back(inc, out)
+        yield from moment(", what was out is back")
+        if count == stops[len(stops) // 2]:
+            inc.settle()
+            yield from moment(", settled")
+        most = min(MOST_OUT, len(here) // 4) + 1
+        out = [here[i] for i in rng.permutation(len(here))[: rng.integers(1, most + 1)]]
+        take_out(inc, out, rng)
+        yield from moment(f", {len(out)} out")
+    come_back(inc, out)
+    yield from moment(", all again")
+    assert len(inc) + inc.n_waiting == len(network.observations) + network.n_image_points
+    inc.settle()
+    yield from moment(", settled")
+
+
+def take_out(
+    inc: IncrementalAdjustment, out: Sequence[AnyObservation], rng: np.random.Generator
+) -> None:
+    """Take observations out together, and of every group some members."""
+    ids: list[str] = []
+    for item in out:
+        own = ids_of(item)
+        ids += [own[i] for i in rng.permutation(len(own))[: rng.integers(1, len(own) + 1)]]
+    inc.remove(ids)
+
+
+def come_back(inc: IncrementalAdjustment, out: Sequence[AnyObservation]) -> None:
+    """Put observations in again one by one; groups come back whole, their rest goes before."""
+    there = {w.id for w in inc.waiting}
+    network = inc.network()
+    there |= {*network.observations} | {i for o in network.image_points() for i in ids_of(o)}
+    for item in out:
+        rest = [i for i in ids_of(item) if i in there]
+        if rest:
+            inc.remove(rest)
+        inc.add(item)

@@ -13,7 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from projects import write
+from projects import FILES, write
+from projects import POINTS as MEASURED
 from test_stream import ARRIVALS, POINTS, WRONG, YARD
 
 from factorgraph_adj import cli, cli_stream
@@ -253,9 +254,6 @@ def test_policy_alpha_and_power_are_those_of_the_options(yard, here):
 
 
 def test_a_network_that_is_measured_already_goes_on(tmp_path, here):
-    from projects import FILES
-    from projects import POINTS as MEASURED
-
     points = MEASURED.replace("5.01,8,1,", "5.01,8,1,xy").replace("F,5,5,3,", "F,5,5,3,")
     code, answers, err = here(
         write(tmp_path, FILES, points=points), lines=lines_of({"do": "solution"})
@@ -327,6 +325,30 @@ def test_a_stream_goes_on_from_its_journal_as_if_it_had_not_ended(yard, tmp_path
         network_files(resumed.network())[observations]
         == network_files(straight.network())[observations]
     )
+
+
+def test_photos_that_arrived_keep_the_axes_of_their_camera(tmp_path, here):
+    flipped = FILES["project.toml"].replace('unit = "mm"', 'unit = "mm"\ny_axis = "down"')
+    project = write(tmp_path, FILES | {"project.toml": flipped})
+    journal = tmp_path / "journal.jsonl"
+    ray = {"kind": "image", "photo": "Q", "point": "C", "x": 1, "y": 2}
+    photo = {"do": "add", "photos": [{"name": "Q"}]}
+    assert here(project, "--journal", journal, lines=lines_of(photo, ray))[1][-1]["ok"]
+    again = lines_of({**ray, "point": "D"}, {"do": "suspects"})
+    code, answers, _ = here(project, "--journal", journal, "--resume", lines=again)
+    assert (code, [a.get("ok", True) for a in answers]) == (0, [True] * 3)
+    resumed = IncrementalAdjustment.resume(journal)
+    for point in "CD":
+        image = resumed.observation(f"Q/{point}")
+        assert (image.x, image.y, image.sigma) == (1.0, -2.0, (0.005, 0.005))
+
+
+def test_suspects_are_told_as_before_after_resuming(yard, tmp_path, here):
+    journal = tmp_path / "journal.jsonl"
+    asked = lines_of({"do": "suspects"})
+    before = here(yard, "--journal", journal, lines=lines_of(*ARRIVALS, WRONG) + asked)[1][-1]
+    after = here(yard, "--journal", journal, "--resume", lines=asked)[1][-1]
+    assert after["suspects"] == before["suspects"] != []
 
 
 def test_a_torn_last_line_is_told_and_left_out(yard, tmp_path, here):

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from projects import write
+from projects import FILES, write
 from small_block import SIGMA_MM, small_block
 
 import factorgraph_adj as fga
+from factorgraph_adj.incremental import stream
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
 from factorgraph_adj.incremental.requests import LONGEST
 from factorgraph_adj.incremental.stream import COMMANDS, Stream
@@ -20,6 +21,7 @@ from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.project import load_project
 from factorgraph_adj.io.records import record
 from factorgraph_adj.io.write_project import network_files
+from factorgraph_adj.observations import ZenithAngle
 from factorgraph_adj.units import ANGLE
 
 MGON = ANGLE["mgon"]
@@ -52,8 +54,8 @@ COORDINATES = ("x", "y", "z")
 class Told:
     """A stream that is told objects, and numbers its lines."""
 
-    def __init__(self, stream: Stream) -> None:
-        self.stream, self.number = stream, 0
+    def __init__(self, told: Stream) -> None:
+        self.stream, self.number = told, 0
 
     @property
     def inc(self) -> IncrementalAdjustment:
@@ -172,8 +174,6 @@ def test_a_verdict_is_that_of_the_library_in_the_units_of_the_project(yard, tmp_
     other = Told(Stream(inc, context=project.context))
     other(*ARRIVALS)
     answer = yard({**ARRIVALS[2], "id": "z3", "value": 98.3637})
-    from factorgraph_adj.observations import ZenithAngle
-
     gon = ANGLE["gon"]
     given = ZenithAngle("A", "C", 98.3637 * gon, sigma=MGON, id="z3")
     (verdict,) = inc.add(given).verdicts
@@ -244,12 +244,10 @@ def test_policies_accept_and_reject_are_those_of_the_library(tmp_path):
 
 
 def test_every_command_is_documented_in_the_protocol():
-    import factorgraph_adj.incremental.stream as module
-
     for name, command in COMMANDS.items():
-        assert f"``{name}``" in module.__doc__
+        assert f"``{name}``" in stream.__doc__
         for field in command.fields:
-            assert f"``{field}``" in module.__doc__
+            assert f"``{field}``" in stream.__doc__
 
 
 def test_the_solution_is_that_of_the_batch(yard):
@@ -456,14 +454,9 @@ def test_a_camera_arrives_with_its_photos_and_y_points_up(tmp_path):
 
 
 def test_image_coordinates_of_a_project_stand_as_its_files_say(tmp_path):
-    from projects import FILES
-    from projects import PROJECT as WHOLE
-
-    flipped = WHOLE.replace('unit = "mm"', 'unit = "mm"\ny_axis = "down"')
-    told = open_stream(
-        tmp_path,
-        {**FILES, "project.toml": flipped, "images.csv": ""} | {"images.csv": "photo,point,x,y\n"},
-    )
+    flipped = FILES["project.toml"].replace('unit = "mm"', 'unit = "mm"\ny_axis = "down"')
+    files = FILES | {"project.toml": flipped, "images.csv": "photo,point,x,y\n"}
+    told = open_stream(tmp_path, files)
     # σ of the camera, y down; the photo is one of the project or one that arrives.
     told(do="add", photos=[{"name": "Q"}])
     for photo in ("P", "Q"):
@@ -702,8 +695,8 @@ def test_an_answer_names_no_more_of_what_waits_than_can_be_read(tmp_path):
 
 def test_a_network_that_is_no_project_takes_units_from_its_cameras():
     network = small_block()
-    stream = Stream(IncrementalAdjustment(network), context=RecordContext(Units(length="cm")))
-    assert stream.context.cameras["D3"].unit == "mm"
-    assert set(stream.context.images) == set(network.photos)
-    answer = Told(stream)(do="estimate", point="P1")
-    assert answer["x"] == pytest.approx(100 * stream.adjustment.estimate("P1")[0])
+    own = Stream(IncrementalAdjustment(network), context=RecordContext(Units(length="cm")))
+    assert own.context.cameras["D3"].unit == "mm"
+    assert set(own.context.images) == set(network.photos)
+    answer = Told(own)(do="estimate", point="P1")
+    assert answer["x"] == pytest.approx(100 * own.adjustment.estimate("P1")[0])

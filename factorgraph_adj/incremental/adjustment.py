@@ -15,7 +15,7 @@ from ..entities import Camera, Photo, Point
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..models.registry import VariableKind
 from ..network import DatumChoice, Network
-from ..observations import AnyObservation, Correlated, ImagePoint, Observation
+from ..observations import AnyObservation, Correlated, Observation
 from ..quality.rejections import Snooping
 from ..quality.reliability import Reliability, reliability
 from ..quality.snooping import snoop
@@ -31,13 +31,15 @@ from .journal import Journal
 from .judging import Decision, decide, verdicts, waiting
 from .local import known_network
 from .taking_out import what_loosens
-from .units import Unit, Variable, pending
+from .units import Unit, Variable, named, pending
 from .verdicts import Policy, Verdict
 from .view import solution_of
 
 TOO_WEAK = "is determined too weakly yet: no solution was reached with it"
 CONTRADICT = "its observations contradict each other, and nothing tells yet which of them is wrong"
 POLICIES = ("accept", "flag", "reject")
+MOST_WEIGHT = 1e12
+"""Factor of weights beyond which nothing is meant by it."""
 MOST_ROWS = 2500
 """Scalar rows of one arrival that are judged together; more go in one part after the other."""
 
@@ -132,6 +134,7 @@ class IncrementalAdjustment:
         """What `resume` found torn at the end of its journal; empty if nothing."""
         self._journal: Journal | None = None
         self._solution: Solution | None = None
+        self._weak: dict[str, int] = {}
         chosen = network.datum if datum is None else datum
         self._book = Book(network.copy())
         self._book.network.datum = chosen
@@ -173,7 +176,7 @@ class IncrementalAdjustment:
             _check_options(options["policy"], options["alpha"], options["accuracy"], None)
             out = cls.__new__(cls)
             out.policy, out.alpha = options["policy"], options["alpha"]
-            out.resumed, out._solution, out._journal = torn, None, None
+            out.resumed, out._solution, out._journal, out._weak = torn, None, None, {}
             out._book = Book(network)
             network.datum = options["datum"]
             out._engine = Engine(network, datum=options["datum"], accuracy=options["accuracy"])
@@ -220,7 +223,7 @@ class IncrementalAdjustment:
         new = tuple(points), tuple(photos), tuple(cameras)
         draft = self._book.with_entities(*new) if any(new) else self._book.network
         units = self._book.units(draft, list(observations))
-        entry = {"do": "add", **records.entities(*new)} if self._journal is not None else None
+        entry = self._entry("add", **records.entities(*new))
         if sum(u.n_scalars for u in units) > MOST_ROWS:
             with self._all_or_nothing(entry):
                 self._take_over(draft)
@@ -246,13 +249,14 @@ class IncrementalAdjustment:
 
         Nothing has changed after an error.
         """
-        book, engine = self._book, self._engine
+        engine = self._engine
         policy = self.policy if test else "accept"
         ready, late = self._divided(units)
         begins = engine.datum == "free" and engine.empty
         if begins:
             ready, late = [], list(units)
-        found, solutions, lacks = self._find(late, begins=begins)
+        again = [] if begins else self._weak_ones()
+        found, solutions, lacks = self._find([*late, *again], begins=begins)
         if not found:
             trial = engine.put_in(ready, ()) if ready else None
             if trial is None or not engine.new_to_datum(trial):
@@ -261,6 +265,14 @@ class IncrementalAdjustment:
             engine.take_back(trial)
         with self._all_or_nothing(entry) as saved:
             return self._enter(units, ready, found, solutions, lacks, policy, saved)
+
+    def _weak_ones(self) -> list[Unit]:
+        """Return what was too weak to enter, where the network has grown by a tenth since."""
+        now = self.redundancy if self._weak else 0
+        due = [k for k, then in self._weak.items() if now > 1.1 * then + 2]
+        for key in due:
+            del self._weak[key]
+        return [self._book.pool[k] for k in due if k in self._book.pool]
 
     def _divided(self, units: Sequence[Unit]) -> tuple[list[Unit], list[Unit]]:
         """Return units whose variables are all known, and the others."""
@@ -361,6 +373,7 @@ class IncrementalAdjustment:
             for unit in ready:
                 book.remove(unit)
             book.lacks.update(lacks)
+            self._weak.update((u.ids[0], self.redundancy) for u in found)
             book.wait(u for u in found if u.ids[0] not in given)
             told: dict[str, list[Verdict]] = {}
             book.wait(self._late(units, {u.ids[0] for u in ready}, lacks, told))
@@ -418,27 +431,31 @@ class IncrementalAdjustment:
         out = [u for u in units if u.ids[0] not in inside]
         self._book.lacks.update(lacks)
         for unit in out:
-            for v in waiting(unit, self._book.why(unit, self._engine.register)):
-                told.setdefault(v.id, []).append(v)
+            for verdict in waiting(unit, self._book.why(unit, self._engine.register)):
+                told.setdefault(verdict.id, []).append(verdict)
         return out
 
     def _leave_out(self, decision: Decision, arrival: Arrival, policy: Policy) -> None:
         """Put units that do not stay where they belong."""
-        of: dict[str, list[Verdict]] = {}
-        for v in arrival.verdicts:
-            of.setdefault(v.id, []).append(v)
+        told: dict[str, list[Verdict]] = {}
+        for verdict in arrival.verdicts:
+            told.setdefault(verdict.id, []).append(verdict)
         book = self._book
         for unit in decision.left_out:
-            verdict = tuple(v for i in unit.ids for v in of[i])
+            verdicts_ = tuple(v for i in unit.ids for v in told[i])
             if policy == "reject":
-                book.reject([unit], verdict)
+                book.reject([unit], verdicts_)
             else:
-                book.suspect(unit, verdict)
+                book.suspect(unit, verdicts_)
         for unit in decision.back:
             for v in unit.variables:
                 if not self._engine.register.known(*v):
                     book.lacks[v] = CONTRADICT
         book.wait(decision.back)
+
+    def _entry(self, do: str, **fields: Any) -> dict[str, Any] | None:
+        """Return the beginning of a line of the journal; none without one."""
+        return None if self._journal is None else {"do": do, **fields}
 
     def _record(self, entry: Mapping[str, object]) -> None:
         if self._journal is not None:
@@ -452,7 +469,8 @@ class IncrementalAdjustment:
         What they alone determined waits again, with all observations of it.
 
         Args:
-            ids: ids; ``photo/point`` for image points.
+            ids: ids; ``photo/point`` for image points; names such as ``"point P1 x"`` for weighted
+                unknowns, which are free without their given values.
 
         Raises:
             InputError: every id that there is not; nothing has changed then.
@@ -468,11 +486,17 @@ class IncrementalAdjustment:
         self._solution = None
         gone = set(wanted)
         left_over = book.forget(gone)
+        weights = [i for i in wanted if not book.in_graph(i) and i in engine.store.places]
         units = list(dict.fromkeys(book.unit(i) for i in wanted if book.in_graph(i)))
-        if not units:
-            return ()
+        if weights:
+            book.unweight(weights)
+            engine.network = book.network
+        if not units and not weights:
+            # What remains of groups that wait or are suspect is as if it arrived now.
+            found = self._absorb(left_over, test=True) if left_over else Arrival()
+            return tuple(v.id for v in found.verdicts if v.verdict == "waiting")
         left_over += [rest for u in units if (rest := _rest(u, gone)) is not None]
-        loosened = what_loosens(engine, units, book.unit_or_none)
+        loosened = what_loosens(engine, units, weights, book.unit_or_none)
         if loosened is None or (loosened.variables and engine.datum == "free"):
             return self._anew(units, left_over)
         touched = {book.unit(i) for i in loosened.ids if book.in_graph(i)}
@@ -512,14 +536,7 @@ class IncrementalAdjustment:
         self._known_ids([id])
         with self._all_or_nothing({"do": "replace"}):
             self._remove([id])
-            if (
-                isinstance(observation, ImagePoint)
-                and id == f"{observation.photo}/{observation.point}"
-            ):
-                new: Observation = observation
-            else:
-                new = replace(observation, id=id)  # type: ignore[call-arg]
-            units = self._book.units(self._book.network, [new])
+            units = self._book.units(self._book.network, [named(observation, id)])
             found = self._absorb(units, test=True)
         return found
 
@@ -528,14 +545,15 @@ class IncrementalAdjustment:
 
         Args:
             ids: ids of observations; members of correlated groups reweight the group.
-            factor: > 0.
+            factor: from 1e-12 to 1e12.
 
         Raises:
             InputError: unknown ids, or a bad factor; nothing has changed then.
         """
         wanted = self._known_ids([ids] if isinstance(ids, str) else list(ids))
-        if not (np.isfinite(factor) and factor > 0):
-            raise InputError(f"the factor of weights must be > 0, not {factor}")
+        if not 1.0 / MOST_WEIGHT <= factor <= MOST_WEIGHT:
+            what = f"the factor of weights must be between {1 / MOST_WEIGHT:g} and {MOST_WEIGHT:g}"
+            raise InputError(f"{what}, not {factor}")
         with self._all_or_nothing({"do": "reweight"}):
             units = list(dict.fromkeys(self._book.unit(i) for i in wanted))
             every = [i for u in units for i in u.ids]
@@ -579,11 +597,12 @@ class IncrementalAdjustment:
         found = snoop(self.network(), start=self.solution(), **{"alpha": self.alpha, **options})
         ids = [r.id for r in found.rejected]
         ids += [i for p in found.points_set_aside for i in p.rays]
-        ids = [i for i in dict.fromkeys(ids) if self._book.in_graph(i)]
         if ids:
             with self._all_or_nothing({"do": "snoop"}):
-                units = list(dict.fromkeys(self._book.unit(i) for i in ids))
-                self._remove([i for u in units for i in u.ids])
+                inside = [i for i in dict.fromkeys(ids) if self._book.in_graph(i)]
+                weights = [i for i in dict.fromkeys(ids) if i not in inside]
+                units = list(dict.fromkeys(self._book.unit(i) for i in inside))
+                self._remove([*(i for u in units for i in u.ids), *weights])
                 self._book.reject(units)
         return found
 
@@ -594,8 +613,13 @@ class IncrementalAdjustment:
         """
         if self._engine.empty:
             return
-        self._solution = None
-        self._engine.settle()
+        with self._all_or_nothing(self._entry("settle")):
+            self._solution = None
+            self._engine.settle()
+            if self._weak:
+                self._weak = dict.fromkeys(self._weak, -self.redundancy)
+                if self._absorb([], test=True).verdicts:
+                    self._engine.settle()
 
     # -- asking -------------------------------------------------------------------------------
 
@@ -652,7 +676,13 @@ class IncrementalAdjustment:
         return self._solution
 
     def reliability(self, *, alpha: float | None = None, power: float = 0.80) -> Reliability:
-        """Return the reliability of every observation, from iSAM2's own Bayes tree."""
+        """Return the reliability of every observation, from iSAM2's own Bayes tree.
+
+        All observations are linearised anew for it.
+        """
+        if not self._engine.settled and not self._engine.empty:
+            self._solution = None
+            self._engine.relinearise_all()
         chosen = self.alpha if alpha is None else alpha
         return reliability(self.solution(), alpha=chosen, power=power)
 
@@ -768,7 +798,7 @@ class IncrementalAdjustment:
         problems = [
             Problem("unknown observation", f"observation {i!r}")
             for i in wanted
-            if not self._book.has(i)
+            if not self._book.has(i) and i not in self._engine.store.places
         ]
         if problems:
             raise InputError(problems)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -14,6 +14,7 @@ from ..graph.image_blocks import find_images
 from ..models.registry import VariableKind
 from ..network import Network
 from ..observations import AnyObservation, Correlated, ImagePoint
+from ..selection import without
 from ..types import Array
 from .local import filtered
 from .register import Register
@@ -51,6 +52,8 @@ class Book:
         """Ids that went somewhere since `watch`: their units then and now."""
         self.filled: dict[VariableKind, dict[str, list[float]]] = {}
         """Approximate values that were written into the network since `watch`."""
+        self.unweighted: list[str] = []
+        """Weighted unknowns that lost their weights since `watch`."""
         self._index_network()
 
     def _index_network(self) -> None:
@@ -72,14 +75,14 @@ class Book:
         """Return a book of its own; units are frozen and shared."""
         out = Book.__new__(Book)
         for name, value in vars(self).items():
-            setattr(out, name, value.copy() if isinstance(value, dict | set) else value)
+            setattr(out, name, value.copy() if isinstance(value, dict | set | list) else value)
         out.network = self.network.copy()
         out._waiting_for = {v: dict(u) for v, u in self._waiting_for.items()}
         return out
 
     def watch(self) -> None:
         """Note changes from now on."""
-        self.changed, self.filled = {}, {}
+        self.changed, self.filled, self.unweighted = {}, {}, []
 
     def _note(self, unit: Unit, now: bool) -> None:
         """Note where a unit is taken from, or that it is put somewhere."""
@@ -99,29 +102,23 @@ class Book:
         """
         out = self.network.copy()
         problems: list[Problem] = []
-        for what, items, table in (
-            ("camera", cameras, out.cameras),
-            ("point", points, out.points),
-            ("photo", photos, out.photos),
-        ):
-            for item in items:
-                name, where = item.name, f"{what} {item.name!r}"
-                if name in table:
-                    problems.append(Problem(f"duplicate name of a {what}", where))
-                elif isinstance(item, Photo) and item.camera not in out.cameras:
-                    problems.append(
-                        Problem(
-                            f"unknown camera {item.camera!r}; known: {known(out.cameras)}", where
-                        )
-                    )
-                elif isinstance(item, Photo) and out.frame.left_handed:
-                    problems.append(Problem("photos need a right-handed frame", where))
-                else:
-                    table[name] = item  # type: ignore[index]
-                    if what == "point":
-                        out._point_number[name] = len(out._point_number)
-                    elif what == "photo":
-                        out._photo_number[name] = len(out._photo_number)
+        for camera in cameras:
+            problems += _taken("camera", camera.name, out.cameras)
+            out.cameras.setdefault(camera.name, camera)
+        for point in points:
+            problems += _taken("point", point.name, out.points)
+            out.points.setdefault(point.name, point)
+            out._point_number.setdefault(point.name, len(out._point_number))
+        for photo in photos:
+            problems += _taken("photo", photo.name, out.photos)
+            where = f"photo {photo.name!r}"
+            if photo.camera not in out.cameras:
+                what = f"unknown camera {photo.camera!r}; known: {known(out.cameras)}"
+                problems.append(Problem(what, where))
+            if out.frame.left_handed:
+                problems.append(Problem("photos need a right-handed frame", where))
+            out.photos.setdefault(photo.name, photo)
+            out._photo_number.setdefault(photo.name, len(out._photo_number))
         if problems:
             raise InputError(problems)
         return out
@@ -317,6 +314,11 @@ class Book:
         self.groups = {}
         return list(out.values())
 
+    def unweight(self, ids: Sequence[str]) -> None:
+        """Take the weights of weighted unknowns, named as in ``solution.observations``."""
+        self.network = without(self.network, ids)
+        self.unweighted += ids
+
     # -- finding ------------------------------------------------------------------------------
 
     def in_graph(self, ident: str) -> bool:
@@ -385,7 +387,7 @@ class Book:
     def forget(self, ids: set[str]) -> list[Unit]:
         """Drop ids from pool, suspects and rejected ones; return what remains of their groups."""
         left = []
-        for ident in ids:
+        for ident in sorted(ids):
             unit = self.pull(ident)
             if unit is not None and unit.covariance is not None:
                 rest = unit.without(ids)
@@ -424,9 +426,10 @@ class Book:
         Raises:
             InputError: ids that are no suspects.
         """
+        suspects = [i for u, _ in self.suspects.values() for i in u.ids]
         problems = [
             Problem(
-                f"is no suspect; suspects: {known(i for u, _ in self.suspects.values() for i in u.ids)}",
+                f"is no suspect; suspects: {known(suspects)}",
                 f"observation {i!r}",
             )
             for i in ids
@@ -443,21 +446,21 @@ class Book:
 
     # -- the network --------------------------------------------------------------------------
 
-    def fill(
-        self, register: Register, variables: Iterable[tuple[VariableKind, int]] | None = None
-    ) -> None:
+    def fill(self, register: Register) -> None:
         """Write approximate values that were found into the network, where none were given."""
-        if variables is None:
-            variables = [
-                (kind, i)
-                for kind in ("point", "pose")
-                for i in range(register[kind].n)  # type: ignore[index]
-            ]
-        for kind, number in variables:
-            if kind not in ("point", "pose"):
-                continue
+        kinds: tuple[VariableKind, ...] = ("point", "pose")
+        for kind in kinds:
             table = register[kind]
-            self.fill_value(kind, table.names[number], table.given.view[number])
+            for number, name in enumerate(table.names):
+                if self._lacks_value(kind, name):
+                    self.fill_value(kind, name, table.given.view[number])
+
+    def _lacks_value(self, kind: VariableKind, name: str) -> bool:
+        if kind == "point":
+            x, y, z = self.network.points[name].coordinates
+            return x != x or y != y or z != z
+        photo = self.network.photos[name]
+        return photo.position is None or photo.rotation is None
 
     def fill_value(self, kind: VariableKind, name: str, value: Array) -> None:
         """Write an approximate value of a point or photo where none is given."""
@@ -500,3 +503,7 @@ class Book:
                 return "waiting"
             return "suspect" if key in self.suspects else "rejected"
         return "accepted" if ident in self.inside else "gone"
+
+
+def _taken(what: str, name: str, names: Collection[str]) -> list[Problem]:
+    return [Problem(f"duplicate name of a {what}", f"{what} {name!r}")] if name in names else []

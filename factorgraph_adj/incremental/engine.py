@@ -15,16 +15,17 @@ from typing import TypeAlias
 import gtsam
 import numpy as np
 
-from ..errors import AdjustmentError, InputError
+from ..errors import AdjustmentError, InputError, Problem
 from ..graph.equations import Equations, compile_network, compile_rows
 from ..graph.keys import KeyMap
 from ..graph.variables import State
 from ..models.registry import VariableKind
 from ..network import DatumChoice, Network
+from ..observations import Observation
 from ..quality.solution import Solution
 from ..solve.batch import adjust
 from ..solve.tree import SingularError
-from ..types import Array, Index
+from ..types import Array, Index, Mask
 from .local import filtered, known_network, local_network, local_state
 from .register import Register
 from .rows import Group, Piece, Rows, Store
@@ -37,6 +38,12 @@ AT_REST = 1e-7
 """Bound of the last step relative to σ at which the network has settled."""
 CLOSE = 1e-3
 """Step relative to σ below which the next ones converge for sure."""
+SINGULAR = (
+    "with it the normal equations are singular to working precision: is its standard deviation, or "
+    "its value, in the right unit?"
+)
+NAMED = 12
+"""Observations that a message names."""
 ON_DATUM = 1e-7
 """Motion relative to the extent of the points, second powers of which are nothing."""
 AT_DATUM = 1e-11
@@ -189,7 +196,7 @@ class Engine:
         before = dict(vars(self))
         try:
             self.clear()
-            numbers = self.register.absorb(equations.unknowns, state, given)
+            numbers = self.register.absorb(equations, state, given)
             piece = self.store.absorb(equations, numbers)
             self.store.linearise(piece)
             for column in np.flatnonzero(constraint).tolist():
@@ -303,8 +310,9 @@ class Engine:
             found: where the variables are that enter with them.
 
         Raises:
-            InputError: names observations whose geometry has no answer; nothing has changed then.
-            SingularError: they do not determine what enters; nothing has changed then.
+            InputError: names observations whose geometry has no answer, or whose weights are so
+                different from others that double precision cannot hold both; nothing has changed
+                then.
         """
         local = local_network(self.network, self.register, units)
         equations = compile_rows(local)
@@ -321,7 +329,7 @@ class Engine:
         known = {k: t.known.view.copy() for k, t in self.register.tables.items()}
         n_keys = len(self.register.keys)
         try:
-            numbers = self.register.absorb(equations.unknowns, state, given)
+            numbers = self.register.absorb(equations, state, given)
             piece = self.store.absorb(equations, numbers)
             self.store.linearise(piece)
         except InputError:
@@ -343,10 +351,10 @@ class Engine:
             except (SingularError, RuntimeError):
                 self._forget(marks, known)
                 self.rebuild()
-                raise
+                raise InputError([Problem(SINGULAR, o.label()) for o in _some(units)]) from None
         self._note_priors(piece)
         entered = [self.register.variable(k) for k in fresh]
-        return self._trial(units, piece, marks, entered)
+        return self._trial(units, piece, marks, entered, arrived=True)
 
     def _remember(self) -> None:
         self._before = {k: v.copy() for k, v in self.register.state.items()}
@@ -354,7 +362,7 @@ class Engine:
     def _forget(
         self,
         marks: Marks,
-        known: dict[VariableKind, Array],
+        known: dict[VariableKind, Mask],
     ) -> None:
         back = []
         for kind, mask in known.items():
@@ -398,6 +406,8 @@ class Engine:
         piece: Piece,
         marks: Marks,
         entered: list[tuple[VariableKind, int]],
+        *,
+        arrived: bool = False,
     ) -> Trial:
         """Gather the arriving rows as one dense system."""
         keys = self._keys_of(piece)
@@ -412,7 +422,7 @@ class Engine:
             place_to_column[places] = column[key]
             n += len(places)
         a, v, raw, rows = self._dense(piece, place_to_column, n)
-        joint = self.tree.joint(keys)
+        joint = self.tree.joint(keys, arrived=arrived)
         self.register.note_variances(keys, np.diag(joint))
         m = np.eye(len(v)) - a @ joint @ a.T
         judged = Judged(m, v)
@@ -508,7 +518,7 @@ class Engine:
         """Linearise anew what no longer holds; return whether the promise is kept."""
         last = np.inf
         for _ in range(MOST_ROUNDS):
-            moved = self.register.moved(RESERVE * self.accuracy)
+            moved = self.register.moved(self.accuracy)
             if not moved:
                 return True
             self.settled = False
@@ -562,7 +572,7 @@ class Engine:
         every = np.concatenate([o + t**2 for o, t in zip(off, turned, strict=True)])
         # Leave those alone that together make up a hundredth of the bound's square.
         order = np.sort(every)
-        quiet = np.searchsorted(np.cumsum(order), 0.01 * bound**2)
+        quiet = int(np.searchsorted(np.cumsum(order), 0.01 * bound**2))
         threshold = order[min(quiet, len(order) - 1)]
         chosen = [
             (o + t**2 >= threshold) & (o + t**2 > 0) & r.alive.view
@@ -674,6 +684,7 @@ class Engine:
         return equations.weighted_at(state), state, given
 
     def constraint(self, equations: Equations) -> Array:
+        """Return what the minimal datum adds to the diagonal of N, (n_columns,)."""
         out = np.zeros(equations.unknowns.n_columns)
         for h in self.held:
             name = self.register[h.kind].names[h.number]
@@ -722,6 +733,10 @@ class Engine:
         if self.datum == "free":
             self.signatures = {}
             self._count_signatures(self.store.everything(), 1)
+
+
+def _some(units: Sequence[Unit]) -> list[Observation]:
+    return [o for u in units for o in u.observations][:NAMED]
 
 
 def _slots(piece: Piece, store: Store) -> list[int]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..types import Array
+from ..types import Array, Index, Mask
+
+Rows: TypeAlias = Array | Index | Mask
 
 
 class Growing:
@@ -14,9 +16,9 @@ class Growing:
 
     __slots__ = ("_room", "n")
 
-    def __init__(self, start: Array) -> None:
+    def __init__(self, start: Rows) -> None:
         """Start with the rows of ``start`` (n, ...)."""
-        self._room: Array = np.array(start)
+        self._room: Any = np.array(start)
         self.n = len(start)
 
     @property
@@ -24,7 +26,7 @@ class Growing:
         """The rows (n, ...), to read and to write."""
         return self._room[: self.n]
 
-    def append(self, rows: Array) -> None:
+    def append(self, rows: Rows) -> None:
         """Add rows (m, ...)."""
         n = self.n + len(rows)
         if n > len(self._room):
@@ -47,7 +49,7 @@ class Growing:
         """Keep the first n rows."""
         self.n = n
 
-    def keep(self, rows: Array) -> None:
+    def keep(self, rows: Rows) -> None:
         """Keep some rows (mask or numbers), in their order."""
         kept = self.view[rows]
         self._room, self.n = np.array(kept), len(kept)

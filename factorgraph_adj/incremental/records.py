@@ -129,20 +129,24 @@ def difference(before: Book, after: Book) -> dict[str, Any]:
         out["observations"] = [definition(after.network, u) for u in changed.values()]
     if after.filled:
         out["found"] = after.filled
+    if after.unweighted:
+        out["unweighted"] = after.unweighted
     return out
 
 
 def _same(a: Unit, b: Unit) -> bool:
     if a is b:
         return True
-    if a.ids != b.ids or (a.covariance is None) != (b.covariance is None):
-        return False
-    if a.covariance is not None and not np.array_equal(a.covariance, b.covariance):
+    if a.ids != b.ids or not _same_covariance(a.covariance, b.covariance):
         return False
     return all(
         _same_observation(vars_of(x), vars_of(y))
         for x, y in zip(a.observations, b.observations, strict=True)
     )
+
+
+def _same_covariance(a: Array | None, b: Array | None) -> bool:
+    return a is b if a is None or b is None else np.array_equal(a, b)
 
 
 def vars_of(o: object) -> dict[str, Any]:
@@ -173,12 +177,12 @@ def replay(line: Mapping[str, Any], book: Book) -> None:
     moved: dict[str, Unit] = {}
     for name in OUTCOMES:
         for ident in line.get(name, ()):
-            unit = book.pull(ident)
-            if unit is None and ident not in moved and book.in_graph(ident):
-                unit = book.unit(ident)
-                book.remove(unit)
-            if unit is not None:
-                moved.update({i: unit for i in unit.ids if i not in moved})
+            found = book.pull(ident)
+            if found is None and ident not in moved and book.in_graph(ident):
+                found = book.unit(ident)
+                book.remove(found)
+            if found is not None:
+                moved.update({i: found for i in found.ids if i not in moved})
     done: set[str] = set()
     for name in OUTCOMES[:4]:
         told = line.get(name, ())
@@ -199,6 +203,8 @@ def replay(line: Mapping[str, Any], book: Book) -> None:
                     book.suspect(unit, verdicts)
                 else:
                     book.reject([unit], verdicts)
+    if line.get("unweighted"):
+        book.unweight(line["unweighted"])
     for kind, values in line.get("found", {}).items():
         for name, value in values.items():
             book.fill_value(kind, name, np.array(value, dtype=float))

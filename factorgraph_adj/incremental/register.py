@@ -12,8 +12,9 @@ from collections.abc import Iterable
 import gtsam
 import numpy as np
 
+from ..graph.equations import Equations
 from ..graph.keys import KeyMap
-from ..graph.variables import COMPONENTS, ORDER, State, Unknowns
+from ..graph.variables import COMPONENTS, ORDER, State
 from ..models.registry import VariableKind
 from ..rotation import retract_poses
 from ..types import Array, Index, Mask
@@ -44,6 +45,10 @@ class Table:
         """Components in the chart."""
         self.checked = Growing(np.zeros((0, k)))
         """δ where its observations were last compared with their linear form."""
+        self.lined = Growing(np.zeros((0, k)))
+        """δ where some of them were last linearised."""
+        self.radius = Growing(np.zeros(0))
+        """How far from ``checked`` it may be until they are compared again, in conditional σ."""
         self.free = Growing(np.zeros((0, k), dtype=bool))
         self.place = Growing(np.zeros((0, k), dtype=np.intp))
         """Place of each component in the vector of all, −1 for those held or not in the graph."""
@@ -58,7 +63,8 @@ class Table:
     def columns(self) -> tuple[Growing, ...]:
         """All arrays."""
         return (
-            *(self.value, self.origin, self.given, self.delta, self.checked, self.free),
+            *(self.value, self.origin, self.given, self.delta, self.checked, self.lined),
+            *(self.radius, self.free),
             *(self.place, self.size, self.known, self.weight, self.variance),
         )
 
@@ -66,6 +72,11 @@ class Table:
     def n(self) -> int:
         """Number of variables."""
         return len(self.names)
+
+    def far_from(self, point: Growing) -> Array:
+        """Return how far the variables are from there, in conditional σ, (n,)."""
+        far = np.abs(self.delta.view - point.view) * np.sqrt(self.weight.view)
+        return np.asarray(far.max(axis=1, initial=0.0))
 
 
 class Register:
@@ -95,25 +106,35 @@ class Register:
 
     # -- coming and going ---------------------------------------------------------------------
 
-    def absorb(self, unknowns: Unknowns, state: State, given: State) -> dict[VariableKind, Index]:
+    def absorb(self, equations: Equations, state: State, given: State) -> dict[VariableKind, Index]:
         """Take the variables of some equations over that are not known yet.
 
         Args:
-            unknowns: the variables.
+            equations: whose variables.
             state: their values, which become the origins of their charts.
             given: x₀ of them.
 
         Returns:
-            The number here of every variable there, by kind.
+            The number here of every variable there, by kind; −1 for refractions that nothing
+            depends on: that of the network stands in all equations, held at zero in such ones.
         """
         out: dict[VariableKind, Index] = {}
-        for kind, theirs in unknowns.tables.items():
+        refractions = {
+            int(i)
+            for block in equations.blocks
+            for kind, index in block.variables
+            if kind == "refraction"
+            for i in np.unique(index)
+        }
+        for kind, theirs in equations.unknowns.tables.items():
             table = self.tables[kind]
             numbers = np.empty(len(theirs.names), dtype=np.intp)
             fresh = []
             for i, name in enumerate(theirs.names):
                 number = table.number.get(name)
-                if number is None:
+                if number is None and kind == "refraction" and i not in refractions:
+                    number = -1
+                elif number is None:
                     number = table.n
                     table.number[name] = number
                     table.names.append(name)
@@ -134,11 +155,10 @@ class Register:
         free, size = theirs.free[rows], theirs.size[rows]  # type: ignore[attr-defined]
         for column in (table.value, table.origin, table.given):
             column.widen(state.shape[1], 0.0)
-        for column, fill in (
-            *((table.delta, 0.0), (table.checked, 0.0), (table.weight, 0.0), (table.variance, 0.0)),
-            *((table.free, False), (table.place, -1)),
-        ):
-            column.widen(free.shape[1], fill)
+        for column in (table.delta, table.checked, table.lined, table.weight, table.variance):
+            column.widen(free.shape[1], 0.0)
+        table.free.widen(free.shape[1], False)
+        table.place.widen(free.shape[1], -1)
         m = len(rows)
         k, w = table.free.view.shape[1], table.value.view.shape[1]
         first = table.value.n
@@ -154,6 +174,8 @@ class Register:
             (table.given, padded(given[rows], w)),
             (table.delta, np.zeros((m, k))),
             (table.checked, np.zeros((m, k))),
+            (table.lined, np.zeros((m, k))),
+            (table.radius, np.zeros(m)),
             (table.free, padded(free, k)),
             (table.place, np.full((m, k), -1)),
             (table.size, size),
@@ -171,8 +193,9 @@ class Register:
         table.free.view[numbers, :k] = free
         for column in (table.value, table.origin):
             column.view[numbers, : values.shape[1]] = values
-        for column in (table.delta, table.checked, table.weight, table.variance):
+        for column in (table.delta, table.checked, table.lined, table.weight, table.variance):
             column.view[numbers] = 0.0
+        table.radius.view[numbers] = 0.0
         table.known.view[numbers] = True
         count = free.sum(axis=1)
         inside = np.flatnonzero(count)
@@ -293,8 +316,8 @@ class Register:
         """Put the origins of all charts where the variables are."""
         for table in self.tables.values():
             table.origin.view[:] = table.value.view
-            table.delta.view[:] = 0.0
-            table.checked.view[:] = 0.0
+            for column in (table.delta, table.checked, table.lined, table.radius):
+                column.view[:] = 0.0
 
     def turned_poses(self, far: float) -> Index:
         """Return the poses that are turned from the origins of their charts by more than ``far``.
@@ -308,24 +331,38 @@ class Register:
         """Put the origins of the charts of some poses where these are."""
         table = self.tables["pose"]
         table.origin.view[numbers] = table.value.view[numbers]
-        for column in (table.delta, table.checked):
+        for column in (table.delta, table.checked, table.lined, table.radius):
             column.view[numbers] = 0.0
 
-    def moved(self, share: float) -> dict[VariableKind, Mask]:
-        """Return which variables moved since their observations were last looked at.
+    def moved(self, least: float) -> dict[VariableKind, Mask]:
+        """Return which variables moved so far that their observations are to be looked at.
 
-        By more than ``share`` of their conditional standard deviation 1/√N_ii, which is less
-        than any other.
+        That is by ``least``, and by as much as they were away from their linearisation when that
+        was last done: what a linear form misses grows with the square of the distance, and so is
+        known to a factor of four. Distances are in conditional standard deviations 1/√N_ii, which
+        are less than any other.
         """
         out: dict[VariableKind, Mask] = {}
         for kind, table in self.tables.items():
-            if not table.n:
-                continue
-            far = np.abs(table.delta.view - table.checked.view) * np.sqrt(table.weight.view)
-            mask = (far > share).any(axis=1)
-            if mask.any():
-                out[kind] = mask
+            if table.n:
+                mask = table.far_from(table.checked) > np.maximum(table.radius.view, least)
+                if mask.any():
+                    out[kind] = mask
         return out
+
+    def looked_at(self, moved: dict[VariableKind, Mask]) -> None:
+        """Note that the observations of variables were compared with their linear forms."""
+        for kind, mask in moved.items():
+            table = self.tables[kind]
+            table.checked.view[mask] = table.delta.view[mask]
+            table.radius.view[mask] = table.far_from(table.lined)[mask]
+
+    def linearised(self, kind: VariableKind, numbers: Index) -> None:
+        """Note that observations of variables were linearised here."""
+        table = self.tables[kind]
+        for column in (table.checked, table.lined):
+            column.view[numbers] = table.delta.view[numbers]
+        table.radius.view[numbers] = 0.0
 
 
 _KIND_OF: dict[int, VariableKind] = {KeyMap.of(kind, 0) >> 56: kind for kind in ORDER}

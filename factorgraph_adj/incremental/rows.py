@@ -6,9 +6,10 @@ in the charts of the `Register`. Compared with the model at the present state,
     Δv = v(x) − c − A δ            what the linear form misses,
     ρ  = ‖ΔA D‖                    change of its partials, D = diag of the standard deviations,
 
-an estimate is wrong by no more than √Σ(|Δv|² + ρ²|v|²) of its own standard deviation (the step
-that is left is dx = −Q (AᵀΔv + ΔAᵀv), and Cauchy-Schwarz bounds it), and a standard deviation by
-about the largest ρ, as ‖A Q^½‖ ≤ 1. Correlations make both smaller than that. Members of correlated groups keep v and A raw; their group whitens them.
+an estimate is wrong by no more than √Σ(|Δv|² + ρ²|v|²) of its own standard deviation: the step
+that is left is dx = −Q (AᵀΔv + ΔAᵀv), and Cauchy-Schwarz bounds it. A standard deviation is wrong
+by about √Σρ², as ‖A Q^½‖ ≤ 1. Correlations make both smaller than that. Members of correlated
+groups keep v and A raw; their group whitens them.
 """
 
 from __future__ import annotations
@@ -363,7 +364,7 @@ class Store:
 
     def linear(self, rows: Rows, at: Index) -> Array:
         """Return c + A δ of the linear forms, (n, d)."""
-        return rows.c.view[at] + self._product(rows, at)
+        return np.asarray(rows.c.view[at] + self._product(rows, at))
 
     def _product(self, rows: Rows, at: Index, partials: list[Array] | None = None) -> Array:
         out = np.zeros(rows.c.view[at].shape)
@@ -384,7 +385,8 @@ class Store:
                 rows.sigma.view[at] = sigma
 
     def _sigma_now(self, rows: Rows, at: Index, network: Network) -> Array:
-        return weigh(network, rows.block().select(at), self.register.state).sigma
+        now = weigh(network, rows.block().select(at), self.register.state)
+        return np.asarray(now.sigma)
 
     def linearise(self, piece: Piece) -> None:
         """Give rows the linear form of the present state.
@@ -400,6 +402,8 @@ class Store:
             rows.c.view[at] = v - self._product(rows, at, partials)
             rows.off.view[at] = rows.turned.view[at] = 0.0
             self._add_weight(rows, at, 1.0)
+            for kind, index in zip(rows.kinds, rows.index, strict=True):
+                self.register.linearised(kind, index.view[at])
 
     def _add_weight(self, rows: Rows, at: Index, sign: float) -> None:
         scale: Array | float = 1.0
@@ -434,9 +438,7 @@ class Store:
             at = np.flatnonzero(touched & rows.alive.view)
             if len(at):
                 self._compare(rows, at, network)
-        for kind, mask in moved.items():
-            table = self.register[kind]
-            table.checked.view[mask] = table.delta.view[mask]
+        self.register.looked_at(moved)
 
     def _compare(self, rows: Rows, at: Index, network: Network) -> None:
         v, partials = self.evaluate(rows, at)
@@ -586,7 +588,7 @@ def _width(equations: Equations, block: Block, j: int) -> int:
 
 
 def _factor(
-    terms: list[tuple[int, Array]], b: Array, unit: gtsam.noiseModel.Base
+    terms: list[tuple[int, Array]], b: Array, unit: gtsam.noiseModel.Diagonal
 ) -> gtsam.LinearContainerFactor:
     merged = _merged(terms)
     if len(merged) <= MOST_KEYS:

@@ -34,20 +34,22 @@ as σ of a point that was not there before, are null.
 ``remove``            ``ids``: take observations out; what loses its support waits again
 ``replace``           ``id``, ``observation``: put another observation in its place
 ``reweight``          ``ids``, ``factor``: multiply weights by the factor
-``snoop``             set gross errors aside
+``snoop``             set gross errors aside: ``set_aside``, ``points_set_aside``,
+                      ``readmitted``, ``unresolved``
 ``settle``            iterate to rest: the same as a batch adjustment
 ``write``             ``project``: a .toml file, or a folder; what is in the graph, as a project
 ``stop``              end the stream
 ====================  =======================================================================
 
-``ids`` is a list, or one id. Answers have ``line`` (its number, from 1), ``ok``, for commands
-``do``, and
+``ids`` is a list, or one id. Image coordinates of a camera that arrives have y up, and each
+states its σ or takes that of [sigma.image]: only a project says more. Answers have ``line`` (its
+number, from 1), ``ok``, for commands ``do``, and
 
 - ``counts``: ``observations`` in the graph, ``waiting``, ``suspects``, ``rejected``,
   ``redundancy``, ``sigma0``;
 - ``seconds`` that it took.
 
-What changes the graph answers also with
+Observations, ``add``, ``accept``, ``remove``, ``replace`` and ``reweight`` are answered also with
 
 - the verdict, for a line that is one observation; ``verdicts``, a list of them, otherwise:
   ``id``, ``kind``, ``label``, ``verdict`` (accepted, suspect, rejected, waiting), ``test``
@@ -61,10 +63,10 @@ What changes the graph answers also with
   lost its support;
 - ``waiting``: what waits now, ``id``, ``kind``, ``lacks``, the latest first, 20 at most.
 
-An error answers with ``"ok": false`` and ``error``, a list of ``where`` and ``what``. The
-first line, before anything is read, has ``ready``, ``name``, ``units``, numbers of ``points``,
-``photos`` and ``observations``, ``policy``, ``alpha``, ``power``, ``resumed`` (what a journal
-lacked), ``waiting`` and ``counts``.
+A line that is wrong is answered with ``"ok": false`` and ``error``, a list of ``where`` and
+``what``. The first line, before anything is read, has ``ready``, ``name``, ``units``, numbers of
+``points``, ``photos`` and ``observations`` in the graph, ``policy``, ``alpha``, ``power``,
+``resumed`` (what a journal lacked), ``waiting`` and ``counts``.
 """
 
 from __future__ import annotations

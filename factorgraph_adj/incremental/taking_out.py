@@ -35,16 +35,21 @@ class Loosened:
 
 
 def what_loosens(
-    engine: Engine, units: Iterable[Unit], unit_of: Callable[[str], Unit | None]
+    engine: Engine,
+    units: Iterable[Unit],
+    weights: Iterable[str],
+    unit_of: Callable[[str], Unit | None],
 ) -> Loosened | None:
     """Return what goes with some units; none where that is too much to find out.
 
     Args:
         engine: the network.
         units: what is to be taken out.
+        weights: ids of weighted unknowns that lose their weights.
         unit_of: the unit of an id; none for weights of unknowns.
     """
     going: dict[str, Unit | None] = {i: u for u in units for i in u.ids}
+    going |= dict.fromkeys(weights)
     variables: set[tuple[VariableKind, int]] = set()
     while True:
         trial = engine.trial_of_ids(list(going))

@@ -14,7 +14,8 @@ import gtsam
 import numpy as np
 
 from ..solve.tree import SingularError
-from ..types import Array
+from ..solve.triangular import upper_solve
+from ..types import Array, Index
 
 NEVER = 10**9
 """Updates between two relinearisations by iSAM2."""
@@ -85,8 +86,29 @@ class LinearTree:
             return np.zeros(0)
         return np.array(self.isam.getDelta().vector(keys)).ravel()
 
-    def joint(self, keys: Sequence[int]) -> Array:
-        """Return the joint covariance of variables, in their order."""
+    def joint(self, keys: Sequence[int], *, arrived: bool = False) -> Array:
+        """Return the joint covariance of variables, in their order.
+
+        Args:
+            keys: the variables.
+            arrived: they are those of the last update. They then are in the root, from which QR
+                has their joint conditional at once; elsewhere the tree's own method is quicker.
+        """
         if not keys:
             return np.zeros((0, 0))
-        return np.array(self.isam.jointMarginalCovariance(list(keys)).fullMatrix())
+        if not arrived:
+            return np.array(self.isam.jointMarginalCovariance(list(keys)).fullMatrix())
+        net = self.isam.jointBayesNet(list(keys), gtsam.EliminateQR)
+        r = np.asfortranarray(net.matrix()[0])
+        inverse = upper_solve(r, np.eye(len(r)))
+        covariance = np.asarray(inverse @ inverse.T)
+        # The net has an order of its own.
+        first: dict[int, Index] = {}
+        n = 0
+        for i in range(net.size()):
+            conditional = net.at(i)
+            size = np.asarray(conditional.R()).shape[1]
+            first[conditional.keys()[0]] = np.arange(n, n + size)
+            n += size
+        at = np.concatenate([first[k] for k in keys])
+        return np.asarray(covariance[np.ix_(at, at)])

@@ -45,7 +45,7 @@ class Unit:
     def item(self) -> AnyObservation:
         """The observation or group, as the network takes it."""
         if self.covariance is None:
-            return self.observations[0]  # type: ignore[return-value]
+            return self.observations[0]
         return Correlated(self.observations, self.covariance)
 
     def without(self, gone: set[str]) -> Unit | None:
