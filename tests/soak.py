@@ -291,9 +291,25 @@ class Soak:
             raise Broken(f"event {self.n}: {event}: redundancy {s['redundancy']}")
 
     def compare(self) -> Checked:
-        """Compare with the batch adjustment, before and after `settle`."""
+        """Compare with the batch adjustment, before and after `settle`.
+
+        Where readings that are wrong leave the batch without an answer, the solution must say so,
+        and be right again as soon as they are taken out.
+        """
         inc = self.inc
-        reference = batch(inc)
+        try:
+            reference = batch(inc)
+            if not reference.converged:
+                raise AdjustmentError(reference.reason)
+        except AdjustmentError as error:
+            self.done[f"no answer: {type(error).__name__}"] += 1
+            self.say(f"the batch has no answer: {error}")
+            if inc.solution().converged:
+                raise Broken(f"event {self.n}: a solution where the batch has none") from error
+            if not self.odd & set(self.there):
+                raise Broken(f"event {self.n}: no answer, and nothing is wrong") from error
+            self.remove(sorted(self.odd & set(self.there)))
+            return self.compare()
         before = difference(inc.solution(), reference)
         inc.settle()
         after = difference(inc.solution(), batch(inc))
@@ -581,7 +597,7 @@ EVENTS: list[tuple[float, Callable[[Soak], None]]] = [
     (45.0, Soak._arrival),
     (22.0, Soak._removal),
     (5.0, Soak._gross_error),
-    (4.0, Soak._clean_up),
+    (6.0, Soak._clean_up),
     (2.0, Soak._whole_photo),
     (1.0, Soak._entity),
     (4.0, Soak._replacement),
@@ -591,7 +607,7 @@ EVENTS: list[tuple[float, Callable[[Soak], None]]] = [
     (0.2, Soak._snooping),
     (1.0, Soak._asking),
     (8.0, Soak._nonsense),
-    (6.0, Soak._degenerate),
+    (4.0, Soak._degenerate),
     (1.0, Soak._beyond_reason),
 ]
 """Weight and kind of every event."""

@@ -25,17 +25,19 @@ from ..stochastic import StandardDeviation
 from ..types import Array
 from . import records
 from .book import Book
-from .engine import Engine, Trial
+from .engine import Engine
 from .entering import find
 from .journal import Journal
 from .judging import Decision, decide, verdicts, waiting
 from .local import known_network
 from .taking_out import what_loosens
+from .trial import Trial
 from .units import Unit, Variable, named, pending
-from .verdicts import Policy, Verdict
+from .verdicts import Outcome, Policy, Verdict
 from .view import solution_of
 
 TOO_WEAK = "is determined too weakly yet: no solution was reached with it"
+NO_SOLUTION = "no solution is reached with it: is it near to where its kind has no answer?"
 CONTRADICT = "its observations contradict each other, and nothing tells yet which of them is wrong"
 POLICIES = ("accept", "flag", "reject")
 MOST_WEIGHT = 1e12
@@ -328,11 +330,28 @@ class IncrementalAdjustment:
         self._leave_out(decision, arrival, policy)
         book.wait(late)
         gone = [u for u in ready if u not in decision.stay]
-        if gone:
-            engine.drop([i for u in gone for i in u.ids], ())
         if trial is not None:
+            kept = engine.kept
+            engine.keep(trial, gone)
             engine.keep_the_promise()
+            if kept and not engine.kept and decision.stay and policy != "accept":
+                return self._leave_out_again(decision.stay, arrival, policy)
         return arrival
+
+    def _leave_out_again(self, units: Sequence[Unit], arrival: Arrival, policy: Policy) -> Arrival:
+        """Leave out units with which no solution is reached, though their tests passed."""
+        ids = [i for u in units for i in u.ids]
+        outcome: Outcome = "rejected" if policy == "reject" else "suspect"
+        told = Arrival(
+            tuple(
+                replace(v, verdict=outcome, lacks=NO_SOLUTION, gains=()) if v.id in ids else v
+                for v in arrival.verdicts
+            )
+        )
+        with self._all_or_nothing({"do": "add"}):
+            self._remove(ids)
+            self._leave_out(Decision(left_out=list(units)), told, policy)
+        return told
 
     def _enter(
         self,
@@ -378,7 +397,12 @@ class IncrementalAdjustment:
             told: dict[str, list[Verdict]] = {}
             book.wait(self._late(units, {u.ids[0] for u in ready}, lacks, told))
             first = _arrival(units, told)
-            return _joined(first, self._absorb(ready, test=policy != "accept")) if ready else first
+            if not ready:
+                return first
+            second = self._absorb(ready, test=policy != "accept")
+            for v in second.verdicts:
+                told.setdefault(v.id, []).append(v)
+            return _arrival(units, told)
         trial = engine.trial_of(entering)
         trial.entered[:] = [
             v for u in found for v in _variables(engine, u) if not _was_known(saved[1], engine, v)

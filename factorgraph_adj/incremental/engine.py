@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy, deepcopy
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import gtsam
 import numpy as np
@@ -24,12 +23,14 @@ from ..network import DatumChoice, Network
 from ..observations import Observation
 from ..quality.solution import Solution
 from ..solve.batch import adjust
-from ..solve.tree import SingularError
+from ..solve.tree import SMALL, SingularError
 from ..types import Array, Index, Mask
 from .local import filtered, known_network, local_network, local_state
+from .recent import MOST, Recent
 from .register import Register
 from .rows import Group, Piece, Rows, Store
 from .tree import LinearTree
+from .trial import LowRank, Marks, Trial, gather, rows_of
 from .units import Unit, components
 from .verdicts import Judged
 from .view import onto_datum, start_at, variances_of
@@ -48,11 +49,15 @@ ON_DATUM = 1e-7
 """Motion relative to the extent of the points, second powers of which are nothing."""
 AT_DATUM = 1e-11
 """The same, where a settled network is on its inner constraints."""
+PATIENCE = 8
+"""Arrivals in a row between known variables after which a system is factorised for the next."""
+IMPRECISE = 1000
+"""Arrivals until it is tried again where that was not precise."""
 MOST_ROUNDS = 12
 """Rounds of relinearisation after an arrival."""
 MOST_STEPS = 15
 """Steps of `Engine.settle` before the batch adjustment takes over."""
-RESERVE = 0.1
+RESERVE = 0.03
 """Part of the promise that the bounds may use up. They are those of Gauss-Newton steps; where
 residuals are large the minimum is further away than such a step, as second partials count too."""
 TURNED = 1e-3
@@ -65,10 +70,6 @@ LATE: dict[VariableKind, int] = {"pose": 1, "calibration": 2, "refraction": 2, "
 """Variables of very many observations are eliminated last."""
 
 
-Marks: TypeAlias = tuple[dict[VariableKind, int], tuple[dict[int, int], int]]
-"""How many variables and rows there were."""
-
-
 @dataclass
 class Held:
     """A component that carries the minimal datum of a free network."""
@@ -79,29 +80,6 @@ class Held:
     weight: float
     """√ of what is added to the diagonal of N."""
     slot: int = -1
-
-
-@dataclass
-class Trial:
-    """Units that were put into the tree and may still be taken back."""
-
-    units: tuple[Unit, ...]
-    piece: Piece
-    marks: Marks
-    entered: list[tuple[VariableKind, int]]
-    """Variables that entered with them."""
-    rows: dict[str, Index]
-    """Scalar rows of each unit, by its first id."""
-    a: Array
-    """Whitened partials (rows, columns of ``keys``)."""
-    joint: Array
-    """Joint covariance of ``keys``."""
-    keys: list[int]
-    column: dict[int, Index]
-    """Columns of each key."""
-    raw: Array
-    """L with Σ = L Lᵀ of all rows: what whitening is undone with, (rows, rows)."""
-    judged: Judged
 
 
 class Engine:
@@ -129,6 +107,11 @@ class Engine:
         self.register = Register()
         self.store = Store(self.network.frame, self.register)
         self.tree = LinearTree(qr=self.qr)
+        self.unflushed: list[Piece] = []
+        """Rows that are not in the tree yet."""
+        self.recent: Recent | None = None
+        """A factorised system to which they are a low-rank part."""
+        self.patience = 0
         self.held: list[Held] = []
         self.signatures: dict[tuple[object, ...], int] = {}
         self._before: State = {}
@@ -138,7 +121,9 @@ class Engine:
 
     def copy(self) -> Engine:
         """Return an engine of its own; iSAM2 copies its tree in no time."""
+        self.flush()
         out = copy(self)
+        out.recent = None
         parts = (self.register, self.store, self.held, self.signatures, self.priors)
         own = deepcopy(parts)
         out.register, out.store, out.held, out.signatures, out.priors = own
@@ -209,7 +194,7 @@ class Engine:
             self._count_signatures(piece, 1)
             self._note_priors(piece)
             self.rebuild()
-            self.register.set_variances(variances_of(self.tree.isam, self.register))
+            self.register.set_variances(variances_of(self.tree, self.register))
         except BaseException:
             vars(self).update(before)
             raise
@@ -230,6 +215,7 @@ class Engine:
 
     def rebuild(self) -> None:
         """Build the tree anew from the linear forms, by QR where Cholesky refuses."""
+        self.unflushed, self.recent, self.patience = [], None, 0
         self.store.compact()
         while True:
             tree = LinearTree(qr=self.qr)
@@ -237,11 +223,10 @@ class Engine:
             factors += [self._held_factor(h) for h in self.held]
             try:
                 if factors:
-                    slots = tree.update(factors, self.register.values(), late=self._late())
+                    slots = tree.update(factors, self.register.values(), late=self._late(factors))
                     self.store.number(owners, slots[: len(owners)])
                     for h, slot in zip(self.held, slots[len(owners) :], strict=True):
                         h.slot = slot
-                    tree.joint(self.register.keys[:1])
                 delta = tree.delta(self.register.keys)
                 if not np.isfinite(delta).all():
                     raise SingularError("δ is not finite")
@@ -254,15 +239,26 @@ class Engine:
             self.register.move_to(delta)
             return
 
-    def _late(self) -> list[tuple[int, int]]:
-        if not any(r.template.kind == "image" for r in self.store.kinds.values()):
+    def _late(self, factors: Sequence[gtsam.NonlinearFactor]) -> list[tuple[int, int]]:
+        """Return when variables are to be eliminated, in groups.
+
+        Photos and calibrations after points; a large terrestrial network by nested dissection.
+        """
+        keys = self.register.keys
+        if any(r.template.kind == "image" for r in self.store.kinds.values()):
+            out = []
+            for key in keys:
+                kind, _ = self.register.variable(key)
+                if kind in LATE:
+                    out.append((key, LATE[kind]))
+            return out if len(out) < len(keys) else []
+        if len(keys) <= SMALL:
             return []
-        out = []
-        for key in self.register.keys:
-            kind, _ = self.register.variable(key)
-            if kind in LATE:
-                out.append((key, LATE[kind]))
-        return out if len(out) < len(self.register.keys) else []
+        graph = gtsam.GaussianFactorGraph()
+        for factor in factors:
+            graph.add(factor.factor())  # type: ignore[attr-defined]
+        order = gtsam.Ordering.MetisGaussianFactorGraph(graph)
+        return [(order.at(i), i) for i in range(order.size())]
 
     def _held_factor(self, held: Held) -> gtsam.NonlinearFactor:
         table = self.register[held.kind]
@@ -283,6 +279,7 @@ class Engine:
         remove: Sequence[int],
     ) -> None:
         """Change the tree, and move to its solution; build it anew where that fails."""
+        self.recent, self.patience = None, min(self.patience, 0)
         try:
             slots = self.tree.update(factors, values, remove)
             self.store.number(owners, slots)
@@ -314,6 +311,7 @@ class Engine:
                 different from others that double precision cannot hold both; nothing has changed
                 then.
         """
+        recent = None if found else self._recent_of(sum(u.n_scalars for u in units))
         local = local_network(self.network, self.register, units)
         equations = compile_rows(local)
         start = equations.unknowns.start()
@@ -337,6 +335,13 @@ class Engine:
             raise
         self._remember()
         fresh = self.register.keys[n_keys:]
+        if recent is not None and not fresh:
+            trial = self._beside(recent, units, piece, marks)
+            if trial is not None:
+                return trial
+        self.recent = None
+        if fresh:
+            self.patience = min(self.patience, 0)
         factors, owners = self.store.factors(piece)
         try:
             slots = self.tree.update(factors, self.register.values(fresh))
@@ -374,7 +379,7 @@ class Engine:
     def trial_of(self, units: Sequence[Unit]) -> Trial:
         """Return units that are in the graph as a trial, to be judged."""
         trial = self.trial_of_ids([i for u in units for i in u.ids])
-        rows = {u.ids[0]: np.concatenate([trial.rows[i] for i in u.ids]) for u in units}
+        rows = rows_of(units, trial.system)
         return replace(trial, units=tuple(units), rows=rows)
 
     def trial_of_ids(self, ids: Sequence[str]) -> Trial:
@@ -393,12 +398,13 @@ class Engine:
         if not trial.marks[1][0]:
             self.clear()
             return
-        slots = _slots(trial.piece, self.store)
+        slots = [] if trial.low_rank is not None else _slots(trial.piece, self.store)
         self.store.forget(trial.marks[1])
         self.register.forget(
             trial.marks[0], [(k, n) for k, n in trial.entered if n < trial.marks[0][k]]
         )
-        self._update([], [], gtsam.Values(), slots)
+        if trial.low_rank is None:
+            self._update([], [], gtsam.Values(), slots)
 
     def _trial(
         self,
@@ -409,77 +415,112 @@ class Engine:
         *,
         arrived: bool = False,
     ) -> Trial:
-        """Gather the arriving rows as one dense system."""
-        keys = self._keys_of(piece)
-        column: dict[int, Index] = {}
-        place_to_column = np.full(self.register.n_places + 1, -1)
-        n = 0
-        for key in keys:
-            kind, number = self.register.variable(key)
-            places = self.register[kind].place.view[number]
-            places = places[places >= 0]
-            column[key] = np.arange(n, n + len(places))
-            place_to_column[places] = column[key]
-            n += len(places)
-        a, v, raw, rows = self._dense(piece, place_to_column, n)
-        joint = self.tree.joint(keys, arrived=arrived)
-        self.register.note_variances(keys, np.diag(joint))
-        m = np.eye(len(v)) - a @ joint @ a.T
-        judged = Judged(m, v)
-        if units:
-            rows = {u.ids[0]: np.concatenate([rows[i] for i in u.ids]) for u in units}
-        return Trial(tuple(units), piece, marks, entered, rows, a, joint, keys, column, raw, judged)
+        """Return rows that are in the tree as a trial."""
+        system = gather(self.store, piece)
+        joint = self.tree.joint(system.keys, arrived=arrived)
+        variances = np.array(np.diag(joint))
+        self.register.note_variances(system.keys, variances)
+        spread = joint @ system.a.T
+        judged = Judged(np.eye(len(system.v)) - system.a @ spread, system.v)
+        rows = rows_of(units, system) if units else system.rows
+        return Trial(tuple(units), piece, marks, entered, rows, system, spread, variances, judged)
 
-    def _keys_of(self, piece: Piece) -> list[int]:
-        found: dict[int, None] = {}
-        for rows, at in piece.rows:
-            for kind, index in zip(rows.kinds, rows.index, strict=True):
-                numbers = np.unique(index.view[at])
-                inside = (self.register[kind].place.view[numbers] >= 0).any(axis=1)
-                found.update(dict.fromkeys(KeyMap.of(kind, i) for i in numbers[inside].tolist()))
-        return list(found)
+    def _beside(
+        self, recent: Recent, units: Sequence[Unit], piece: Piece, marks: Marks
+    ) -> Trial | None:
+        """Return rows between known variables as a trial beside the tree.
 
-    def _dense(
-        self, piece: Piece, place_to_column: Index, n: int
-    ) -> tuple[Array, Array, Array, dict[str, Index]]:
-        """Return whitened A (rows, n) and v, L of whitening, and the rows of each id."""
-        sizes = [len(at) * rows.template.dimension for rows, at in piece.rows]
-        total = sum(sizes)
-        a, v, raw = np.zeros((total, n)), np.zeros(total), np.zeros((total, total))
-        of: dict[str, list[int]] = {}
-        where: dict[tuple[int, int], Index] = {}
-        first = 0
-        for rows, at in piece.rows:
-            d = rows.template.dimension
-            at_row = first + np.arange(len(at) * d).reshape(len(at), d)
-            first += len(at) * d
-            v[at_row] = self.store.linear(rows, at)
-            for kind, index, partials in zip(rows.kinds, rows.index, rows.a, strict=True):
-                values = partials.view[at]
-                k = values.shape[2]
-                columns = place_to_column[self.register[kind].place.view[index.view[at], :k]]
-                on = columns >= 0
-                for j in range(k):
-                    i = np.flatnonzero(on[:, j])
-                    if len(i):
-                        for c in range(d):
-                            np.add.at(a, (at_row[i, c], columns[i, j]), values[i, c, j])
-            if rows.whitener is None:
-                raw[at_row, at_row] = rows.sigma.view[at]
-            else:
-                inverse = np.linalg.inv(rows.whitener.view[at])
-                raw[at_row[:, :, None], at_row[:, None, :]] = inverse
-            for i, r in zip(at.tolist(), at_row, strict=True):
-                of.setdefault(rows.ids[i], []).extend(r.tolist())
-                where[id(rows), i] = r
-        for number in piece.groups:
-            group = self.store.groups[number]
-            r = np.zeros(len(group.whitener), dtype=np.intp)
-            for (rows, at), order in zip(group.members, group.order, strict=True):
-                r[order] = np.array([where[id(rows), i] for i in at.tolist()])
-            a[r], v[r] = group.whitener @ a[r], group.whitener @ v[r]
-            raw[np.ix_(r, r)] = np.linalg.inv(group.whitener)
-        return a, v, raw, {k: np.array(i, dtype=np.intp) for k, i in of.items()}
+        None where the factorised system is not precise enough.
+        """
+        system = gather(self.store, piece)
+        b = np.zeros((self.register.n_places, len(system.v)))
+        b[system.places] = system.a.T
+        y = recent.times(b)
+        if not recent.precise or not np.isfinite(y).all():
+            self.recent, self.patience = None, -IMPRECISE
+            return None
+        own = y[system.places]
+        d = np.eye(len(system.v)) + system.a @ own
+        m = np.linalg.inv(d)
+        spread = own @ m
+        before = self.register.variances(system.keys)
+        variances = before - np.einsum("ij,ij->i", spread, own)
+        judged = Judged(0.5 * (m + m.T), m @ system.v)
+        low = LowRank(y, d, system.v)
+        rows = rows_of(units, system)
+        return Trial(tuple(units), piece, marks, [], rows, system, spread, variances, judged, low)
+
+    def _recent_of(self, rows: int) -> Recent | None:
+        """Return the factorised system, made when several arrivals in a row could use it."""
+        if self.recent is not None and self.recent.full(rows):
+            self.flush()
+            self.recent = None
+        if self.recent is None and rows <= MOST // 2 and not self.empty:
+            self.patience += 1
+            if self.patience > PATIENCE:
+                self.register.set_variances(variances_of(self.tree, self.register))
+                held = [
+                    (int(self.register[h.kind].place.view[h.number, h.component]), h.weight)
+                    for h in self.held
+                ]
+                try:
+                    self.recent = Recent(self.store, held)
+                except RuntimeError:
+                    self.patience = -IMPRECISE
+        return None if self.recent is None or self.recent.full(rows) else self.recent
+
+    def keep(self, trial: Trial, gone: Sequence[Unit]) -> None:
+        """Keep a trial but for some units; every variable of it was known before."""
+        ids = [i for u in gone for i in u.ids]
+        low = trial.low_rank
+        if low is None:
+            if ids:
+                self.drop(ids, ())
+            return
+        self._remember()
+        nothing = np.zeros(0, dtype=np.intp)
+        left_out = np.concatenate([nothing, *(trial.rows[u.ids[0]] for u in gone)])
+        stay = np.setdiff1d(np.arange(len(low.innovation)), left_out)
+        self.store.drop(ids)
+        if not len(stay):
+            return
+        assert self.recent is not None
+        y, d = low.y[:, stay], low.d[np.ix_(stay, stay)]
+        step = -y @ np.linalg.solve(d, low.innovation[stay])
+        self.register.lose_variances(self.recent.absorb(y, d))
+        self.register.move_to(self.register.vector() + step)
+        self.unflushed.append(trial.piece)
+
+    def flush(self) -> None:
+        """Put what arrived beside the tree into it."""
+        if not self.unflushed:
+            return
+        rows: list[tuple[Rows, Index]] = []
+        groups: list[int] = []
+        for piece in self.unflushed:
+            rows += [(r, alive) for r, at in piece.rows if len(alive := at[r.alive.view[at]])]
+            groups += [g for g in piece.groups if g in self.store.groups]
+        self.unflushed = []
+        factors, owners = self.store.factors(Piece(rows, groups))
+        try:
+            slots = self._tree.update(factors, gtsam.Values())
+            self.store.number(owners, slots)
+            delta = self._tree.delta(self.register.keys)
+            if not np.isfinite(delta).all():
+                raise SingularError("δ is not finite")
+            self.register.move_to(delta)
+        except (SingularError, RuntimeError):
+            self.rebuild()
+
+    @property
+    def tree(self) -> LinearTree:
+        """The tree, with everything in it."""
+        self.flush()
+        return self._tree
+
+    @tree.setter
+    def tree(self, tree: LinearTree) -> None:
+        self._tree = tree
 
     def drop(self, ids: Sequence[str], leaving: Sequence[tuple[VariableKind, int]]) -> None:
         """Take observations out of the tree, and variables that lose all theirs with them.
@@ -517,6 +558,9 @@ class Engine:
     def _relinearise(self) -> bool:
         """Linearise anew what no longer holds; return whether the promise is kept."""
         last = np.inf
+        if self.recent is not None and self.recent.holds(self.register, RESERVE * self.accuracy):
+            self.settled = False
+            return True
         for _ in range(MOST_ROUNDS):
             moved = self.register.moved(self.accuracy)
             if not moved:
@@ -539,6 +583,7 @@ class Engine:
             if piece is None:
                 self.relinearise_all()
                 continue
+            self.flush()
             remove = _slots(piece, self.store)
             self.register.recentre_poses(turned_poses)
             self.store.reweigh(piece, self.network)

@@ -10,7 +10,8 @@ from ..graph.keys import KeyMap
 from ..models.registry import VariableKind
 from ..observations import ControlPoint, Observation, n_scalars
 from ..types import Array, Index
-from .engine import Engine, Trial
+from .engine import Engine
+from .trial import Trial
 from .units import Unit
 from .verdicts import UNCONTROLLED, Gain, Outcome, Policy, Verdict, critical_t2, pseudo_inverse
 
@@ -18,6 +19,8 @@ MOST_GAINS = 300
 """Units of one arrival up to which it is worked out what each adds to its points."""
 TIED = 1e-6
 """Eigenvalue of M up to which rows are all that determines something."""
+NOTHING = 1e-9
+"""Eigenvalue of M, and part of σ, that are rounding."""
 MOVES = 1e-3
 """Movement relative to σ by which a variable takes part in a null motion."""
 
@@ -93,10 +96,10 @@ def _held_by(
     m = trial.judged.m[np.ix_(rows, rows)]
     values, vectors = np.linalg.eigh(m)
     null = vectors[:, values <= TIED]
-    motion = trial.joint @ (trial.a[rows].T @ null)
-    sigma = np.sqrt(np.maximum(np.diag(trial.joint), 0.0))
+    motion = trial.spread[:, rows] @ null
+    sigma = np.sqrt(np.maximum(trial.variances, 0.0))
     lost = set()
-    for key, columns in trial.column.items():
+    for key, columns in trial.system.column.items():
         variable = engine.register.variable(key)
         if variable not in entered:
             continue
@@ -147,7 +150,7 @@ def verdicts(
             t2, dof = trial.judged.test(rows)
         gains = _gains(engine, trial, unit, rows, m) if with_gains and outcome == "accepted" else ()
         inverse, _ = pseudo_inverse(m)
-        raw = trial.raw[np.ix_(rows, rows)]
+        raw = trial.system.raw[np.ix_(rows, rows)]
         innovation = raw @ inverse @ v
         sigma = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", raw, inverse, raw), 0.0))
         pv = np.linalg.solve(raw.T, v)
@@ -212,16 +215,15 @@ def _gains(engine: Engine, trial: Trial, unit: Unit, rows: Index, m: Array) -> t
         free = engine.register[kind].free.view[number]
         if not free.any():
             continue
-        columns = trial.column[KeyMap.of(kind, number)]
-        own = trial.joint[np.ix_(columns, columns)]
-        across = trial.joint[columns] @ trial.a[rows].T
+        columns = trial.system.column[KeyMap.of(kind, number)]
+        variance = np.maximum(trial.variances[columns], 0.0)
         values, vectors = np.linalg.eigh(m)
-        turned = across @ vectors
-        on = values > 1e-9
+        turned = trial.spread[np.ix_(columns, rows)] @ vectors
+        on = values > NOTHING
         more = (turned[:, on] ** 2 / values[on]).sum(axis=1)
-        lost = (np.abs(turned[:, ~on]) > 1e-9 * np.sqrt(np.diag(own))[:, None]).any(axis=1)
+        lost = (np.abs(turned[:, ~on]) > NOTHING * np.sqrt(variance)[:, None]).any(axis=1)
         after, before = np.zeros(3), np.zeros(3)
-        after[free] = np.sqrt(np.diag(own))
-        before[free] = np.where(lost, np.inf, np.sqrt(np.diag(own) + more))
+        after[free] = np.sqrt(variance)
+        before[free] = np.where(lost, np.inf, np.sqrt(variance + more))
         out.append(Gain(name, before, after))
     return tuple(out)

@@ -300,6 +300,30 @@ class Register:
             table.variance.view[number, free] = diagonal[at : at + n]
             at += n
 
+    def variances(self, keys: Iterable[int]) -> Array:
+        """Return the variances of the free components of some variables, as they were noted."""
+        out = []
+        for key in keys:
+            kind, number = self.variable(key)
+            table = self.tables[kind]
+            out.append(table.variance.view[number, table.free.view[number]])
+        return np.concatenate(out or [np.zeros(0)])
+
+    def lose_variances(self, loss: Array) -> None:
+        """Make the variances of all variables smaller, by (n_places,)."""
+        padded = np.append(loss, 0.0)
+        for table in self.tables.values():
+            left = table.variance.view - padded[table.place.view]
+            table.variance.view[:] = np.maximum(left, 0.0)
+
+    def vector(self) -> Array:
+        """Return δ of all variables, (n_places,)."""
+        out = np.zeros(self.n_places)
+        for table in self.tables.values():
+            inside = table.place.view >= 0
+            out[table.place.view[inside]] = table.delta.view[inside]
+        return out
+
     def set_variances(self, diagonal: Array) -> None:
         """Set the variances of all variables, (n_places,)."""
         padded = np.append(diagonal, 0.0)

@@ -441,6 +441,19 @@ class Store:
         self.register.looked_at(moved)
 
     def _compare(self, rows: Rows, at: Index, network: Network) -> None:
+        missed, turned = self.misfit(rows, at)
+        if rows.varies:
+            sigma = self._sigma_now(rows, at, network)
+            turned = turned + np.sum((sigma / rows.sigma.view[at] - 1.0) ** 2, axis=1)
+        rows.turned.view[at] = np.sqrt(turned)
+        rows.off.view[at] = missed
+
+    def misfit(self, rows: Rows, at: Index) -> tuple[Array, Array]:
+        """Return |Δv|² + ρ²|v|² and ρ² of rows at the present state, (n,) each.
+
+        Raises:
+            InputError: names observations whose geometry has no answer.
+        """
         v, partials = self.evaluate(rows, at)
         missed = v - self.linear(rows, at)
         grouped = rows.group.view[at] >= 0
@@ -453,11 +466,7 @@ class Store:
             table, numbers = self.register[kind], index.view[at]
             variance = table.variance.view[numbers, : a.shape[2]]
             change += np.einsum("ndk,nk->n", (partials[j] - a) ** 2, variance)
-        if rows.varies:
-            sigma = self._sigma_now(rows, at, network)
-            change += np.sum((sigma / rows.sigma.view[at] - 1.0) ** 2, axis=1)
-        rows.turned.view[at] = np.sqrt(change)
-        rows.off.view[at] = np.sum(missed**2, axis=1) + change * np.sum(v**2, axis=1)
+        return np.sum(missed**2, axis=1) + change * np.sum(v**2, axis=1), change
 
     def vtpv(self) -> float:
         """Return vᵀPv of the linear forms at the present state."""

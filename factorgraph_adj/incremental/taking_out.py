@@ -18,7 +18,7 @@ from ..types import Array
 from .engine import Engine
 from .judging import MOVES, TIED
 from .units import Unit
-from .view import cliques_of
+from .view import cliques_anew
 
 MOST_ROWS = 2500
 """Scalar rows up to which M is looked at; beyond it, everything is found anew."""
@@ -59,9 +59,9 @@ def what_loosens(
         null = vectors[:, values <= TIED]
         if not null.shape[1]:
             break
-        places = np.concatenate([engine.register.places(k) for k in trial.keys])
+        places = np.concatenate([engine.register.places(k) for k in trial.system.keys])
         y = np.zeros((engine.register.n_places, null.shape[1]))
-        y[places] = trial.a.T @ null
+        y[places] = trial.system.a.T @ null
         moved = _moved(engine, _solve(engine, y))
         if moved <= variables:
             break
@@ -77,7 +77,7 @@ def _solve(engine: Engine, y: Array) -> Array:
     """Return Q y over all places, from the tree."""
     columns = {k: engine.register.places(k) for k in engine.register.keys}
     x = np.zeros_like(y)
-    cliques = cliques_of(engine.tree.isam, columns)
+    cliques = cliques_anew(engine.tree, columns)
     up(cliques, down(cliques, y), x)
     if not np.isfinite(x).all():
         raise SingularError("a pivot vanished")

@@ -22,13 +22,17 @@ from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
 from ..solve.plan import make_plan
 from ..solve.selected_inverse import SelectedInverse
-from ..solve.tree import Clique, SingularError
+from ..solve.tree import Clique, SingularError, cliques_of
 from ..solve.triangular import upper_solve
 from ..types import Array, Index
 
 if TYPE_CHECKING:
     from .engine import Engine
     from .register import Register
+    from .tree import LinearTree
+
+MOST_DRAWN = 300
+"""Variables up to which the cliques are read from iSAM2's own tree."""
 
 _LABEL = re.compile(r'label="([^":]*)')
 _KEY = re.compile(r"([a-z])(\d+)")
@@ -38,31 +42,35 @@ _KIND: dict[str, VariableKind] = {char: kind for kind, char in CHARS.items()}
 class TreeFactor(Factor):
     """The normal equations as iSAM2 has eliminated them."""
 
-    def __init__(self, equations: Equations, isam: gtsam.ISAM2, columns: dict[int, Index]) -> None:
+    def __init__(self, equations: Equations, tree: LinearTree, columns: dict[int, Index]) -> None:
         """Copy R and S out of a Bayes tree.
 
         Args:
             equations: whose columns are meant.
-            isam: the tree.
+            tree: the tree.
             columns: free columns of each key.
         """
         nothing = np.zeros(equations.unknowns.n_columns, dtype=bool)
         self.plan = make_plan(equations, reduce_points=False, touched=nothing)
         self.free = equations.unknowns.free
         self.points = None
-        self.cliques = cliques_of(isam, columns)
+        self.cliques = own_cliques(tree, columns)
         self.border = np.zeros((0, 0))
         self._factor_border()
         self._border_covariance = None
         self._inner = None
 
 
-def cliques_of(isam: gtsam.ISAM2, columns: dict[int, Index]) -> list[Clique]:
-    """Return the cliques of a Bayes tree, parents first.
+def own_cliques(tree: LinearTree, columns: dict[int, Index]) -> list[Clique]:
+    """Return the cliques of iSAM2's Bayes tree, parents first.
 
     iSAM2 shows its cliques only as a drawing; with the order of elimination read from that,
-    ``jointBayesNet`` gives the conditionals of the tree itself.
+    ``jointBayesNet`` gives the conditionals of the tree itself. That takes time with the square
+    of their number; a large tree's factors are eliminated anew instead.
     """
+    isam = tree.isam
+    if len(columns) > MOST_DRAWN:
+        return cliques_anew(tree, columns)
     groups = [
         [gtsam.symbol(c, int(i)) for c, i in _KEY.findall(label)]
         for label in _LABEL.findall(isam.dot())
@@ -96,6 +104,22 @@ def cliques_of(isam: gtsam.ISAM2, columns: dict[int, Index]) -> list[Clique]:
             )
         )
     return out
+
+
+def cliques_anew(tree: LinearTree, columns: dict[int, Index]) -> list[Clique]:
+    """Return the cliques of the same factors, eliminated once more."""
+    isam = tree.isam
+    graph = isam.getFactorsUnsafe().linearize(isam.getLinearizationPoint())
+    ordering = gtsam.Ordering.MetisGaussianFactorGraph(graph)
+    try:
+        bayes = (
+            graph.eliminateMultifrontal(ordering, gtsam.EliminateQR)
+            if tree.qr
+            else graph.eliminateMultifrontal(ordering)
+        )
+    except RuntimeError as error:
+        raise SingularError(str(error)) from None
+    return cliques_of(bayes, columns)
 
 
 def _stack(
@@ -140,24 +164,24 @@ class TreeNormal(NormalEquations):
     """Normal equations whose factorisation is that of iSAM2."""
 
     def __init__(
-        self, solver: Solver, state: State, isam: gtsam.ISAM2, columns: dict[int, Index]
+        self, solver: Solver, state: State, tree: LinearTree, columns: dict[int, Index]
     ) -> None:
         """Linearise at ``state``."""
         super().__init__(solver, state)
-        self._isam, self._columns = isam, columns
+        self._tree, self._columns = tree, columns
 
     def factorise(self, extra: Array, *, exact: bool = False) -> Factor:
         """Return the factorisation that iSAM2 has, with its minimal datum; see the base."""
         try:
-            return TreeFactor(self.solver.equations, self._isam, self._columns)
+            return TreeFactor(self.solver.equations, self._tree, self._columns)
         except (SingularError, RuntimeError):
             return super().factorise(extra, exact=exact)
 
 
-def variances_of(isam: gtsam.ISAM2, register: Register) -> Array:
+def variances_of(tree: LinearTree, register: Register) -> Array:
     """Return the variances of all free components from one pass down the tree, (n_places,)."""
     n = register.n_places
-    cliques = cliques_of(isam, {k: register.places(k) for k in register.keys})
+    cliques = cliques_anew(tree, {k: register.places(k) for k in register.keys})
     inverse = SelectedInverse(cliques, np.zeros((0, 0)), np.full(n, -1), n)
     return inverse.joint(np.arange(n)[:, None])[:, 0, 0]
 
@@ -178,7 +202,7 @@ def solution_of(engine: Engine) -> Solution:
     """Return the solution of the network as it stands; a free one on its inner constraints."""
     equations, state, given = engine.whole()
     solver = Solver.of(equations)
-    isam = gtsam.ISAM2(engine.tree.isam)
+    tree = engine.tree.copy()
     columns = columns_of(engine.register, equations)
     constraint = engine.constraint(equations)
     datum: FreeDatum | None = None
@@ -193,7 +217,7 @@ def solution_of(engine: Engine) -> Solution:
 
     def normal() -> NormalEquations:
         if not made:
-            made.append(TreeNormal(solver, state, isam, columns))
+            made.append(TreeNormal(solver, state, tree, columns))
         return made[0]
 
     v = equations.residuals(state)

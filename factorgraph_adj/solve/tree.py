@@ -9,7 +9,7 @@ memory) and serve every right side and the selected inverse:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -208,7 +208,7 @@ class TreeFactors:
                 )
         except RuntimeError as error:
             raise SingularError(str(error)) from None
-        return self._cliques(tree), border
+        return cliques_of(tree, self.columns), border
 
     def _ordering_of(self, graph: gtsam.GaussianFactorGraph, first: list[int]) -> gtsam.Ordering:
         """Return the ordering, found once for a plan: all its graphs have one structure."""
@@ -259,24 +259,33 @@ class TreeFactors:
         at = self.plan.in_border[columns]
         border[np.ix_(at, at)] += hessian
 
-    def _cliques(self, tree: gtsam.GaussianBayesTree) -> list[Clique]:
-        """Copy the cliques out of the tree, parents first."""
-        out: list[Clique] = []
-        stack = [(root, -1) for root in tree.roots()]
-        while stack:
-            clique, parent = stack.pop()
-            conditional = clique.conditional()
-            r = np.array(conditional.R(), order="F")
-            keys = list(conditional.keys())
-            columns = np.concatenate([self.columns[k] for k in keys])
-            f = r.shape[1]
-            s = np.array(conditional.S()).reshape(f, len(columns) - f)
-            if not np.all(np.isfinite(r)) or np.any(np.diag(r) == 0):
-                raise SingularError("a pivot vanished")
-            t = upper_solve(r, s) if s.size else s
-            stack.extend((clique[i], len(out)) for i in range(clique.nrChildren()))
-            out.append(Clique(columns[:f], columns[f:], r, t, parent))
-        return out
+
+def cliques_of(tree: gtsam.GaussianBayesTree, columns: Mapping[int, Index]) -> list[Clique]:
+    """Copy the cliques out of a Bayes tree, parents first.
+
+    Args:
+        tree: the tree.
+        columns: columns of each key.
+
+    Raises:
+        SingularError: a pivot vanished.
+    """
+    out: list[Clique] = []
+    stack = [(root, -1) for root in tree.roots()]
+    while stack:
+        clique, parent = stack.pop()
+        conditional = clique.conditional()
+        r = np.array(conditional.R(), order="F")
+        keys = list(conditional.keys())
+        own = np.concatenate([columns[k] for k in keys])
+        f = r.shape[1]
+        s = np.array(conditional.S()).reshape(f, len(own) - f)
+        if not np.all(np.isfinite(r)) or np.any(np.diag(r) == 0):
+            raise SingularError("a pivot vanished")
+        t = upper_solve(r, s) if s.size else s
+        stack.extend((clique[i], len(out)) for i in range(clique.nrChildren()))
+        out.append(Clique(own[:f], own[f:], r, t, parent))
+    return out
 
 
 SMALL = 300

@@ -90,7 +90,6 @@ def simulate_mixed(seed: int, *, points: int, photos: int = 120) -> SimulatedNet
 def _add_stations(plan: Network, side: int, rng: np.random.Generator) -> None:
     """Add a grid of ``side`` × ``side`` stations that measure their neighbours."""
     names = [[f"{i}-{j}" for j in range(side)] for i in range(side)]
-    plan = Network(f"grid of {side} × {side} points, simulated")
     for i in range(side):
         for j in range(side):
             x, y = SPACING * np.array([i, j]) + rng.uniform(-5.0, 5.0, 2)

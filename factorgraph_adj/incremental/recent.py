@@ -1,0 +1,183 @@
+"""The latest arrivals as a low-rank part beside a factorised system: no tree is touched.
+
+With N = L Lᵀ factorised once and Q₀ = N⁻¹, rows A that arrive since then give
+
+    Q = Q₀ − G Gᵀ,    G ← [G, Q Aᵀ R⁻¹],    RᵀR = I + A Q Aᵀ        (Sherman, Morrison, Woodbury)
+
+so that Q Aᵀ of an arriving row, its test, the step of all unknowns and the loss of all variances
+cost one solution and products with the thin G. An arrival that is not kept has changed nothing.
+After `MOST` rows they go into iSAM2, which holds the whole system, and N is factorised again.
+
+What the linear forms miss by then is bounded by what they miss at one trial state: there every
+unknown is away by its conditional standard deviation; |Δv|² grows with the fourth power of that
+distance, ρ² with the second (`factorgraph_adj.incremental.rows`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array, csc_array, diags_array
+from scipy.sparse.linalg import splu
+
+from ..errors import InputError
+from ..models.registry import VariableKind
+from ..types import Array, Index
+from .register import Register
+from .rows import Store
+
+MOST = 128
+"""Rows of the low-rank part."""
+PRECISE = 1e-6
+"""Relative residual of a solution up to which the factorisation is trusted."""
+SEED = 1986
+"""Of the directions of the trial state."""
+
+
+class Recent:
+    """Q of a system, and of what has arrived since."""
+
+    def __init__(self, store: Store, held: list[tuple[int, float]]) -> None:
+        """Factorise the normal equations of all rows.
+
+        Args:
+            store: the rows.
+            held: place and weight of what carries a minimal datum.
+
+        Raises:
+            RuntimeError: they are singular to working precision.
+        """
+        register = store.register
+        a = sparse_rows(store)
+        n = register.n_places
+        extra = np.zeros(n)
+        for place, weight in held:
+            extra[place] += weight**2
+        normal = csc_array(a.T @ a) + diags_array(extra)
+        self.normal = csc_array(normal)
+        diagonal = self.normal.diagonal()
+        if not np.all(diagonal > 0):
+            raise RuntimeError("an unknown without rows")
+        self.scale = 1.0 / np.sqrt(diagonal)
+        scaled = diags_array(self.scale) @ self.normal @ diags_array(self.scale)
+        self.factor = splu(
+            csc_array(scaled),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+        self.g = np.zeros((n, MOST))
+        self.used = 0
+        self.precise = True
+        self._probe(store)
+
+    def full(self, rows: int) -> bool:
+        """Return whether there is no room for some more rows."""
+        return self.used + rows > MOST
+
+    def times(self, b: Array) -> Array:
+        """Return Q b, (n, k)."""
+        x = self._solve(b)
+        x += self._solve(b - self.normal @ x)
+        left = np.linalg.norm(b - self.normal @ x, axis=0)
+        self.precise = bool(np.all(left <= PRECISE * np.linalg.norm(b, axis=0)))
+        g = self.g[:, : self.used]
+        return np.asarray(x - g @ (g.T @ b))
+
+    def _solve(self, b: Array) -> Array:
+        return np.asarray(self.scale[:, None] * self.factor.solve(self.scale[:, None] * b))
+
+    def absorb(self, y: Array, d: Array) -> Array:
+        """Add rows with y = Q Aᵀ (n, k) and D = I + A Q Aᵀ; return the loss of all variances."""
+        upper = np.linalg.cholesky(d).T
+        new = np.linalg.solve(upper.T, y.T).T
+        k = y.shape[1]
+        self.g[:, self.used : self.used + k] = new
+        self.used += k
+        return np.asarray(np.sum(new**2, axis=1))
+
+    # -- how far the linear forms hold --------------------------------------------------------
+
+    def _probe(self, store: Store) -> None:
+        """Find what the linear forms of each variable's rows miss one conditional σ away."""
+        register = store.register
+        rng = np.random.default_rng(SEED)
+        here = register.vector()
+        weight = np.zeros(register.n_places)
+        for table in register.tables.values():
+            inside = table.place.view >= 0
+            weight[table.place.view[inside]] = table.weight.view[inside]
+        step = rng.choice([-1.0, 1.0], size=len(here)) / np.sqrt(np.maximum(weight, 1e-300))
+        self.missed: dict[VariableKind, Array] = {}
+        self.turned: dict[VariableKind, Array] = {}
+        try:
+            register.move_to(here + step)
+            found = [(rows, at, *store.misfit(rows, at)) for rows, at in store.everything().rows]
+        except InputError:
+            found = []
+            self.precise = False
+        finally:
+            register.move_to(here)
+        for kind, table in register.tables.items():
+            self.missed[kind] = np.zeros(table.n)
+            self.turned[kind] = np.zeros(table.n)
+        for rows, at, missed, turned in found:
+            for kind, index in zip(rows.kinds, rows.index, strict=True):
+                np.add.at(self.missed[kind], index.view[at], missed)
+                np.add.at(self.turned[kind], index.view[at], turned)
+
+    def holds(self, register: Register, bound: float) -> bool:
+        """Return whether what the linear forms can miss by now stays below a bound."""
+        missed = turned = 0.0
+        for kind, table in register.tables.items():
+            n = len(self.missed[kind])
+            if not n:
+                continue
+            far = table.far_from(table.lined)[:n]
+            missed += float(self.missed[kind] @ far**4)
+            turned += float(self.turned[kind] @ far**2)
+        return max(missed, turned) <= bound**2
+
+
+def sparse_rows(store: Store) -> csc_array:
+    """Return the whitened partials of all rows, (rows, n_places)."""
+    values: list[Array] = []
+    row: list[Index] = []
+    column: list[Index] = []
+    register = store.register
+    first = 0
+    for rows, at in store.everything().rows:
+        d = rows.template.dimension
+        own = first + np.arange(len(at) * d).reshape(len(at), d)
+        first += len(at) * d
+        grouped = rows.group.view[at] >= 0
+        for kind, index, a in zip(rows.kinds, rows.index, rows.a, strict=True):
+            partials = a.view[at]
+            k = partials.shape[2]
+            place = register[kind].place.view[index.view[at], :k]
+            on = (place >= 0) & ~grouped[:, None]
+            full = np.broadcast_to(on[:, None, :], partials.shape)
+            values.append(partials[full])
+            row.append(np.broadcast_to(own[:, :, None], partials.shape)[full])
+            column.append(np.broadcast_to(place[:, None, :], partials.shape)[full])
+    for group in store.groups.values():
+        size = len(group.whitener)
+        dense: dict[int, Array] = {}
+        for (rows, at), order in zip(group.members, group.order, strict=True):
+            for kind, index, a in zip(rows.kinds, rows.index, rows.a, strict=True):
+                for i, number in enumerate(index.view[at].tolist()):
+                    places = register[kind].place.view[number, : a.view.shape[2]]
+                    for j, place in enumerate(places.tolist()):
+                        if place >= 0:
+                            part = dense.setdefault(place, np.zeros(size))
+                            part[order[i]] += a.view[at[i]][:, j]
+        if dense:
+            columns = np.array(list(dense), dtype=np.intp)
+            whole = group.whitener @ np.stack(list(dense.values()), axis=1)
+            values.append(whole.ravel())
+            row.append(np.repeat(first + np.arange(size), len(columns)))
+            column.append(np.tile(columns, size))
+        first += size
+    none = [np.zeros(0)]
+    places = (np.concatenate(row or none), np.concatenate(column or none))
+    shape = (first, register.n_places)
+    return csc_array(coo_array((np.concatenate(values or none), places), shape=shape))
