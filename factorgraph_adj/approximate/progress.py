@@ -68,5 +68,6 @@ class Progress:
         e = self.survey.edges
         rise = self.plan[e.b, 2] - self.plan[e.a, 2]
         rise = np.where(np.isfinite(rise), rise, e.rise) + e.slope_rise
-        reduced = np.sqrt(np.maximum(e.slope**2 - rise**2, 0.0))
+        rise = np.abs(rise)  # factors, as squares of what is too large overflow
+        reduced = np.sqrt(np.maximum(e.slope - rise, 0.0)) * np.sqrt(e.slope + rise)
         return np.where(np.isfinite(e.level), e.level, reduced)

@@ -220,6 +220,7 @@ class Book:
     def wait(self, units: Iterable[Unit]) -> None:
         """Put units into the pool."""
         for unit in units:
+            self._take_from_rejected(unit)
             self.pool[unit.ids[0]] = unit
             self._note(unit, True)
             self._place.update(dict.fromkeys(unit.ids, unit.ids[0]))
@@ -237,7 +238,14 @@ class Book:
             self._leave_out(self.rejected, unit, told)
             self._see(unit, False)
 
+    def _take_from_rejected(self, unit: Unit) -> None:
+        """Forget what was rejected under the ids of a unit that comes in its place."""
+        for i in unit.ids:
+            if self._place.get(i) in self.rejected:
+                self.pull(i)
+
     def _leave_out(self, where: Kept, unit: Unit, verdicts: tuple[Verdict, ...]) -> None:
+        self._take_from_rejected(unit)
         where[unit.ids[0]] = unit, verdicts
         self._note(unit, True)
         self._place.update(dict.fromkeys(unit.ids, unit.ids[0]))

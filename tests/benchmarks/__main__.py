@@ -4,6 +4,8 @@ roma      Roma against pycolmap (extra ``bench``), alternating, and our memory
 ladybug   Ladybug 49 of Bundle Adjustment in the Large against pycolmap
 growth    simulated aerial blocks of 10 000 to 1 000 000 image points
 grids     simulated terrestrial networks of 100 to 10 000 points
+latency   one arriving observation in such networks, and in photos over them, against the batch
+          and naive iSAM2 (half an hour: iSAM2 takes minutes to load 10 000 points)
 
 Quality: reliability of every observation (with e1, e2, e12) and the covariance of every point;
 for pycolmap the covariances of points, poses and cameras.
@@ -25,7 +27,9 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
+from .latency import Latency
 from .worker import LADYBUG, ROMA, Measured
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,8 +42,16 @@ LONGEST = 1800
 
 def run(cores: set[int], job: str, *arguments: int) -> Measured | None:
     """Run a job on ``cores``; none if it failed or took too long, which is printed."""
-    command = [sys.executable, "-m", "tests.benchmarks.worker", job, *map(str, arguments)]
     threads = len(cores) if job.endswith("-colmap") else 1
+    found = launch(cores, "worker", job, *map(str, arguments), threads=threads)
+    return None if found is None else Measured(**found)
+
+
+def launch(
+    cores: set[int], module: str, *arguments: str, threads: int = 1
+) -> dict[str, Any] | None:
+    """Return what a module of this package prints at its end, run on ``cores``."""
+    command = [sys.executable, "-m", f"tests.benchmarks.{module}", *arguments]
     env = os.environ | dict.fromkeys(THREADS, str(threads))
     try:
         done = subprocess.run(
@@ -53,12 +65,13 @@ def run(cores: set[int], job: str, *arguments: int) -> Measured | None:
             preexec_fn=lambda: os.sched_setaffinity(0, cores),
         )
     except subprocess.TimeoutExpired:
-        print(f"  {job} {arguments}: given up after {LONGEST} s")
+        print(f"  {' '.join(arguments)}: given up after {LONGEST} s")
         return None
     if done.returncode:
-        print(f"  {job} {arguments} failed:\n{done.stderr}")
+        print(f"  {' '.join(arguments)} failed:\n{done.stderr}")
         return None
-    return Measured(**json.loads(done.stdout.splitlines()[-1]))
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found
 
 
 def against_colmap(cores: set[int], rounds: int, job: str, data: Path) -> None:
@@ -125,6 +138,39 @@ def table(cores: set[int], job: str, sizes: Sequence[int], what: str) -> None:
             )
 
 
+def latency(cores: set[int]) -> None:
+    """Print how long one arriving observation takes, and what the others take for it."""
+    print(
+        f"  {'':12}{'points':>7}{'rows':>8}{'start s':>9}"
+        f"{'arrival':>9}{'95 %':>8}{'max':>8}{'batch, warm':>13}{'from scratch':>18}"
+        f"{'naive iSAM2':>18}  medians, ms; times the arrival's; off the batch"
+    )
+    for case in ("terrestrial", "mixed"):
+        for size in GRIDS:
+            found = launch(cores, "latency", case, str(size))
+            if found is None:
+                continue
+            m = Latency(**found)
+            ms = {way: [1e3 * t for t in every] for way, every in m.seconds.items()}
+            own = sorted(ms["arrival"])
+            middle = statistics.median(own)
+            cells = ""
+            for way, width in (("warm", 13), ("scratch", 18), ("naive", 18)):
+                text = "–"
+                if ms[way]:
+                    median = statistics.median(ms[way])
+                    text = f"{median:.0f} (n {len(ms[way])}) {median / middle:.1f}×"
+                elif way == "naive":
+                    text = "fails"
+                cells += f"{text:>{max(width, 18)}}"
+            print(
+                f"  {m.case:12}{m.points:7d}{m.observations:8d}{m.loaded:9.2f}"
+                f"{middle:9.2f}{own[int(0.95 * len(own))]:8.2f}{own[-1]:8.2f}{cells}"
+                f"  {m.off:.0e} σ, naive {m.naive_off:.0e} σ {m.naive_failed}",
+                flush=True,
+            )
+
+
 def main() -> None:
     """Run what the command line asks for."""
     benchmarks: dict[str, Callable[[set[int], int], None]] = {
@@ -132,6 +178,7 @@ def main() -> None:
         "ladybug": lambda cores, rounds: against_colmap(cores, rounds, "ladybug", LADYBUG),
         "growth": lambda cores, _: table(cores, "aerial", GROWTH, "image points"),
         "grids": lambda cores, _: table(cores, "grid", GRIDS, "points"),
+        "latency": lambda cores, _: latency(cores),
     }
     parser = argparse.ArgumentParser(
         prog="python -m tests.benchmarks",

@@ -78,9 +78,7 @@ def simulate_mixed(seed: int, *, points: int, photos: int = 120) -> SimulatedNet
         seen = np.all(np.abs(p[:, :2] / p[:, 2:]) < SENSOR / 2 / CALIBRATION["c"], axis=1)
         chosen = [n for n, s in zip(names, seen, strict=True) if s]
         plan.add_photo(f"photo {k}", CAMERA, position=at.tolist(), rotation=rotation)
-        plan.add_image_points(
-            f"photo {k}", chosen, np.zeros((len(chosen), 2)), sigma=SIGMA_IMAGE
-        )
+        plan.add_image_points(f"photo {k}", chosen, np.zeros((len(chosen), 2)), sigma=SIGMA_IMAGE)
     network = disturb(
         measure(plan, seed=seed), seed=seed, points=0.1, centres=0.3, attitudes=np.deg2rad(0.5)
     )

@@ -41,9 +41,6 @@ FEW: dict[Way, int] = {"warm": 5, "scratch": 2, "naive": 5}
 MANY = 3000
 RAYS = 4
 """Image points are held back from points with as many rays at least, so that none is lost."""
-LARGEST_NAIVE = 200_000_000
-"""Custom factors times variables up to which naive iSAM2 is tried: it copies all values for every
-factor when it is loaded, about 13 ns each."""
 
 
 @dataclass
@@ -118,24 +115,23 @@ def measure(case: Case, points: int) -> Latency:
         points: number of points, about.
     """
     simulated: SimulatedNetwork = (
-        simulate_grid(1, points=points) if case == "terrestrial" else simulate_mixed(1, points=points)
+        simulate_grid(1, points=points)
+        if case == "terrestrial"
+        else simulate_mixed(1, points=points)
     )
     whole = simulated.network
     rest, arriving = held_back(whole, ARRIVALS)
     solution = adjust(rest)
-    out = Latency(
-        case, len(whole.points), whole_rows(solution, arriving), solution.n_unknowns
-    )
+    out = Latency(case, len(whole.points), whole_rows(solution, arriving), solution.n_unknowns)
     begin = perf_counter()
     inc = IncrementalAdjustment(rest, start=solution)
     out.loaded = perf_counter() - begin
-    naive: Naive | None = None
-    factors = len(whole.observations) + whole.n_image_points
-    if factors * len(list(solution.equations.unknowns.active())) <= LARGEST_NAIVE:
-        naive = Naive(whole, solution, {_id(o) for o in arriving})
-        out.naive_loaded = naive.loaded
+    naive = Naive(whole, solution, {_id(o) for o in arriving})
+    out.naive_loaded = naive.loaded
     samples = SAMPLES if points <= MANY else FEW
-    turns = {way: set(np.linspace(1, len(arriving) - 1, n).astype(int)) for way, n in samples.items()}
+    turns = {
+        way: set(np.linspace(1, len(arriving) - 1, n).astype(int)) for way, n in samples.items()
+    }
     seconds: dict[Way, list[float]] = {"arrival": [], "warm": [], "scratch": [], "naive": []}
 
     def clock(way: Way, begin: float) -> None:
@@ -156,7 +152,7 @@ def measure(case: Case, points: int) -> Latency:
             begin = perf_counter()
             adjust(rest)
             clock("scratch", begin)
-        if naive is not None and not out.naive_failed and number < samples["naive"]:
+        if not out.naive_failed and number < samples["naive"]:
             begin = perf_counter()
             try:
                 naive.add(_id(observation))

@@ -1,0 +1,560 @@
+"""The rows of a network in an iSAM2: putting them in, taking them out.
+
+Arrivals between known variables first stay beside the tree (`factorgraph_adj.incremental.recent`)
+and go into it together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy, deepcopy
+from dataclasses import dataclass, replace
+from typing import Self
+
+import gtsam
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..graph.equations import Equations, compile_network, compile_rows
+from ..graph.keys import KeyMap
+from ..graph.variables import State
+from ..models.registry import VariableKind
+from ..network import DatumChoice, Network
+from ..observations import Observation
+from ..quality.solution import Solution
+from ..solve.tree import SMALL, SingularError
+from ..types import Array, Index, Mask
+from .local import known_network, local_network, local_state
+from .recent import MOST, Recent
+from .register import Register
+from .rows import Group, Piece, Rows, Store
+from .signatures import Signature
+from .tree import LinearTree
+from .trial import LowRank, Marks, Trial, gather, rows_of
+from .units import Unit
+from .verdicts import Judged
+from .view import variances_of
+
+SINGULAR = (
+    "with it the normal equations are singular to working precision: is its standard deviation, or "
+    "its value, in the right unit?"
+)
+NAMED = 12
+"""Observations that a message names."""
+PATIENCE = 8
+"""Arrivals in a row between known variables after which a system is factorised for the next."""
+IMPRECISE = 1000
+"""Arrivals until it is tried again where that was not precise."""
+LATE: dict[VariableKind, int] = {"pose": 1, "calibration": 2, "refraction": 2, "edm": 2}
+"""Variables of very many observations are eliminated last."""
+
+
+@dataclass
+class Held:
+    """A component that carries the minimal datum of a free network."""
+
+    kind: VariableKind
+    """Kind of the variable."""
+    number: int
+    """Its number."""
+    component: int
+    """Its component."""
+    weight: float
+    """√ of what is added to the diagonal of N."""
+    slot: int = -1
+    """Its factor."""
+
+
+class Graph:
+    """A network in an iSAM2."""
+
+    def __init__(self, network: Network, *, datum: DatumChoice, accuracy: float) -> None:
+        """Start with an empty graph.
+
+        Args:
+            network: points, photos and so on; its observations are those in the graph.
+            datum: given or free.
+            accuracy: the promise, relative to standard deviations.
+        """
+        self.network, self.datum, self.accuracy = network, datum, accuracy
+        self.qr = False
+        self.settled = True
+        self.kept = True
+        """Whether estimates are within ``accuracy`` of the minimum."""
+        self.doubt = ""
+        """Why not."""
+        self.clear()
+
+    def clear(self) -> None:
+        """Empty the graph."""
+        self.register = Register()
+        self.store = Store(self.network.frame, self.register)
+        self.tree = LinearTree(qr=self.qr)
+        self.unflushed: list[Piece] = []
+        """Rows that are not in the tree yet."""
+        self.recent: Recent | None = None
+        """A factorised system to which they are a low-rank part."""
+        self.patience = 0
+        self.held: list[Held] = []
+        self.signatures: set[Signature] | None = None
+        """Kinds of observation there are, see `factorgraph_adj.incremental.signatures`."""
+        self._before: State = {}
+        """Where the variables were before the last change."""
+        self.priors: dict[tuple[VariableKind, int], list[str]] = {}
+        """Ids of the rows that weight a variable's own given values."""
+
+    def copy(self) -> Self:
+        """Return an engine of its own; iSAM2 copies its tree in no time."""
+        self.flush()
+        out = copy(self)
+        out.recent = None
+        parts = (self.register, self.store, self.held, self.priors)
+        own = deepcopy(parts)
+        out.register, out.store, out.held, out.priors = own
+        out.tree = self.tree.copy()
+        return out
+
+    def values_of(
+        self, variables: Sequence[tuple[VariableKind, int]]
+    ) -> dict[VariableKind, dict[str, list[float]]]:
+        """Return x₀ of points and photos, by kind and name."""
+        out: dict[VariableKind, dict[str, list[float]]] = {}
+        for kind, number in variables:
+            if kind in ("point", "pose"):
+                table = self.register[kind]
+                values = table.given.view[number].tolist()
+                out.setdefault(kind, {})[table.names[number]] = values
+        return out
+
+    def point_covariance(self, a: str, b: str) -> Array:
+        """Return the covariance between two points, (3, 3); zero for held components."""
+        table = self.register["point"]
+        out = np.zeros((3, 3))
+        numbers = [table.number.get(n, -1) for n in (a, b)]
+        if min(numbers) < 0:
+            return out
+        free = [table.free.view[i] for i in numbers]
+        if not (free[0].any() and free[1].any()):
+            return out
+        keys = [KeyMap.of("point", i) for i in dict.fromkeys(numbers)]
+        joint = self.tree.joint(keys)
+        k = int(free[0].sum())
+        block = joint if a == b else joint[:k, k:]
+        out[np.ix_(free[0], free[1])] = block
+        return out
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is in the graph."""
+        return not self.register.keys
+
+    # -- building the tree --------------------------------------------------------------------
+
+    def load(self, equations: Equations, state: State, given: State, constraint: Array) -> None:
+        """Make everything anew from equations at a state.
+
+        Args:
+            equations: those of ``network``, weights evaluated.
+            state: values of all variables.
+            given: x₀, what the inner constraints of a free network refer to.
+            constraint: what a minimal datum adds to the diagonal of N, (n_columns,).
+
+        Raises:
+            InputError: names observations whose geometry has no answer; nothing has changed then.
+        """
+        before = dict(vars(self))
+        try:
+            self.clear()
+            numbers = self.register.absorb(equations, state, given)
+            piece = self.store.absorb(equations, numbers)
+            self.store.linearise(piece)
+            for column in np.flatnonzero(constraint).tolist():
+                kind, name, _ = equations.unknowns.describe(column)
+                table = equations.unknowns[kind]
+                i = table.number[name]
+                component = column - int(table.offset[i])
+                number = int(numbers[kind][i])
+                self.held.append(Held(kind, number, component, float(np.sqrt(constraint[column]))))
+            self._note_priors(piece)
+            self.rebuild()
+            self.register.set_variances(variances_of(self.tree, self.register))
+        except BaseException:
+            vars(self).update(before)
+            raise
+
+    def _note_priors(self, piece: Piece) -> None:
+        """Note the rows of weighted unknowns: one variable, and no observation of their id."""
+        for rows, at in piece.rows:
+            kind = rows.template.kind
+            if len(rows.kinds) > 1 or not (kind.startswith("weighted") or kind == "control"):
+                continue
+            for i in at.tolist():
+                if kind == "control" and not rows.labels[i].startswith("weighted "):
+                    continue
+                owner = rows.kinds[0], int(rows.index[0].view[i])
+                ids = self.priors.setdefault(owner, [])
+                if rows.ids[i] not in ids:
+                    ids.append(rows.ids[i])
+
+    def rebuild(self) -> None:
+        """Build the tree anew from the linear forms, by QR where Cholesky refuses."""
+        self.unflushed, self.recent, self.patience = [], None, 0
+        self.store.compact()
+        while True:
+            tree = LinearTree(qr=self.qr)
+            factors, owners = self.store.factors(self.store.everything())
+            factors += [self._held_factor(h) for h in self.held]
+            try:
+                if factors:
+                    slots = tree.update(factors, self.register.values(), late=self._late(factors))
+                    self.store.number(owners, slots[: len(owners)])
+                    for h, slot in zip(self.held, slots[len(owners) :], strict=True):
+                        h.slot = slot
+                delta = tree.delta(self.register.keys)
+                if not np.isfinite(delta).all():
+                    raise SingularError("δ is not finite")
+            except (SingularError, RuntimeError):
+                if self.qr:
+                    raise
+                self.qr = True
+                continue
+            self.tree = tree
+            self.register.move_to(delta)
+            return
+
+    def _late(self, factors: Sequence[gtsam.NonlinearFactor]) -> list[tuple[int, int]]:
+        """Return when variables are to be eliminated, in groups.
+
+        Photos and calibrations after points; a large terrestrial network by nested dissection.
+        """
+        keys = self.register.keys
+        if any(r.template.kind == "image" for r in self.store.kinds.values()):
+            out = []
+            for key in keys:
+                kind, _ = self.register.variable(key)
+                if kind in LATE:
+                    out.append((key, LATE[kind]))
+            return out if len(out) < len(keys) else []
+        if len(keys) <= SMALL:
+            return []
+        graph = gtsam.GaussianFactorGraph()
+        for factor in factors:
+            graph.add(factor.factor())  # type: ignore[attr-defined]
+        order = gtsam.Ordering.MetisGaussianFactorGraph(graph)
+        return [(order.at(i), i) for i in range(order.size())]
+
+    def _held_factor(self, held: Held) -> gtsam.NonlinearFactor:
+        table = self.register[held.kind]
+        free = np.flatnonzero(table.free.view[held.number])
+        a = np.zeros((1, len(free)))
+        a[0, int(np.searchsorted(free, held.component))] = held.weight
+        key = KeyMap.of(held.kind, held.number)
+        unit = gtsam.noiseModel.Unit.Create(1)
+        # Held where it is now: moving along a defect of datum changes no observation.
+        b = a @ table.delta.view[held.number][free]
+        return gtsam.LinearContainerFactor(gtsam.JacobianFactor(key, a, b, unit))
+
+    def _update(
+        self,
+        factors: Sequence[gtsam.NonlinearFactor],
+        owners: list[tuple[object, int]],
+        values: gtsam.Values,
+        remove: Sequence[int],
+    ) -> None:
+        """Change the tree, and move to its solution; build it anew where that fails."""
+        self.recent, self.patience = None, min(self.patience, 0)
+        try:
+            slots = self.tree.update(factors, values, remove)
+            self.store.number(owners, slots)
+            delta = self.tree.delta(self.register.keys)
+            if not np.isfinite(delta).all():
+                raise SingularError("δ is not finite")
+            self.register.move_to(delta)
+        except (SingularError, RuntimeError):
+            self.rebuild()
+
+    # -- putting in and taking back -----------------------------------------------------------
+
+    def begin(self, units: Sequence[Unit], found: Solution) -> Trial:
+        """Put the first units of a free network in, with the minimal datum that they need."""
+        self.load(found.equations, found.state, found.start, found.constraint)
+        marks: Marks = (dict.fromkeys(self.register.tables, 0), ({}, 0))
+        entered = [self.register.variable(k) for k in self.register.keys]
+        return self._trial(units, self.store.everything(), marks, entered)
+
+    def put_in(self, units: Sequence[Unit], found: Sequence[Solution]) -> Trial:
+        """Put units into the tree, to be kept or taken back.
+
+        Args:
+            units: what they depend on is known, or in ``found``.
+            found: where the variables are that enter with them.
+
+        Raises:
+            InputError: names observations whose geometry has no answer, or whose weights are so
+                different from others that double precision cannot hold both; nothing has changed
+                then.
+        """
+        recent = None if found else self._recent_of(sum(u.n_scalars for u in units))
+        local = local_network(self.network, self.register, units)
+        equations = compile_rows(local)
+        start = equations.unknowns.start()
+        given = start
+        everything = {k: np.ones(v.shape, dtype=bool) for k, v in start.items()}
+        for part in found:
+            there = part.equations.unknowns
+            start = equations.unknowns.carried(start, there, part.state, where=everything)
+            given = equations.unknowns.carried(given, there, part.start, where=everything)
+        state = local_state(equations, self.register, start)
+        equations = equations.weighted_at(state)
+        marks = self.register.marks(), self.store.marks()
+        known = {k: t.known.view.copy() for k, t in self.register.tables.items()}
+        n_keys = len(self.register.keys)
+        try:
+            numbers = self.register.absorb(equations, state, given)
+            piece = self.store.absorb(equations, numbers)
+            self.store.linearise(piece)
+        except InputError:
+            self._forget(marks, known)
+            raise
+        self._remember()
+        fresh = self.register.keys[n_keys:]
+        if recent is not None and not fresh:
+            trial = self._beside(recent, units, piece, marks)
+            if trial is not None:
+                return trial
+        self.recent = None
+        if fresh:
+            self.patience = min(self.patience, 0)
+        factors, owners = self.store.factors(piece)
+        try:
+            slots = self.tree.update(factors, self.register.values(fresh))
+            self.store.number(owners, slots)
+            delta = self.tree.delta(self.register.keys)
+            if not np.isfinite(delta).all():
+                raise SingularError("δ is not finite")
+            self.register.move_to(delta)
+        except (SingularError, RuntimeError):
+            try:
+                self.rebuild()  # by QR
+            except (SingularError, RuntimeError):
+                self._forget(marks, known)
+                self.rebuild()
+                raise InputError([Problem(SINGULAR, o.label()) for o in _some(units)]) from None
+        self._note_priors(piece)
+        entered = [self.register.variable(k) for k in fresh]
+        return self._trial(units, piece, marks, entered, arrived=True)
+
+    def _remember(self) -> None:
+        self._before = {k: v.copy() for k, v in self.register.state.items()}
+
+    def _forget(
+        self,
+        marks: Marks,
+        known: dict[VariableKind, Mask],
+    ) -> None:
+        back = []
+        for kind, mask in known.items():
+            now = self.register[kind].known.view[: len(mask)]
+            back += [(kind, int(i)) for i in np.flatnonzero(now & ~mask)]
+        self.store.forget(marks[1])
+        self.register.forget(marks[0], back)
+
+    def trial_of(self, units: Sequence[Unit]) -> Trial:
+        """Return units that are in the graph as a trial, to be judged."""
+        trial = self.trial_of_ids([i for u in units for i in u.ids])
+        rows = rows_of(units, trial.system)
+        return replace(trial, units=tuple(units), rows=rows)
+
+    def trial_of_ids(self, ids: Sequence[str]) -> Trial:
+        """Return rows of the graph by their ids, correlated groups as a whole."""
+        chosen: dict[int, tuple[Rows, list[int]]] = {}
+        for ident in ids:
+            for rows, i in self.store.places[ident]:
+                chosen.setdefault(id(rows), (rows, []))[1].append(i)
+        pieces = [(rows, np.array(at, dtype=np.intp)) for rows, at in chosen.values()]
+        inside = np.concatenate([rows.group.view[at] for rows, at in pieces])
+        piece = Piece(pieces, np.unique(inside[inside >= 0]).tolist())
+        return self._trial((), piece, (self.register.marks(), self.store.marks()), [])
+
+    def take_back(self, trial: Trial) -> None:
+        """Make everything as it was before `put_in`, or `begin`."""
+        if not trial.marks[1][0]:
+            self.clear()
+            return
+        slots = [] if trial.low_rank is not None else slots_of(trial.piece, self.store)
+        self.store.forget(trial.marks[1])
+        self.register.forget(
+            trial.marks[0], [(k, n) for k, n in trial.entered if n < trial.marks[0][k]]
+        )
+        if trial.low_rank is None:
+            self._update([], [], gtsam.Values(), slots)
+
+    def _trial(
+        self,
+        units: Sequence[Unit],
+        piece: Piece,
+        marks: Marks,
+        entered: list[tuple[VariableKind, int]],
+        *,
+        arrived: bool = False,
+    ) -> Trial:
+        """Return rows that are in the tree as a trial."""
+        system = gather(self.store, piece)
+        joint = self.tree.joint(system.keys, arrived=arrived)
+        variances = np.array(np.diag(joint))
+        self.register.note_variances(system.keys, variances)
+        spread = joint @ system.a.T
+        judged = Judged(np.eye(len(system.v)) - system.a @ spread, system.v)
+        rows = rows_of(units, system) if units else system.rows
+        return Trial(tuple(units), piece, marks, entered, rows, system, spread, variances, judged)
+
+    def _beside(
+        self, recent: Recent, units: Sequence[Unit], piece: Piece, marks: Marks
+    ) -> Trial | None:
+        """Return rows between known variables as a trial beside the tree.
+
+        None where the factorised system is not precise enough.
+        """
+        system = gather(self.store, piece)
+        b = np.zeros((self.register.n_places, len(system.v)))
+        b[system.places] = system.a.T
+        y = recent.times(b)
+        if not recent.precise or not np.isfinite(y).all():
+            self.recent, self.patience = None, -IMPRECISE
+            return None
+        own = y[system.places]
+        d = np.eye(len(system.v)) + system.a @ own
+        m = np.linalg.inv(d)
+        spread = own @ m
+        before = self.register.variances(system.keys)
+        variances = before - np.einsum("ij,ij->i", spread, own)
+        judged = Judged(0.5 * (m + m.T), m @ system.v)
+        low = LowRank(y, d, system.v)
+        rows = rows_of(units, system)
+        return Trial(tuple(units), piece, marks, [], rows, system, spread, variances, judged, low)
+
+    def _recent_of(self, rows: int) -> Recent | None:
+        """Return the factorised system, made when several arrivals in a row could use it."""
+        if self.recent is not None and self.recent.full(rows):
+            self.flush()
+            self.recent = None
+        if self.recent is None and rows <= MOST // 2 and not self.empty:
+            self.patience += 1
+            if self.patience > PATIENCE:
+                self.register.set_variances(variances_of(self.tree, self.register))
+                held = [
+                    (int(self.register[h.kind].place.view[h.number, h.component]), h.weight)
+                    for h in self.held
+                ]
+                try:
+                    self.recent = Recent(self.store, held)
+                except RuntimeError:
+                    self.patience = -IMPRECISE
+        return None if self.recent is None or self.recent.full(rows) else self.recent
+
+    def keep(self, trial: Trial, gone: Sequence[Unit]) -> None:
+        """Keep a trial but for some units; every variable of it was known before."""
+        ids = [i for u in gone for i in u.ids]
+        low = trial.low_rank
+        if low is None:
+            if ids:
+                self.drop(ids, ())
+            return
+        self._remember()
+        nothing = np.zeros(0, dtype=np.intp)
+        left_out = np.concatenate([nothing, *(trial.rows[u.ids[0]] for u in gone)])
+        stay = np.setdiff1d(np.arange(len(low.innovation)), left_out)
+        self.store.drop(ids)
+        if not len(stay):
+            return
+        assert self.recent is not None
+        y, d = low.y[:, stay], low.d[np.ix_(stay, stay)]
+        step = -y @ np.linalg.solve(d, low.innovation[stay])
+        self.register.lose_variances(self.recent.absorb(y, d))
+        self.register.move_to(self.register.vector() + step)
+        self.unflushed.append(trial.piece)
+
+    def flush(self) -> None:
+        """Put what arrived beside the tree into it."""
+        if not self.unflushed:
+            return
+        rows: list[tuple[Rows, Index]] = []
+        groups: list[int] = []
+        for piece in self.unflushed:
+            rows += [(r, alive) for r, at in piece.rows if len(alive := at[r.alive.view[at]])]
+            groups += [g for g in piece.groups if g in self.store.groups]
+        self.unflushed = []
+        factors, owners = self.store.factors(Piece(rows, groups))
+        try:
+            slots = self._tree.update(factors, gtsam.Values())
+            self.store.number(owners, slots)
+            delta = self._tree.delta(self.register.keys)
+            if not np.isfinite(delta).all():
+                raise SingularError("δ is not finite")
+            self.register.move_to(delta)
+        except (SingularError, RuntimeError):
+            self.rebuild()
+
+    @property
+    def tree(self) -> LinearTree:
+        """The tree, with everything in it."""
+        self.flush()
+        return self._tree
+
+    @tree.setter
+    def tree(self, tree: LinearTree) -> None:
+        self._tree = tree
+
+    def drop(self, ids: Sequence[str], leaving: Sequence[tuple[VariableKind, int]]) -> None:
+        """Take observations out of the tree, and variables that lose all theirs with them.
+
+        The caller has made sure that everything else stays determined.
+        """
+        self._remember()
+        slots = self.store.drop(ids)
+        self.register.leave(leaving)
+        self._update([], [], gtsam.Values(), slots)
+        self.signatures = None
+
+    # -- the whole network --------------------------------------------------------------------
+
+    def whole(self) -> tuple[Equations, State, State]:
+        """Return the equations of the network, its state, and x₀."""
+        equations = compile_network(known_network(self.network, self.register))
+        state, given = equations.unknowns.start(), equations.unknowns.start()
+        for kind, theirs in equations.unknowns.tables.items():
+            table = self.register[kind]
+            mine = [table.number.get(n, -1) for n in theirs.names]
+            at = np.array(mine, dtype=np.intp)
+            on = np.flatnonzero(at >= 0)
+            on = on[table.known.view[at[on]]] if len(on) else on
+            width = min(state[kind].shape[1], table.value.view.shape[1])
+            state[kind][on, :width] = table.value.view[at[on], :width]
+            given[kind][on, :width] = table.given.view[at[on], :width]
+        return equations.weighted_at(state), state, given
+
+    def constraint(self, equations: Equations) -> Array:
+        """Return what the minimal datum adds to the diagonal of N, (n_columns,)."""
+        out = np.zeros(equations.unknowns.n_columns)
+        for h in self.held:
+            name = self.register[h.kind].names[h.number]
+            table = equations.unknowns[h.kind]
+            out[int(table.offset[table.number[name]]) + h.component] = h.weight**2
+        return out
+
+
+def _some(units: Sequence[Unit]) -> list[Observation]:
+    return [o for u in units for o in u.observations][:NAMED]
+
+
+def slots_of(piece: Piece, store: Store) -> list[int]:
+    """Return the slots of the factors of some rows."""
+    out: list[int] = []
+    for rows, at in piece.rows:
+        slots = rows.slot.view[at]
+        out += slots[slots >= 0].tolist()
+    for number in piece.groups:
+        group: Group = store.groups[number]
+        if group.slot >= 0:
+            out.append(group.slot)
+    return out
