@@ -9,6 +9,7 @@ import numpy as np
 
 from factorgraph_adj import IncrementalAdjustment, Network, Solution, adjust, reliability
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint
+from factorgraph_adj.quality.reliability import Reliability
 from factorgraph_adj.types import Array, Mask
 
 
@@ -183,8 +184,18 @@ def chunks(
     return [out[i] for i in rng.permutation(len(out))]
 
 
-def compare(inc: IncrementalAdjustment, when: str, *, rng: np.random.Generator) -> Moment | None:
-    """Compare with the batch; none while nothing is determined."""
+def compare(
+    inc: IncrementalAdjustment, when: str, *, rng: np.random.Generator, shares: bool = True
+) -> Moment | None:
+    """Compare with the batch; none while nothing is determined.
+
+    Args:
+        inc: what has arrived.
+        when: says so.
+        rng: chooses points that are asked for directly.
+        shares: whether redundancy numbers are compared too; all rows are linearised anew for
+            them, which further arrivals must not always find.
+    """
     if not len(inc):
         return None
     names = inc.network().points
@@ -204,17 +215,19 @@ def compare(inc: IncrementalAdjustment, when: str, *, rng: np.random.Generator) 
             step = np.abs(at - theirs.point(name))[free] / sigma[free]
             estimates = max(estimates, float(step.max()))
             sigmas = max(sigmas, float(np.abs(deviation[free] / sigma[free] - 1.0).max()))
-    r, expected = (figures(s) for s in (ours, theirs))
-    assert r.keys() == expected.keys()
-    redundancy = max(float(np.abs(r[k] - expected[k]).max()) for k in r)
-    return Moment(when, inc.settled, estimates, sigmas, redundancy, inc.n_waiting)
+    redundancy = 0.0
+    if shares:
+        r, expected = figures(inc.reliability()), figures(reliability(theirs))
+        assert r.keys() == expected.keys()
+        redundancy = max(float(np.abs(r[k] - expected[k]).max()) for k in r)
+    return Moment(when, when.endswith("settled"), estimates, sigmas, redundancy, inc.n_waiting)
 
 
-def figures(solution: Solution) -> dict[tuple[str, str], Array]:
+def figures(found: Reliability) -> dict[tuple[str, str], Array]:
     """Return the redundancy numbers of every observation, by kind and id."""
     out: dict[tuple[str, str], list[float]] = {}
-    numbers = reliability(solution).redundancy_numbers
-    for row, r in zip(solution.observations, numbers.tolist(), strict=True):
+    rows = found.solution.observations
+    for row, r in zip(rows, found.redundancy_numbers.tolist(), strict=True):
         out.setdefault((row.kind, row.id), []).append(r)
     return {k: np.array(v) for k, v in out.items()}
 
@@ -248,8 +261,8 @@ def play(
     here: list[AnyObservation] = []
     out: list[AnyObservation] = []
 
-    def moment(when: str) -> Iterator[Moment]:
-        found = compare(inc, f"{count} of {len(arrivals)}{when}", rng=rng)
+    def moment(when: str, *, shares: bool = True) -> Iterator[Moment]:
+        found = compare(inc, f"{count} of {len(arrivals)}{when}", rng=rng, shares=shares)
         if found is not None:
             yield found
 
@@ -258,9 +271,9 @@ def play(
         here += arriving
         if count not in stops:
             continue
-        yield from moment("")
+        yield from moment("", shares=False)
         come_back(inc, out)
-        yield from moment(", what was out is back")
+        yield from moment(", what was out is back", shares=False)
         if count == stops[len(stops) // 2]:
             inc.settle()
             yield from moment(", settled")

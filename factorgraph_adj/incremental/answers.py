@@ -23,7 +23,8 @@ from ..report.context import Report
 from ..report.rows import Row, Scale, image_scale, scale_of
 from ..types import Array
 from ..units import ANGLE, LENGTH
-from .adjustment import Arrival, IncrementalAdjustment, Waiting
+from .absorbing import Arrival
+from .adjustment import IncrementalAdjustment, Waiting
 from .verdicts import Gain, Verdict
 
 Answer = dict[str, Any]

@@ -76,6 +76,8 @@ class Engine(Graph):
         except AdjustmentError as error:
             self.doubt = f"no step leads to a minimum: {error}"
             self.load(equations, state, given, self.constraint(equations))
+            # A step from here leads nowhere: stay, so that it can be undone by what comes.
+            self.register.move_to(np.zeros(self.register.n_places))
 
     def _relinearise(self) -> bool:
         """Linearise anew what no longer holds; return whether the promise is kept."""
@@ -117,8 +119,8 @@ class Engine(Graph):
         return False
 
     def _bound(self) -> float:
-        redundancy = self.store.n_scalars - self.register.n_places + len(self.held)
-        sigma0 = np.sqrt(self.store.vtpv() / redundancy) if redundancy > 0 else 1.0
+        r = self.redundancy
+        sigma0 = np.sqrt(self.store.vtpv() / r) if r > 0 else 1.0
         return RESERVE * self.accuracy / max(1.0, float(sigma0))
 
     def relinearise_all(self) -> None:

@@ -148,6 +148,11 @@ class Graph:
         """Whether nothing is in the graph."""
         return not self.register.keys
 
+    @property
+    def redundancy(self) -> int:
+        """Redundancy n − u + d."""
+        return self.store.n_scalars - self.register.n_places + len(self.held)
+
     # -- building the tree --------------------------------------------------------------------
 
     def load(self, equations: Equations, state: State, given: State, constraint: Array) -> None:
@@ -435,6 +440,8 @@ class Graph:
 
     def _recent_of(self, rows: int) -> Recent | None:
         """Return the factorised system, made when several arrivals in a row could use it."""
+        if not self.kept:  # its step is one from the minimum
+            return None
         if self.recent is not None and self.recent.full(rows):
             self.flush()
             self.recent = None

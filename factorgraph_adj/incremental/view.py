@@ -111,12 +111,13 @@ def cliques_anew(tree: LinearTree, columns: dict[int, Index]) -> list[Clique]:
     isam = tree.isam
     graph = isam.getFactorsUnsafe().linearize(isam.getLinearizationPoint())
     ordering = gtsam.Ordering.MetisGaussianFactorGraph(graph)
+    if not tree.qr:
+        try:
+            return cliques_of(graph.eliminateMultifrontal(ordering), columns)
+        except RuntimeError:
+            pass  # Cholesky may refuse in this order what it did in the tree's
     try:
-        bayes = (
-            graph.eliminateMultifrontal(ordering, gtsam.EliminateQR)
-            if tree.qr
-            else graph.eliminateMultifrontal(ordering)
-        )
+        bayes = graph.eliminateMultifrontal(ordering, gtsam.EliminateQR)
     except RuntimeError as error:
         raise SingularError(str(error)) from None
     return cliques_of(bayes, columns)

@@ -260,10 +260,7 @@ def reliability(solution: Solution, *, alpha: float = 0.001, power: float = 0.80
         AdjustmentError: the normal equations are singular at the solution, or so close to it
             that Σr is not the redundancy.
     """
-    if not 0 < alpha < 1 or not 0 < power < 1 or alpha >= power:
-        raise InputError(
-            f"alpha and power must lie between 0 and 1, alpha below power: {alpha}, {power}"
-        )
+    check_probabilities(alpha, power)
     try:
         system, factor = solution.normal().system, solution.factor
     except SingularError as error:
@@ -315,6 +312,14 @@ def _effect(shift: Array, mdb: Array, weight: Array) -> Array:
     """Return shift · ∇; what does not move by more than rounding has no effect, whatever ∇ is."""
     still = shift * np.sqrt(1.0 / weight) < UNMOVED
     return np.where(still, 0.0, np.where(still, 1.0, shift) * np.where(still, 1.0, mdb))
+
+
+def check_probabilities(alpha: float, power: float) -> None:
+    """Raise InputError where α0 or power is outside (0, 1), or α0 ≥ power."""
+    if not 0 < alpha < 1 or not 0 < power < 1 or alpha >= power:
+        raise InputError(
+            f"alpha and power must lie between 0 and 1, alpha below power: {alpha}, {power}"
+        )
 
 
 def noncentrality(alpha: float, power: float) -> float:

@@ -1,0 +1,417 @@
+"""How observations get into the graph of an incremental adjustment, and out of it again.
+
+An arrival between known variables is put in, judged, recorded and kept; nothing else changes.
+Whatever lets something enter that waited, or makes something wait again, works on a copy's
+safety: after an error everything is as it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ..errors import AdjustmentError
+from ..models.registry import VariableKind
+from ..network import Network
+from ..quality.solution import Solution
+from ..solve.batch import adjust
+from . import records
+from .book import Book
+from .engine import Engine
+from .entering import find
+from .journal import Journal
+from .judging import Decision, decide, verdicts, waiting
+from .local import known_network
+from .taking_out import what_loosens
+from .trial import Trial
+from .units import Unit, Variable, pending
+from .verdicts import Outcome, Policy, Verdict
+from .view import solution_of
+
+TOO_WEAK = "is determined too weakly yet: no solution was reached with it"
+NO_SOLUTION = "no solution is reached with it: is it near to where its kind has no answer?"
+CONTRADICT = "its observations contradict each other, and nothing tells yet which of them is wrong"
+
+
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """What an arrival, or a change, came to."""
+
+    verdicts: tuple[Verdict, ...] = ()
+    """Of every observation given, then of those that entered by themselves."""
+    waits: tuple[str, ...] = ()
+    """Ids of observations that wait again: something is not determined any more."""
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Points of the accepted observations."""
+        found = (p for v in self.verdicts if v.verdict == "accepted" for p in v.points)
+        return tuple(dict.fromkeys(found))
+
+
+class Absorbing:
+    """A book of what has arrived, and the graph of what counts."""
+
+    policy: Policy
+    """What becomes of observations beyond the critical value."""
+    alpha: float
+    """Probability of a false alarm of one test."""
+    _book: Book
+    _engine: Engine
+    _journal: Journal | None
+    _solution: Solution | None
+    _weak: dict[str, int]
+
+    def _take_over(self, network: Network) -> None:
+        self._book.network = self._engine.network = network
+
+    def _absorb(
+        self, units: Sequence[Unit], *, test: bool, entry: dict[str, Any] | None = None
+    ) -> Arrival:
+        """Put in what is determined of units and of what waits; test, record, keep.
+
+        Nothing has changed after an error.
+        """
+        engine = self._engine
+        policy = self.policy if test else "accept"
+        ready, late = self._divided(units)
+        begins = engine.datum == "free" and engine.empty
+        if begins:
+            ready, late = [], list(units)
+        again = [] if begins else self._weak_ones()
+        found, solutions, lacks = self._find([*late, *again], begins=begins)
+        if not found:
+            trial = engine.put_in(ready, ()) if ready else None
+            if trial is None or not engine.new_to_datum(trial):
+                return self._settle_hot(units, ready, trial, lacks, policy, entry)
+            # It may notice what the datum has left open.
+            engine.take_back(trial)
+        with self._all_or_nothing(entry) as saved:
+            return self._enter(units, ready, found, solutions, lacks, policy, saved)
+
+    def _weak_ones(self) -> list[Unit]:
+        """Return what was too weak to enter, where the network has grown by a tenth since."""
+        now = self._engine.redundancy if self._weak else 0
+        due = [k for k, then in self._weak.items() if now > 1.1 * then + 2]
+        for key in due:
+            del self._weak[key]
+        return [self._book.pool[k] for k in due if k in self._book.pool]
+
+    def _divided(self, units: Sequence[Unit]) -> tuple[list[Unit], list[Unit]]:
+        """Return units whose variables are all known, and the others."""
+        register = self._engine.register
+        ready: list[Unit] = []
+        late: list[Unit] = []
+        for unit in units:
+            (late if pending(register, unit) else ready).append(unit)
+        return ready, late
+
+    def _find(
+        self, late: Sequence[Unit], *, begins: bool
+    ) -> tuple[list[Unit], list[Solution], dict[Variable, str]]:
+        """Return what can enter of new and waiting units, where it is, and what the rest lacks."""
+        book, register = self._book, self._engine.register
+        found: list[Unit] = []
+        solutions: list[Solution] = []
+        lacks: dict[Variable, str] = {}
+        for component in book.joined(late, register):
+            part = find(book.network, register, component, datum="free" if begins else "given")
+            lacks |= part.lacks
+            if part.solution is not None and not (begins and found):
+                found += part.units
+                solutions.append(part.solution)
+        return found, solutions, lacks
+
+    def _settle_hot(
+        self,
+        units: Sequence[Unit],
+        ready: Sequence[Unit],
+        trial: Trial | None,
+        lacks: dict[Variable, str],
+        policy: Policy,
+        entry: dict[str, Any] | None,
+    ) -> Arrival:
+        """Judge, record and keep units that depend on what is known alone; the others wait."""
+        book, engine = self._book, self._engine
+        try:
+            decision, told = self._judge(trial, policy, {u.ids[0] for u in ready})
+            late = self._late(units, {u.ids[0] for u in ready}, lacks, told)
+            arrival = _arrival(units, told)
+            if entry is not None:
+                self._record(entry | records.outcome(book.network, units, arrival.verdicts))
+        except BaseException:
+            if trial is not None:
+                engine.take_back(trial)
+            raise
+        # From here on it counts.
+        self._solution = None
+        book.lacks.update(lacks)
+        for unit in decision.stay:
+            book.enter(unit)
+        self._leave_out(decision, arrival, policy)
+        book.wait(late)
+        gone = [u for u in ready if u not in decision.stay]
+        if trial is not None:
+            kept = engine.kept
+            engine.keep(trial, gone)
+            engine.keep_the_promise()
+            if kept and not engine.kept and decision.stay and policy != "accept":
+                return self._leave_out_again(decision.stay, arrival, policy)
+        return arrival
+
+    def _leave_out_again(self, units: Sequence[Unit], arrival: Arrival, policy: Policy) -> Arrival:
+        """Leave out units with which no solution is reached, though their tests passed."""
+        ids = [i for u in units for i in u.ids]
+        outcome: Outcome = "rejected" if policy == "reject" else "suspect"
+        told = Arrival(
+            tuple(
+                replace(v, verdict=outcome, lacks=NO_SOLUTION, gains=()) if v.id in ids else v
+                for v in arrival.verdicts
+            )
+        )
+        with self._all_or_nothing({"do": "add"}):
+            self._remove(ids)
+            self._leave_out(Decision(left_out=list(units)), told, policy)
+        return told
+
+    def _enter(
+        self,
+        units: Sequence[Unit],
+        ready: list[Unit],
+        found: list[Unit],
+        solutions: list[Solution],
+        lacks: dict[Variable, str],
+        policy: Policy,
+        saved: tuple[Book, Engine],
+    ) -> Arrival:
+        """Put units in with what enters with them; it waits on if no solution is reached."""
+        book, engine = self._book, self._engine
+        self._solution = None
+        given = {i for u in units for i in u.ids}
+        entering = [*ready, *found]
+        for unit in entering:
+            book.enter(unit)
+        begins = engine.datum == "free" and engine.empty
+        if begins:
+            trial = engine.begin(entering, solutions[0])
+        elif found:
+            trial = engine.put_in(entering, solutions)
+        if not found or (engine.new_to_datum(trial) and not begins):
+            if found:
+                engine.take_back(trial)
+            engine.begin_anew_with(entering)
+        book.fill(engine.register)
+        engine.keep_the_promise()
+        if found and not engine.kept:
+            # No solution was reached with it: it waits on.
+            for unit in found:
+                book.remove(unit)
+            late = [v for u in found for v in pending(saved[1].register, u)]
+            lacks = lacks | dict.fromkeys(late, TOO_WEAK)
+            self._engine = engine = saved[1].copy()
+            engine.network = book.network
+            for unit in ready:
+                book.remove(unit)
+            book.lacks.update(lacks)
+            self._weak.update((u.ids[0], engine.redundancy) for u in found)
+            book.wait(u for u in found if u.ids[0] not in given)
+            told: dict[str, list[Verdict]] = {}
+            book.wait(self._late(units, {u.ids[0] for u in ready}, lacks, told))
+            first = _arrival(units, told)
+            if not ready:
+                return first
+            second = self._absorb(ready, test=policy != "accept")
+            for v in second.verdicts:
+                told.setdefault(v.id, []).append(v)
+            return _arrival(units, told)
+        trial = engine.trial_of(entering)
+        trial.entered[:] = [
+            v for u in found for v in _variables(engine, u) if not _was_known(saved[1], engine, v)
+        ]
+        decision, told = self._judge(trial, policy, given)
+        late_units = self._late(units, {u.ids[0] for u in entering}, lacks, told)
+        arrival = _arrival(units, told)
+        book.lacks.update(lacks)
+        gone = [u for u in entering if u not in decision.stay]
+        for unit in gone:
+            book.remove(unit)
+        self._leave_out(decision, arrival, policy)
+        book.wait(late_units)
+        if gone:
+            priors = [i for v in decision.leaving for i in engine.priors.get(v, [])]
+            engine.drop([i for u in gone for i in u.ids] + priors, decision.leaving)
+            engine.keep_the_promise()
+        return arrival
+
+    def _judge(
+        self, trial: Trial | None, policy: Policy, given: set[str]
+    ) -> tuple[Decision, dict[str, list[Verdict]]]:
+        """Decide on the units of a trial; return the verdicts by id of the observation."""
+        told: dict[str, list[Verdict]] = {}
+        if trial is None:
+            return Decision(), told
+        engine = self._engine
+        decision = decide(engine, trial, policy=policy, alpha=self.alpha)
+        entered = {u.ids[0] for u in trial.units if u.ids[0] not in given}
+        for v in verdicts(
+            engine,
+            trial,
+            decision,
+            policy=policy,
+            alpha=self.alpha,
+            entered=entered,
+            lacks=CONTRADICT,
+        ):
+            told.setdefault(v.id, []).append(v)
+        return decision, told
+
+    def _late(
+        self,
+        units: Sequence[Unit],
+        inside: set[str],
+        lacks: Mapping[Variable, str],
+        told: dict[str, list[Verdict]],
+    ) -> list[Unit]:
+        """Return the units that wait, and add their verdicts to those told."""
+        out = [u for u in units if u.ids[0] not in inside]
+        self._book.lacks.update(lacks)
+        for unit in out:
+            for verdict in waiting(unit, self._book.why(unit, self._engine.register)):
+                told.setdefault(verdict.id, []).append(verdict)
+        return out
+
+    def _leave_out(self, decision: Decision, arrival: Arrival, policy: Policy) -> None:
+        """Put units that do not stay where they belong."""
+        told: dict[str, list[Verdict]] = {}
+        for verdict in arrival.verdicts:
+            told.setdefault(verdict.id, []).append(verdict)
+        book = self._book
+        for unit in decision.left_out:
+            verdicts_ = tuple(v for i in unit.ids for v in told[i])
+            if policy == "reject":
+                book.reject([unit], verdicts_)
+            else:
+                book.suspect(unit, verdicts_)
+        for unit in decision.back:
+            for v in unit.variables:
+                if not self._engine.register.known(*v):
+                    book.lacks[v] = CONTRADICT
+        book.wait(decision.back)
+
+    def _entry(self, do: str, **fields: Any) -> dict[str, Any] | None:
+        """Return the beginning of a line of the journal; none without one."""
+        return None if self._journal is None else {"do": do, **fields}
+
+    def _record(self, entry: Mapping[str, object]) -> None:
+        if self._journal is not None:
+            self._journal.append(entry)
+
+    def _remove(self, wanted: Sequence[str]) -> tuple[str, ...]:
+        """Take out, and return the ids of what waits again."""
+        book, engine = self._book, self._engine
+        self._solution = None
+        gone = set(wanted)
+        left_over = book.forget(gone)
+        weights = [i for i in wanted if not book.in_graph(i) and i in engine.store.places]
+        units = list(dict.fromkeys(book.unit(i) for i in wanted if book.in_graph(i)))
+        if weights:
+            book.unweight(weights)
+            engine.network = book.network
+        if not units and not weights:
+            # What remains of groups that wait or are suspect is as if it arrived now.
+            found = self._absorb(left_over, test=True) if left_over else Arrival()
+            return tuple(v.id for v in found.verdicts if v.verdict == "waiting")
+        left_over += [rest for u in units if (rest := _rest(u, gone)) is not None]
+        loosened = what_loosens(engine, units, weights, book.unit_or_none)
+        if loosened is None or (loosened.variables and engine.datum == "free"):
+            return self._anew(units, left_over)
+        touched = {book.unit(i) for i in loosened.ids if book.in_graph(i)}
+        again = [u for u in touched if not gone & set(u.ids)]
+        for unit in touched:
+            book.remove(unit)
+        engine.drop(loosened.ids, loosened.variables)
+        engine.keep_the_promise()
+        book.wait(again)
+        found = self._absorb([*left_over, *again], test=False) if left_over or again else Arrival()
+        return tuple(v.id for v in found.verdicts if v.verdict == "waiting")
+
+    def _anew(self, units: Sequence[Unit], left_over: Sequence[Unit]) -> tuple[str, ...]:
+        """Take units out, and find out again what of the network is determined."""
+        book, engine = self._book, self._engine
+        for unit in units:
+            book.remove(unit)
+        before = known_network(book.network, engine.register)
+        try:
+            start = solution_of(engine) if not engine.empty else None
+            solution = adjust(before, datum=engine.datum, start=start)
+        except AdjustmentError:
+            every = book.take_all()
+            engine.clear()
+            found = self._absorb([*every, *left_over], test=False)
+            return tuple(v.id for v in found.verdicts if v.verdict == "waiting")
+        engine.load(solution.equations, solution.state, solution.start, solution.constraint)
+        self._absorb(left_over, test=False)
+        return ()
+
+    @contextmanager
+    def _all_or_nothing(self, entry: Mapping[str, object] | None) -> Iterator[tuple[Book, Engine]]:
+        """Record what changed at the end; bring everything back as it was if anything fails."""
+        book, engine = self._book, self._engine
+        saved, whole, solution = book.copy(), engine.copy(), self._solution
+        whole.network = saved.network
+        if entry is not None:
+            book.watch()
+        try:
+            yield saved, whole
+            if entry is not None and self._journal is not None:
+                self._record({**entry, **records.difference(saved, self._book)})
+        except BaseException:
+            self._book, self._engine, self._solution = saved, whole, solution
+            raise
+
+    def _replay(self, entry: Mapping[str, Any]) -> None:
+        """Bring what the journal says into the book; the graph follows in `_restore`."""
+        records.replay(entry, self._book)
+
+    def _restore(self) -> None:
+        """Build the graph of everything that the book holds, at rest."""
+        book, engine = self._book, self._engine
+        self._take_over(book.network)
+        engine.clear()
+        if not book.inside:
+            return
+        solution = adjust(book.adjustable(), datum=engine.datum)
+        engine.load(solution.equations, solution.state, solution.start, solution.constraint)
+        engine.settle()
+
+
+def _arrival(units: Sequence[Unit], told: Mapping[str, list[Verdict]]) -> Arrival:
+    """Return the verdicts of units, then those of others."""
+    given = dict.fromkeys(i for u in units for i in u.ids)
+    order = [*given, *(i for i in told if i not in given)]
+    return Arrival(tuple(v for i in order for v in told.get(i, ())))
+
+
+def _variables(engine: Engine, unit: Unit) -> Iterator[tuple[VariableKind, int]]:
+    for kind, name in unit.variables:
+        table = engine.register[kind]
+        number = table.number.get(name)
+        if number is not None and table.free.view[number].any():
+            yield kind, number
+
+
+def _was_known(before: Engine, now: Engine, variable: tuple[VariableKind, int]) -> bool:
+    kind, number = variable
+    return before.register.known(kind, now.register[kind].names[number])
+
+
+def _rest(unit: Unit, gone: set[str]) -> Unit | None:
+    return None if unit.covariance is None else unit.without(gone)
+
+
+def joined(a: Arrival, b: Arrival) -> Arrival:
+    """Return both arrivals; what entered in the second is not waiting any more."""
+    later = {v.id for v in b.verdicts}
+    return Arrival((*(v for v in a.verdicts if v.id not in later), *b.verdicts))
