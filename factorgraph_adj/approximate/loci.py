@@ -183,7 +183,7 @@ def _meet(
         gap = abs(float(w[0] * u[1] - w[1] * u[0]))
         if gap > radius + 0.05 * size:
             return []
-        half = float(np.sqrt(max(radius**2 - gap**2, 0.0)))
+        half = float(np.sqrt(max((radius - gap) * (radius + gap), 0.0)))
         starts = {foot - half, foot + half}
         return [(b[1] + s * u, half / radius) for s in starts if s > 0 or b[0] == "line"]
     other, second = b[1], float(b[2])
@@ -193,8 +193,8 @@ def _meet(
         return []
     if abs(radius - second) > d + 0.05 * size:
         return []
-    along = (d * d + radius**2 - second**2) / (2 * d)
-    across = float(np.sqrt(max(radius**2 - along**2, 0.0)))
+    along = (d * d + (radius - second) * (radius + second)) / (2 * d)
+    across = float(np.sqrt(max((radius - along) * (radius + along), 0.0)))
     u = c / d
     sine = d * across / (radius * second) if second > 0 else 0.0
     return [

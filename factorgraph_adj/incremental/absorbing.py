@@ -193,18 +193,16 @@ class Absorbing:
         entering = [*ready, *found]
         for unit in entering:
             book.enter(unit)
-        begins = engine.datum == "free" and engine.empty
-        if begins:
-            trial = engine.begin(entering, solutions[0])
-        elif found:
-            trial = engine.put_in(entering, solutions)
-        if not found or (engine.new_to_datum(trial) and not begins):
-            if found:
-                engine.take_back(trial)
-            engine.begin_anew_with(entering)
-        book.fill(engine.register)
-        engine.keep_the_promise()
-        if found and not engine.kept:
+        try:
+            self._put_in(entering, solutions)
+            book.fill(engine.register)
+            engine.keep_the_promise()
+            reached = engine.kept or not found
+        except AdjustmentError:
+            if not found:
+                raise
+            reached = False
+        if not reached:
             # No solution was reached with it: it waits on.
             for unit in found:
                 book.remove(unit)
@@ -244,6 +242,20 @@ class Absorbing:
             engine.drop([i for u in gone for i in u.ids] + priors, decision.leaving)
             engine.keep_the_promise()
         return arrival
+
+    def _put_in(self, entering: Sequence[Unit], solutions: Sequence[Solution]) -> None:
+        """Put units into the graph; find the datum of a free network anew where they touch it."""
+        engine = self._engine
+        if engine.datum == "free" and engine.empty:
+            engine.begin(entering, solutions[0])
+            return
+        trial = engine.put_in(entering, solutions)
+        if engine.new_to_datum(trial):
+            engine.take_back(trial)
+            try:
+                engine.begin_anew_with(entering)
+            except AdjustmentError:
+                engine.put_in(entering, solutions)
 
     def _judge(
         self, trial: Trial | None, policy: Policy, given: set[str]

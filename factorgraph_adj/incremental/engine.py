@@ -9,6 +9,7 @@ deviation. `Engine.keep_the_promise` linearises anew what does not hold any more
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import gtsam
 import numpy as np
@@ -40,10 +41,16 @@ MOST_ROUNDS = 12
 """Rounds of relinearisation after an arrival."""
 MOST_STEPS = 15
 """Steps of `Engine.settle` before the batch adjustment takes over."""
-RESERVE = 0.1
-"""Part of the promise that the bounds may use up where σ̂0 is 1 or less. They are those of
-Gauss-Newton steps; where residuals are large the minimum is further away than such a step, as
-second partials count too: there it is this divided by σ̂0."""
+SHARE = 0.2
+"""Part of the promise that a Gauss-Newton step may be, where σ̂0 is 1 or less. Where residuals are
+large the minimum is further away than such a step, as second partials count too: there it is this
+divided by σ̂0."""
+TURNED_SHARE = 0.5
+"""Part of the promise that √Σρ² may be, which bounds the error of every standard deviation."""
+CORRELATED = 5.0
+"""√(gᵀQg) relative to that of unknowns without correlation, where Q is not at hand."""
+QUIET = 0.01
+"""Part of what is missed that may stay where it is."""
 TURNED = 1e-3
 """Rotation, radians, from which on the axes of a photo are not those of its chart any more."""
 LARGE = 0.25
@@ -71,20 +78,27 @@ class Engine(Graph):
         for kind, values in self._before.items():
             self.register[kind].value.view[:] = values
         equations, state, given = self.whole()
-        try:
-            self.by_batch(start_at(equations, state, given))
-        except AdjustmentError as error:
-            self.doubt = f"no step leads to a minimum: {error}"
+        start = start_at(equations, state, given)
+        for begin in (start, None):
+            try:
+                self._adjust(start.network, begin)
+            except AdjustmentError as error:
+                self.doubt = f"no step leads to a minimum: {error}"
+            else:
+                if self.kept:
+                    return
+        with suppress(AdjustmentError, RuntimeError, np.linalg.LinAlgError):
             self.load(equations, state, given, self.constraint(equations))
-            # A step from here leads nowhere: stay, so that it can be undone by what comes.
-            self.register.move_to(np.zeros(self.register.n_places))
+        # A step from here leads nowhere: stay, so that it can be undone by what comes.
+        self.register.move_to(np.zeros(self.register.n_places))
 
     def _relinearise(self) -> bool:
         """Linearise anew what no longer holds; return whether the promise is kept."""
         last = np.inf
-        if self.recent is not None and self.recent.holds(self.register, self._bound()):
-            self.settled = False
-            return True
+        if self.recent is not None:
+            if self.recent.holds(self.register, *self._bounds()):
+                self.settled = False
+                return True
         for _ in range(MOST_ROUNDS):
             moved = self.register.moved(self.accuracy)
             if not moved:
@@ -94,16 +108,16 @@ class Engine(Graph):
             kinds = [r for r in self.store.kinds.values() if r.n]
             off = [np.where(r.alive.view, r.off.view, 0.0) for r in kinds]
             turned = [np.where(r.alive.view, r.turned.view, 0.0) for r in kinds]
-            bound = self._bound()
+            step, bound = self._bounds()
             total = sum(float(o.sum()) for o in off)
             turned_poses = self.register.turned_poses(TURNED)
-            within = max(total, sum(float(t @ t) for t in turned)) <= bound**2
+            within = sum(float(t @ t) for t in turned) <= bound**2 and self._left() <= step
             if within and not len(turned_poses):
                 return True
             if not np.isfinite(total) or (total > last and total > 1.0):
                 return False
             last = total
-            piece = self._doubtful(kinds, off, turned, bound, turned_poses)
+            piece = self._doubtful(kinds, off, turned, turned_poses)
             if piece is None:
                 self.relinearise_all()
                 continue
@@ -118,10 +132,19 @@ class Engine(Graph):
                 self.rebuild()
         return False
 
-    def _bound(self) -> float:
+    def _bounds(self) -> tuple[float, float]:
+        """Return the bounds of the step that is left, and of √Σρ²."""
         r = self.redundancy
         sigma0 = np.sqrt(self.store.vtpv() / r) if r > 0 else 1.0
-        return RESERVE * self.accuracy / max(1.0, float(sigma0))
+        return SHARE * self.accuracy / max(1.0, float(sigma0)), TURNED_SHARE * self.accuracy
+
+    def _left(self) -> float:
+        """Return the bound of the step that is left, relative to σ."""
+        gradient = self.store.gradient()
+        if self.recent is not None:
+            return self.recent.bound(gradient)
+        alone = gradient**2 @ self.register.all_variances()
+        return CORRELATED * float(np.sqrt(alone))
 
     def relinearise_all(self) -> None:
         """Linearise everything at the present state, and build the tree anew."""
@@ -136,17 +159,15 @@ class Engine(Graph):
         kinds: list[Rows],
         off: list[Array],
         turned: list[Array],
-        bound: float,
         turned_poses: Index,
     ) -> Piece | None:
-        """Return the rows to linearise anew, so that the others keep well below the bound.
+        """Return the rows to linearise anew: all but a hundredth of what is missed.
 
         None where that is so many that all may as well be.
         """
         every = np.concatenate([o + t**2 for o, t in zip(off, turned, strict=True)])
-        # Leave those alone that together make up a hundredth of the bound's square.
         order = np.sort(every)
-        quiet = int(np.searchsorted(np.cumsum(order), 0.01 * bound**2))
+        quiet = int(np.searchsorted(np.cumsum(order), QUIET * float(order.sum())))
         threshold = order[min(quiet, len(order) - 1)]
         chosen = [
             (o + t**2 >= threshold) & (o + t**2 > 0) & r.alive.view

@@ -218,9 +218,9 @@ class Graph:
                 delta = tree.delta(self.register.keys)
                 if not np.isfinite(delta).all():
                     raise SingularError("δ is not finite")
-            except (SingularError, RuntimeError):
+            except (SingularError, RuntimeError) as error:
                 if self.qr:
-                    raise
+                    raise SingularError(str(error)) from None
                 self.qr = True
                 continue
             self.tree = tree
@@ -347,7 +347,12 @@ class Graph:
                 raise InputError([Problem(SINGULAR, o.label()) for o in _some(units)]) from None
         self._note_priors(piece)
         entered = [self.register.variable(k) for k in fresh]
-        return self._trial(units, piece, marks, entered, arrived=True)
+        try:
+            return self._trial(units, piece, marks, entered, arrived=True)
+        except (RuntimeError, np.linalg.LinAlgError):
+            self._forget(marks, known)
+            self.rebuild()
+            raise InputError([Problem(SINGULAR, o.label()) for o in _some(units)]) from None
 
     def _remember(self) -> None:
         self._before = {k: v.copy() for k, v in self.register.state.items()}

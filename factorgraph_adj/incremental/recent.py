@@ -8,9 +8,9 @@ so that Q Aᵀ of an arriving row, its test, the step of all unknowns and the lo
 cost one solution and products with the thin G. An arrival that is not kept has changed nothing.
 After `MOST` rows they go into iSAM2, which holds the whole system, and N is factorised again.
 
-What the linear forms miss by then is bounded by what they miss at one trial state: there every
-unknown is away by its conditional standard deviation; |Δv|² grows with the fourth power of that
-distance, ρ² with the second (`factorgraph_adj.incremental.rows`).
+What the linear forms miss by then is estimated from what they miss at one trial state, where every
+unknown is away by its conditional standard deviation: up to there gᵀQg and Σρ² grow at least with
+the square of that distance (`factorgraph_adj.incremental.rows`).
 """
 
 from __future__ import annotations
@@ -107,35 +107,56 @@ class Recent:
             inside = table.place.view >= 0
             weight[table.place.view[inside]] = table.weight.view[inside]
         step = rng.choice([-1.0, 1.0], size=len(here)) / np.sqrt(np.maximum(weight, 1e-300))
-        self.missed: dict[VariableKind, Array] = {}
-        self.turned: dict[VariableKind, Array] = {}
+        gradient = np.zeros(register.n_places)
+        self.turned: dict[VariableKind, Array] = {
+            kind: np.zeros(table.n) for kind, table in register.tables.items()
+        }
         try:
             register.move_to(here + step)
-            found = [(rows, at, *store.misfit(rows, at)) for rows, at in store.everything().rows]
+            for rows, at in store.everything().rows:
+                found = store.misfit(rows, at)
+                store.add_gradient(gradient, rows, at, found.gaps)
+                for kind, index in zip(rows.kinds, rows.index, strict=True):
+                    np.add.at(self.turned[kind], index.view[at], found.turned)
         except InputError:
-            found = []
             self.precise = False
         finally:
             register.move_to(here)
-        for kind, table in register.tables.items():
-            self.missed[kind] = np.zeros(table.n)
-            self.turned[kind] = np.zeros(table.n)
-        for rows, at, missed, turned in found:
-            for kind, index in zip(rows.kinds, rows.index, strict=True):
-                np.add.at(self.missed[kind], index.view[at], missed)
-                np.add.at(self.turned[kind], index.view[at], turned)
+        self.share = self._shares(register, gradient)
 
-    def holds(self, register: Register, bound: float) -> bool:
-        """Return whether what the linear forms can miss by now stays below a bound."""
-        missed = turned = 0.0
+    def _shares(self, register: Register, gradient: Array) -> dict[VariableKind, Array]:
+        """Return each variable's share of gᵀQg at the trial state."""
+        each = gradient**2 * register.all_variances()
+        total = float(each.sum())
+        if total > 0:
+            each *= self.bound(gradient) ** 2 / total
+        padded = np.append(each, 0.0)
+        return {
+            kind: padded[table.place.view].sum(axis=1) for kind, table in register.tables.items()
+        }
+
+    def bound(self, gradient: Array) -> float:
+        """Return √(gᵀQg)."""
+        q = self.times(gradient[:, None])[:, 0]
+        return float(np.sqrt(max(float(gradient @ q), 0.0)))
+
+    def holds(self, register: Register, step: float, turned: float) -> bool:
+        """Return whether what the linear forms can miss by now stays below bounds.
+
+        Args:
+            register: where the variables are.
+            step: bound of the step that is left, relative to σ.
+            turned: bound of √Σρ².
+        """
+        left = change = 0.0
         for kind, table in register.tables.items():
-            n = len(self.missed[kind])
+            n = len(self.share[kind])
             if not n:
                 continue
             far = table.far_from(table.lined)[:n]
-            missed += float(self.missed[kind] @ far**4)
-            turned += float(self.turned[kind] @ far**2)
-        return max(missed, turned) <= bound**2
+            left += float(self.share[kind] @ far**2)
+            change += float(self.turned[kind] @ far**2)
+        return left <= step**2 and change <= turned**2
 
 
 def sparse_rows(store: Store) -> csc_array:

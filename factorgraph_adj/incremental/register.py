@@ -309,6 +309,14 @@ class Register:
             out.append(table.variance.view[number, table.free.view[number]])
         return np.concatenate(out or [np.zeros(0)])
 
+    def all_variances(self) -> Array:
+        """Return the variances of all variables, as they were noted, (n_places,)."""
+        out = np.zeros(self.n_places)
+        for table in self.tables.values():
+            inside = table.place.view >= 0
+            out[table.place.view[inside]] = table.variance.view[inside]
+        return out
+
     def lose_variances(self, loss: Array) -> None:
         """Make the variances of all variables smaller, by (n_places,)."""
         padded = np.append(loss, 0.0)

@@ -6,10 +6,9 @@ in the charts of the `Register`. Compared with the model at the present state,
     Δv = v(x) − c − A δ            what the linear form misses,
     ρ  = ‖ΔA D‖                    change of its partials, D = diag of the standard deviations,
 
-an estimate is wrong by no more than √Σ(|Δv|² + ρ²|v|²) of its own standard deviation: the step
-that is left is dx = −Q (AᵀΔv + ΔAᵀv), and Cauchy-Schwarz bounds it. A standard deviation is wrong
-by about √Σρ², as ‖A Q^½‖ ≤ 1. Correlations make both smaller than that. Members of correlated
-groups keep v and A raw; their group whitens them.
+the step that is left is dx = −Q g, g = Σ (AᵀΔv + ΔAᵀv), and by Cauchy-Schwarz no estimate moves by
+more than √(gᵀQg) of its own standard deviation. A standard deviation is wrong by no more than about
+√Σρ², as ‖A Q^½‖ ≤ 1. Members of correlated groups keep v and A raw; their group whitens them.
 """
 
 from __future__ import annotations
@@ -74,6 +73,8 @@ class Rows:
         """|Δv|² + ρ²|v|²."""
         self.turned = Growing(np.zeros(0))
         """ρ."""
+        self.gap = [Growing(a[:0, 0]) for a in partials]
+        """AᵀΔv + ΔAᵀv of each variable, (n, k)."""
         self.varies = False
         """Whether standard deviations depend on the geometry."""
 
@@ -124,8 +125,9 @@ class Rows:
             assert block.axes is not None
             self.axes += list(block.axes)
         d = block.dimension
-        for a in self.a:
+        for a, gap in zip(self.a, self.gap, strict=True):
             a.append(np.zeros((n, d, a.view.shape[2])))
+            gap.append(np.zeros((n, a.view.shape[2])))
         self.c.append(np.zeros((n, d)))
         self.slot.append(np.full(n, -1))
         self.group.append(group)
@@ -137,7 +139,7 @@ class Rows:
     def columns(self) -> list[Growing]:
         """All arrays."""
         out = [*self.index, self.observed, self.sigma, *self.constants.values(), *self.a]
-        out += [self.c, self.slot, self.group, self.alive, self.off, self.turned]
+        out += [self.c, self.slot, self.group, self.alive, self.off, self.turned, *self.gap]
         return out if self.whitener is None else [*out, self.whitener]
 
     def truncate(self, n: int) -> None:
@@ -170,6 +172,20 @@ class Group:
     order: list[Index] = field(default_factory=list)
     """Places of their components within the group, (rows × d)."""
     slot: int = -1
+
+
+@dataclass
+class Misfit:
+    """What the linear forms of n rows miss at a state."""
+
+    missed: Array
+    """|Δv|², (n,)."""
+    square: Array
+    """|v|², (n,)."""
+    turned: Array
+    """ρ², (n,)."""
+    gaps: list[Array]
+    """AᵀΔv + ΔAᵀv of each variable, (n, k)."""
 
 
 @dataclass
@@ -293,6 +309,8 @@ class Store:
                 rows.alive.view[i] = False
                 self._add_weight(rows, np.array([i]), -1.0)
                 rows.off.view[i] = rows.turned.view[i] = 0.0
+                for gap in rows.gap:
+                    gap.view[i] = 0.0
                 if rows.slot.view[i] >= 0:
                     slots.append(int(rows.slot.view[i]))
                 number = int(rows.group.view[i])
@@ -401,6 +419,8 @@ class Store:
                 mine.view[at] = a
             rows.c.view[at] = v - self._product(rows, at, partials)
             rows.off.view[at] = rows.turned.view[at] = 0.0
+            for gap in rows.gap:
+                gap.view[at] = 0.0
             self._add_weight(rows, at, 1.0)
             for kind, index in zip(rows.kinds, rows.index, strict=True):
                 self.register.linearised(kind, index.view[at])
@@ -441,32 +461,56 @@ class Store:
         self.register.looked_at(moved)
 
     def _compare(self, rows: Rows, at: Index, network: Network) -> None:
-        missed, turned = self.misfit(rows, at)
+        found = self.misfit(rows, at)
+        turned = found.turned
         if rows.varies:
-            sigma = self._sigma_now(rows, at, network)
-            turned = turned + np.sum((sigma / rows.sigma.view[at] - 1.0) ** 2, axis=1)
+            change = self._sigma_now(rows, at, network) / rows.sigma.view[at] - 1.0
+            turned = turned + np.sum(change**2, axis=1)
         rows.turned.view[at] = np.sqrt(turned)
-        rows.off.view[at] = missed
+        rows.off.view[at] = found.missed + turned * found.square
+        for mine, gap in zip(rows.gap, found.gaps, strict=True):
+            mine.view[at] = gap
 
-    def misfit(self, rows: Rows, at: Index) -> tuple[Array, Array]:
-        """Return |Δv|² + ρ²|v|² and ρ² of rows at the present state, (n,) each.
+    def misfit(self, rows: Rows, at: Index) -> Misfit:
+        """Return how far the linear forms of rows are from their models at the present state.
 
         Raises:
             InputError: names observations whose geometry has no answer.
         """
         v, partials = self.evaluate(rows, at)
         missed = v - self.linear(rows, at)
+        scale: Array = np.ones((len(at), 1))
         grouped = rows.group.view[at] >= 0
         if grouped.any():
             scale = np.where(grouped[:, None], rows.sigma.view[at], 1.0)
             missed, v = missed / scale, v / scale
-        change = np.zeros(len(at))
+        turned = np.zeros(len(at))
+        gaps = []
         for j, (kind, index) in enumerate(zip(rows.kinds, rows.index, strict=True)):
-            a = rows.a[j].view[at]
+            a = rows.a[j].view[at] / scale[:, :, None]
+            change = partials[j] / scale[:, :, None] - a
             table, numbers = self.register[kind], index.view[at]
             variance = table.variance.view[numbers, : a.shape[2]]
-            change += np.einsum("ndk,nk->n", (partials[j] - a) ** 2, variance)
-        return np.sum(missed**2, axis=1) + change * np.sum(v**2, axis=1), change
+            turned += np.einsum("ndk,nk->n", change**2, variance)
+            gaps.append(np.einsum("ndk,nd->nk", a, missed) + np.einsum("ndk,nd->nk", change, v))
+        return Misfit(np.sum(missed**2, axis=1), np.sum(v**2, axis=1), turned, gaps)
+
+    def gradient(self) -> Array:
+        """Return g = Σ (AᵀΔv + ΔAᵀv), (n_places,): the step that is left is −Q g."""
+        out = np.zeros(self.register.n_places)
+        for rows in self.kinds.values():
+            at = np.flatnonzero((rows.off.view > 0) & rows.alive.view)
+            if len(at):
+                self.add_gradient(out, rows, at, [g.view[at] for g in rows.gap])
+        return out
+
+    def add_gradient(self, out: Array, rows: Rows, at: Index, gaps: list[Array]) -> None:
+        """Add the parts of some rows to a gradient (n_places,)."""
+        for kind, index, gap in zip(rows.kinds, rows.index, gaps, strict=True):
+            place = self.register[kind].place.view[index.view[at], : gap.shape[1]]
+            on = place >= 0
+            if on.any():
+                out += np.bincount(place[on], weights=gap[on], minlength=len(out))
 
     def vtpv(self) -> float:
         """Return vᵀPv of the linear forms at the present state."""

@@ -124,6 +124,8 @@ class SelectedInverse:
         """
         known = columns >= 0
         columns, a = columns[known], a[:, known]
+        free = (self._clique[columns] >= 0) | (self._in_border[columns] >= 0)
+        columns, a = columns[free], a[:, free]  # held components have no place anywhere
         number = int(self._clique[columns].max(initial=-1))
         if number < 0:
             at = self._in_border[columns]
