@@ -584,7 +584,7 @@ class Soak:
         if p == q:
             return
         cases: list[Callable[[], AnyObservation]] = [
-            lambda: SlopeDistance(p, q, 1e300, sigma=0.01, id=ident),
+            lambda: SlopeDistance(p, q, 1e15, sigma=0.01, id=ident),
             lambda: SlopeDistance(p, q, 1e9, sigma=1e6, id=ident),
             lambda: HeightDifference(p, q, 1e12, sigma=1e-3, id=ident),
             lambda: HeightDifference(p, q, 1.0, sigma=1e9, id=ident),
@@ -593,7 +593,7 @@ class Soak:
             if p != "S1"
             else Direction("S1", q, 1e6, sigma=1e-5, id=ident),
             lambda: ControlPoint(p, (1e8, 0.0, 0.0), sigma=(1e-3,) * 3, id=ident),
-            lambda: GnssVector(p, q, (1e200, 0.0, 0.0), sigma=(1.0,) * 3, id=ident),
+            lambda: GnssVector(p, q, (1e12, 0.0, 0.0), sigma=(1.0,) * 3, id=ident),
         ]
         self.add(cases[int(self.rng.integers(len(cases)))](), odd=True)
         self.say("and take it out")

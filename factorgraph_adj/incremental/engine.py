@@ -95,10 +95,9 @@ class Engine(Graph):
     def _relinearise(self) -> bool:
         """Linearise anew what no longer holds; return whether the promise is kept."""
         last = np.inf
-        if self.recent is not None:
-            if self.recent.holds(self.register, *self._bounds()):
-                self.settled = False
-                return True
+        if self.recent is not None and self.recent.holds(self.register, *self._bounds()):
+            self.settled = False
+            return True
         for _ in range(MOST_ROUNDS):
             moved = self.register.moved(self.accuracy)
             if not moved:
