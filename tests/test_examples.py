@@ -69,3 +69,26 @@ def test_the_combined_block_of_the_readme_is_better_than_photos_alone() -> None:
     assert sigma < 0.6 * sigma_alone
     assert rms < 2 * sigma
     assert rms < rms_alone
+
+
+def test_the_measured_day_catches_its_three_gross_errors_on_arrival_and_nothing_else(
+    tmp_path: Path,
+) -> None:
+    """The batch has them last of all, with others that they spoil above the critical value."""
+    pytest.importorskip("matplotlib")
+    picture = tmp_path / "growth.png"
+    text = run(EXAMPLES / "measured_day.py", "--plot", str(picture))
+    planted, day, batch = text.split("\n\n")[:3]
+    made = [line.split()[:3] for line in planted.splitlines()[1:]]
+    assert [kind for kind, *_ in made] == ["direction", "slope_distance", "image"]
+    rejected = [line for line in day.splitlines() if "rejected" in line]
+    assert [line.split(": ")[1].split()[:3] for line in rejected] == made
+    sizes = [float(line.split("error ")[1].split()[0]) for line in rejected]
+    sigmas = [float(line.split("± ")[1].split()[0]) for line in rejected]
+    for size, sigma, true in zip(sizes, sigmas, (60.0, 10.0, 0.08), strict=True):
+        assert abs(size - true) < 3 * sigma + 0.005
+    found = [line.split() for line in batch.splitlines()[1:]]
+    large = [words[2:5] for words in found if abs(float(words[1])) > 3.29]
+    assert all(m in large for m in made)
+    assert len(large) > 3
+    assert picture.stat().st_size > 10_000

@@ -214,7 +214,8 @@ class IncrementalAdjustment(Absorbing):
         try:
             return self._absorb(units, test=True, entry=entry)
         except BaseException:
-            self._take_over(before)
+            if draft is not before:
+                self._take_over(before)
             raise
 
     # -- changing -----------------------------------------------------------------------------

@@ -24,7 +24,6 @@ from ..types import Array, Index
 from .local import filtered
 from .network_graph import Graph, slots_of
 from .rows import Piece, Rows
-from .signatures import signatures
 from .trial import Trial
 from .units import Unit, components
 from .view import onto_datum, start_at
@@ -49,6 +48,8 @@ TURNED_SHARE = 0.5
 """Part of the promise that √Σρ² may be, which bounds the error of every standard deviation."""
 CORRELATED = 5.0
 """√(gᵀQg) relative to that of unknowns without correlation, where Q is not at hand."""
+SPARED = 0.4
+"""Part of that bound that a single ρ may be."""
 QUIET = 0.01
 """Part of what is missed that may stay where it is."""
 TURNED = 1e-3
@@ -110,13 +111,14 @@ class Engine(Graph):
             step, bound = self._bounds()
             total = sum(float(o.sum()) for o in off)
             turned_poses = self.register.turned_poses(TURNED)
-            within = sum(float(t @ t) for t in turned) <= bound**2 and self._left() <= step
-            if within and not len(turned_poses):
+            bent = self._bent(turned, bound)
+            far = self._left(step) > step
+            if not bent and not far and not len(turned_poses):
                 return True
             if not np.isfinite(total) or (total > last and total > 1.0):
                 return False
             last = total
-            piece = self._doubtful(kinds, off, turned, turned_poses)
+            piece = self._doubtful(kinds, off, turned, turned_poses, far=far)
             if piece is None:
                 self.relinearise_all()
                 continue
@@ -137,13 +139,31 @@ class Engine(Graph):
         sigma0 = np.sqrt(self.store.vtpv() / r) if r > 0 else 1.0
         return SHARE * self.accuracy / max(1.0, float(sigma0)), TURNED_SHARE * self.accuracy
 
-    def _left(self) -> float:
-        """Return the bound of the step that is left, relative to σ."""
+    @staticmethod
+    def _bent(turned: list[Array], bound: float) -> bool:
+        """Return whether standard deviations may be wrong by more than a bound.
+
+        They are not if √Σρ² is within it; nor if that is so of every ρ, with something to spare,
+        because the rows that determine an unknown change with all signs.
+        """
+        if sum(float(t @ t) for t in turned) <= bound**2:
+            return False
+        return max((float(t.max()) for t in turned if len(t)), default=0.0) > SPARED * bound
+
+    def _left(self, step: float) -> float:
+        """Return the bound of the step that is left, relative to σ.
+
+        What it would be without correlations is a rough guess; only where that is more than
+        ``step`` the system is factorised for it.
+        """
         gradient = self.store.gradient()
-        if self.recent is not None:
-            return self.recent.bound(gradient)
-        alone = gradient**2 @ self.register.all_variances()
-        return CORRELATED * float(np.sqrt(alone))
+        if self.recent is None:
+            alone = gradient**2 @ self.register.all_variances()
+            guess = CORRELATED * float(np.sqrt(alone))
+            if guess <= step or not self.factorise():
+                return guess
+        assert self.recent is not None
+        return self.recent.bound(gradient)
 
     def relinearise_all(self) -> None:
         """Linearise everything at the present state, and build the tree anew."""
@@ -159,17 +179,22 @@ class Engine(Graph):
         off: list[Array],
         turned: list[Array],
         turned_poses: Index,
+        *,
+        far: bool,
     ) -> Piece | None:
-        """Return the rows to linearise anew: all but a hundredth of what is missed.
+        """Return the rows to linearise anew.
 
-        None where that is so many that all may as well be.
+        Where the step that is left is too ``far``, all but a hundredth of what is missed;
+        otherwise those whose partials have changed. None where those are so many that all may
+        as well be.
         """
         every = np.concatenate([o + t**2 for o, t in zip(off, turned, strict=True)])
         order = np.sort(every)
         quiet = int(np.searchsorted(np.cumsum(order), QUIET * float(order.sum())))
-        threshold = order[min(quiet, len(order) - 1)]
+        threshold = order[min(quiet, len(order) - 1)] if far else np.inf
+        much = 0.25 * max((float(t.max()) for t in turned if len(t)), default=0.0)
         chosen = [
-            (o + t**2 >= threshold) & (o + t**2 > 0) & r.alive.view
+            ((o + t**2 >= threshold) | (t >= much)) & (o + t**2 > 0) & r.alive.view
             for r, o, t in zip(kinds, off, turned, strict=True)
         ]
         for r, c in zip(kinds, chosen, strict=True):
@@ -263,18 +288,7 @@ class Engine(Graph):
     # -- the datum ----------------------------------------------------------------------------
 
     def new_to_datum(self, trial: Trial) -> bool:
-        """Return whether a trial has a kind of observation that a free network has not seen."""
-        if self.datum != "free":
-            return False
-        if self.signatures is None:
-            fresh = {id(rows): set(at.tolist()) for rows, at in trial.piece.rows}
-            every = [
-                (rows, np.array([i for i in at.tolist() if i not in fresh.get(id(rows), ())], int))
-                for rows, at in self.store.everything().rows
-            ]
-            self.signatures = signatures(self.store, every)
-        new = signatures(self.store, trial.piece.rows)
-        known = new <= self.signatures
-        if known:
-            self.signatures |= new
-        return not known
+        """Return whether a trial notices what the minimal datum of a free network holds."""
+        return self.open_motions is not None and self.open_motions.noticed(
+            self.network, self.register, trial.units
+        )

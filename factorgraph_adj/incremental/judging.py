@@ -69,7 +69,7 @@ def decide(engine: Engine, trial: Trial, *, policy: Policy, alpha: float) -> Dec
             )
             out.left_out.append(unit)
             touching, taken = [unit], rows
-        judged.take_out(taken)
+        trial.take_out(taken)
         out.stay = [u for u in out.stay if u not in touching]
     return out
 

@@ -25,10 +25,10 @@ from ..quality.solution import Solution
 from ..solve.tree import SMALL, SingularError
 from ..types import Array, Index, Mask
 from .local import known_network, local_network, local_state
+from .open_motions import OpenMotions
 from .recent import MOST, Recent
 from .register import Register
 from .rows import Group, Piece, Rows, Store
-from .signatures import Signature
 from .tree import LinearTree
 from .trial import LowRank, Marks, Trial, gather, rows_of
 from .units import Unit
@@ -96,8 +96,8 @@ class Graph:
         """A factorised system to which they are a low-rank part."""
         self.patience = 0
         self.held: list[Held] = []
-        self.signatures: set[Signature] | None = None
-        """Kinds of observation there are, see `factorgraph_adj.incremental.signatures`."""
+        self.open_motions: OpenMotions | None = None
+        """What no observation of a free network notices."""
         self._before: State = {}
         """Where the variables were before the last change."""
         self.priors: dict[tuple[VariableKind, int], list[str]] = {}
@@ -107,7 +107,7 @@ class Graph:
         """Return an engine of its own; iSAM2 copies its tree in no time."""
         self.flush()
         out = copy(self)
-        out.recent = None
+        out.recent, out.unflushed = None, []
         parts = (self.register, self.store, self.held, self.priors)
         own = deepcopy(parts)
         out.register, out.store, out.held, out.priors = own
@@ -180,6 +180,8 @@ class Graph:
                 component = column - int(table.offset[i])
                 number = int(numbers[kind][i])
                 self.held.append(Held(kind, number, component, float(np.sqrt(constraint[column]))))
+            if self.held:
+                self.open_motions = OpenMotions.of(equations, state)
             self._note_priors(piece)
             self.rebuild()
             self.register.set_variances(variances_of(self.tree, self.register))
@@ -367,7 +369,13 @@ class Graph:
             now = self.register[kind].known.view[: len(mask)]
             back += [(kind, int(i)) for i in np.flatnonzero(now & ~mask)]
         self.store.forget(marks[1])
+        self._forget_variables(marks, back)
+
+    def _forget_variables(self, marks: Marks, back: Sequence[tuple[VariableKind, int]]) -> None:
+        keys = list(self.register.keys)
         self.register.forget(marks[0], back)
+        if self.register.keys != keys:
+            self.recent = None  # its places are others now
 
     def trial_of(self, units: Sequence[Unit]) -> Trial:
         """Return units that are in the graph as a trial, to be judged."""
@@ -393,9 +401,8 @@ class Graph:
             return
         slots = [] if trial.low_rank is not None else slots_of(trial.piece, self.store)
         self.store.forget(trial.marks[1])
-        self.register.forget(
-            trial.marks[0], [(k, n) for k, n in trial.entered if n < trial.marks[0][k]]
-        )
+        entered = [(k, n) for k, n in trial.entered if n < trial.marks[0][k]]
+        self._forget_variables(trial.marks, entered)
         if trial.low_rank is None:
             self._update([], [], gtsam.Values(), slots)
 
@@ -453,16 +460,26 @@ class Graph:
         if self.recent is None and rows <= MOST // 2 and not self.empty:
             self.patience += 1
             if self.patience > PATIENCE:
-                self.register.set_variances(variances_of(self.tree, self.register))
-                held = [
-                    (int(self.register[h.kind].place.view[h.number, h.component]), h.weight)
-                    for h in self.held
-                ]
-                try:
-                    self.recent = Recent(self.store, held)
-                except RuntimeError:
-                    self.patience = -IMPRECISE
+                self.factorise()
         return None if self.recent is None or self.recent.full(rows) else self.recent
+
+    def factorise(self) -> bool:
+        """Factorise the system for the next arrivals; return whether that is precise enough."""
+        if self.patience < 0:
+            return False
+        self.register.set_variances(variances_of(self.tree, self.register))
+        held = [
+            (int(self.register[h.kind].place.view[h.number, h.component]), h.weight)
+            for h in self.held
+        ]
+        try:
+            self.recent = Recent(self.store, held)
+            if self.recent.precise:
+                return True
+        except RuntimeError:
+            pass
+        self.recent, self.patience = None, -IMPRECISE
+        return False
 
     def keep(self, trial: Trial, gone: Sequence[Unit]) -> None:
         """Keep a trial but for some units; every variable of it was known before."""
@@ -471,6 +488,7 @@ class Graph:
         if low is None:
             if ids:
                 self.drop(ids, ())
+                self.register.note_variances(trial.system.keys, trial.variances)
             return
         self._remember()
         nothing = np.zeros(0, dtype=np.intp)
@@ -526,7 +544,6 @@ class Graph:
         slots = self.store.drop(ids)
         self.register.leave(leaving)
         self._update([], [], gtsam.Values(), slots)
-        self.signatures = None
 
     # -- the whole network --------------------------------------------------------------------
 

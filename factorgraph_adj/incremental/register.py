@@ -237,13 +237,20 @@ class Register:
         self, marks: dict[VariableKind, int], left: Iterable[tuple[VariableKind, int]]
     ) -> None:
         """Drop the variables beyond ``marks``, and take ``left`` out of the graph."""
+        gone = list(left)
+        for kind, table in self.tables.items():
+            # Places are numbered anew only where some are lost: others may have noted theirs.
+            gone += [
+                (kind, i) for i in range(marks[kind], table.n) if (table.place.view[i] >= 0).any()
+            ]
         for kind, table in self.tables.items():
             for name in table.names[marks[kind] :]:
                 del table.number[name]
             del table.names[marks[kind] :]
             for column in table.columns():
                 column.truncate(marks[kind])
-        self.leave(left)
+        if gone:
+            self.leave([(kind, i) for kind, i in gone if i < self.tables[kind].n])
         self._renew()
 
     # -- values -------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from ..models.registry import VariableKind
 from ..types import Array, Index
 from .rows import Piece, Store
 from .units import Unit
-from .verdicts import Judged
+from .verdicts import Judged, pseudo_inverse
 
 Marks: TypeAlias = tuple[dict[VariableKind, int], tuple[dict[int, int], int]]
 """How many variables and rows there were."""
@@ -75,6 +75,15 @@ class Trial:
     """M and v of the state with them."""
     low_rank: LowRank | None = None
     """None where they are in the tree."""
+
+    def take_out(self, u: Index) -> None:
+        """Leave rows out: Q ← Q + S_u M_uu⁻¹ S_uᵀ, S ← S − S_u M_uu⁻¹ M_u, with S = Q Aᵀ."""
+        m = self.judged.m
+        own = self.spread[:, u]
+        gain = own @ pseudo_inverse(m[np.ix_(u, u)])[0]
+        self.variances = self.variances + np.einsum("ij,ij->i", gain, own)
+        self.spread = self.spread - gain @ m[u]
+        self.judged.take_out(u)
 
 
 def rows_of(units: Sequence[Unit], system: Gathered) -> dict[str, Index]:

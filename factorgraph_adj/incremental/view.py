@@ -22,7 +22,7 @@ from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
 from ..solve.plan import make_plan
 from ..solve.selected_inverse import SelectedInverse
-from ..solve.tree import Clique, SingularError, cliques_of
+from ..solve.tree import SMALL, Clique, SingularError, cliques_of
 from ..solve.triangular import upper_solve
 from ..types import Array, Index
 
@@ -110,7 +110,12 @@ def cliques_anew(tree: LinearTree, columns: dict[int, Index]) -> list[Clique]:
     """Return the cliques of the same factors, eliminated once more."""
     isam = tree.isam
     graph = isam.getFactorsUnsafe().linearize(isam.getLinearizationPoint())
-    ordering = gtsam.Ordering.MetisGaussianFactorGraph(graph)
+    # METIS crashes on graphs of a handful of variables.
+    ordering = (
+        gtsam.Ordering.MetisGaussianFactorGraph(graph)
+        if len(columns) > SMALL
+        else gtsam.Ordering.ColamdGaussianFactorGraph(graph)
+    )
     if not tree.qr:
         try:
             return cliques_of(graph.eliminateMultifrontal(ordering), columns)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy.linalg import qr
@@ -47,25 +48,42 @@ the curved Earth notice, or the like, is no datum."""
 GEOMETRIC = ("point", "pose", "orientation", "vertical")
 
 
-def generators(equations: Equations, state: State) -> Array:
+About: TypeAlias = tuple[Array, float]
+"""Centre (3,) of rotations and scale, and the mean distance from it, metres."""
+
+
+def generators(equations: Equations, state: State, about: About | None = None) -> Array:
     """Return how seven motions of the object move the unknowns.
 
     Columns: shifts along x, y, z (1 m), rotations about axes through the centre of the points
     and scale about it (1 m at the mean distance of the points).
 
+    Args:
+        equations: the network.
+        state: where its variables are.
+        about: centre and mean distance; those of the points if none.
+
     Returns:
         G, (n_columns, 7).
     """
-    return _generators(equations, state)[0]
+    return _generators(equations, state, about)[0]
 
 
-def _generators(equations: Equations, state: State) -> tuple[Array, Array, float]:
-    """Return G (n_columns, 7), the centre (3,) and the mean distance from it."""
-    unknowns = equations.unknowns
+def middle(state: State) -> About:
+    """Return the centre of the points (of the photos where there are none) and their distance."""
     points = state["point"]
     centre = points.mean(axis=0) if len(points) else state["pose"][:, 9:].mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)))) if len(points) else 1.0
-    size = size or 1.0
+    return centre, size or 1.0
+
+
+def _generators(
+    equations: Equations, state: State, about: About | None = None
+) -> tuple[Array, Array, float]:
+    """Return G (n_columns, 7), the centre (3,) and the mean distance from it."""
+    unknowns = equations.unknowns
+    points = state["point"]
+    centre, size = middle(state) if about is None else about
     g = np.zeros((unknowns.n_columns, 7))
 
     def moves(x: Array) -> Array:

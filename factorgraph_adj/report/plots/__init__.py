@@ -1,11 +1,13 @@
 """Figures of an adjustment; they need the extra ``plot`` (matplotlib)."""
 
+from .growth import plot_growth
 from .images import plot_mean_photo, plot_photo_residuals, plot_photos
 from .network import plot_network
 from .save import save_plots
 from .statistics import plot_qq, plot_redundancy, plot_w
 
 __all__ = [
+    "plot_growth",
     "plot_mean_photo",
     "plot_network",
     "plot_photo_residuals",

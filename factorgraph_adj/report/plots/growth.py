@@ -1,0 +1,182 @@
+"""How standard deviations shrink while observations arrive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...errors import InputError
+from ...types import Array
+from .style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PALE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    drawn,
+    headline,
+    length,
+    new_figure,
+    nothing,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, BLACK)
+DASHES = ("-", "--", ":", "-.")
+"""One after the other where there are more points than colours."""
+MOST_NAMES = 40
+"""Arrivals up to which each of them is named."""
+APART = 0.045
+"""Distance of names at the ends of the curves, as a part of the height of the axes."""
+
+
+@drawn
+def plot_growth(
+    arrivals: Sequence[str],
+    sigmas: Mapping[str, Array],
+    *,
+    caught: Mapping[int, str] | None = None,
+    title: str = "network",
+) -> Figure:
+    """Draw standard deviations of points after every arrival, on a logarithmic scale.
+
+    A curve begins where its point is determined for the first time, and breaks where it is not.
+
+    Args:
+        arrivals: what arrived, one after the other: ``station P1``, ``photo 7``.
+        sigmas: standard deviations of each point after each arrival, metres, (n arrivals,);
+            not finite while it is not determined.
+        caught: gross errors that were caught on arrival, by the number of the arrival, from 0.
+        title: over the figure.
+
+    Returns:
+        A figure; one that says so where no point is determined.
+
+    Raises:
+        InputError: another number of standard deviations than of arrivals, a gross error at an
+            arrival that there is not, or matplotlib is not installed.
+    """
+    n = len(arrivals)
+    curves = {name: np.array(values, dtype=float) for name, values in sigmas.items()}
+    events = dict(caught or {})
+    problems = [
+        f"point {name!r} has standard deviations of shape {values.shape} for {n} arrivals"
+        for name, values in curves.items()
+        if values.shape != (n,)
+    ]
+    problems += [f"arrival {k} is not among the {n} (from 0)" for k in events if not 0 <= k < n]
+    if problems:
+        raise InputError("; ".join(problems))
+    for values in curves.values():
+        values[~(np.isfinite(values) & (values > 0))] = np.nan
+    curves = {name: v for name, v in curves.items() if np.isfinite(v).any()}
+    if not curves:
+        return nothing(title, "No point is determined: there are no standard deviations.")
+    figure = new_figure(max(7.5, min(12.0, 2.5 + 0.35 * n)), 5.0)
+    axes = figure.add_subplot()
+    axes.set_yscale("log")
+    edges = np.arange(n + 1) + 0.5
+    for i, (name, values) in enumerate(curves.items()):
+        colour = COLOURS[i % len(COLOURS)]
+        dash = DASHES[i // len(COLOURS) % len(DASHES)]
+        axes.step(
+            edges, np.append(values, values[-1]), where="post", color=colour, ls=dash, label=name
+        )
+    headline(axes, title, "standard deviation of points after each arrival")
+    axes.set_ylabel("σ (logarithmic)")
+    axes.set_xlim(0.5, n + 0.5)
+    _lengths(axes)
+    _names(axes, arrivals)
+    _events(axes, events)
+    _ends(axes, curves, n + 0.5)
+    return figure
+
+
+def _lengths(axes: Axes) -> None:
+    """Write σ with units, at 1, 2, 5 where few decades are shown."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+    low, high = axes.get_ylim()
+    few = np.log10(high / low) < 3
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: length(value)))
+    if few:
+        axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.grid(axis="y", color=PALE, lw=0.6)
+
+
+def _names(axes: Axes, arrivals: Sequence[str]) -> None:
+    """Name the arrivals below the axes: all of them, or as many as have room."""
+    step = -(-len(arrivals) // MOST_NAMES)
+    at = list(range(0, len(arrivals), step))
+    axes.set_xticks([i + 1 for i in at], [arrivals[i] for i in at], rotation=90)
+    axes.tick_params(axis="x", length=0)
+    if step == 1:
+        for edge in np.arange(1, len(arrivals)) + 0.5:
+            axes.axvline(edge, color=PALE, lw=0.4, zorder=0)
+
+
+def _events(axes: Axes, events: Mapping[int, str]) -> None:
+    """Mark gross errors at the upper edge."""
+    for at, what in events.items():
+        axes.axvline(at + 1, color=VERMILLION, lw=0.8, ls=":", zorder=0.5)
+        axes.annotate(
+            what,
+            (at + 1, 1.0),
+            xycoords=axes.get_xaxis_transform(),
+            xytext=(0, -2),
+            textcoords="offset points",
+            color=VERMILLION,
+            fontsize=8.0,
+            rotation=90,
+            ha="center",
+            va="top",
+            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.9},
+        )
+
+
+def _ends(axes: Axes, curves: Mapping[str, Array], right: float) -> None:
+    """Write each name and its last σ at the end of its curve, apart from the others."""
+    last = {name: float(v[np.isfinite(v)][-1]) for name, v in curves.items()}
+    low, high = np.log(axes.get_ylim())
+    order = sorted(last, key=last.__getitem__)
+    wanted = np.array([(np.log(last[name]) - low) / (high - low) for name in order])
+    place = _apart(wanted, APART)
+    colour = {line.get_label(): line.get_color() for line in axes.get_lines()}
+    for name, y in zip(order, place, strict=True):
+        axes.annotate(
+            f"{name}  {length(float(f'{last[name]:.3g}'))}",
+            (right, np.exp(low + wanted[order.index(name)] * (high - low))),
+            xytext=(1.015, y),
+            textcoords="axes fraction",
+            color=colour[name],
+            va="center",
+            annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": GREY, "lw": 0.5, "shrinkA": 0, "shrinkB": 0},
+        )
+
+
+def _apart(wanted: Array, distance: float) -> Array:
+    """Return increasing places as near to those wanted as that distance allows."""
+    groups: list[tuple[float, int]] = []
+    for y in wanted.tolist():
+        mean, n = y, 1
+        while (
+            groups
+            and mean - (n - 1) / 2 * distance < groups[-1][0] + (groups[-1][1] + 1) / 2 * distance
+        ):
+            other, m = groups.pop()
+            mean, n = (mean * n + other * m) / (n + m), n + m
+        groups.append((mean, n))
+    parts = [mean + distance * (np.arange(n) - (n - 1) / 2) for mean, n in groups]
+    return np.concatenate(parts)
