@@ -84,7 +84,8 @@ for number, (name, observations) in enumerate(day.items()):
             size, unit = UNITS.get(v.kind, (MM, "mm"))
             error = f"{-v.innovation[k] / size:.2f} ± {v.sigma[k] / size:.2f} {unit}"
             print(f"    rejected: {v.label}: error {error}, w {v.w[k]:.1f}")
-            caught[number] = "rejected: " + v.label.split(" (")[0]
+            label = v.label.split(" (")[0]
+            caught[number] = f"{caught[number]}, {label}" if number in caught else label
 print(f"σ̂0 {inc.sigma0:.3f}, redundancy {inc.redundancy}")
 
 # -- what the batch would have said in the evening ---------------------------------------------

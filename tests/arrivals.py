@@ -78,7 +78,7 @@ def difference(a: Solution, b: Solution) -> Difference:
     return Difference(estimates, sigmas)
 
 
-NOTHING = 1e-6
+NOTHING = 1e-2
 """Standard deviation relative to the conditional one 1/√N_ii: less is only the rounding of zero.
 Two datum points and a direction between them have nothing but inner constraints."""
 

@@ -145,7 +145,7 @@ def _photos() -> Iterator[Step]:
 
 def _evening() -> Iterator[Step]:
     yield lambda inc: inc.remove("F0/A")
-    yield lambda inc: inc.reweight("F0/B", 0.5)
+    yield lambda inc: inc.reweight(["F0/C", "F1/A"], 0.5)
     yield _add("F0/A")
     yield lambda inc: inc.settle()
     for target in ("A", "B", "P0", "P1", "P2", "P3"):

@@ -49,11 +49,13 @@ def test_every_curve_has_the_standard_deviations_from_where_its_point_is_determi
 
 
 def test_arrivals_gross_errors_and_last_standard_deviations_are_written() -> None:
-    figure = plot_growth(ARRIVALS, SIGMAS, caught={2: "rejected: direction A P1"})
+    figure = plot_growth(ARRIVALS, SIGMAS, caught={2: "direction A P1"})
     axes = figure.axes[0]
     assert [t.get_text() for t in axes.get_xticklabels()] == ARRIVALS
     texts = {t.get_text(): t for t in axes.texts}
-    assert set(texts) == {"rejected: direction A P1", "P1  800 µm", "P2  810 µm"}
+    assert set(texts) == {"1", "P1  800 µm", "P2  810 µm"}
+    assert texts["1"].xy[0] == 3  # under the third arrival
+    assert axes.get_xlabel() == "gross errors caught: 1 direction A P1"
     assert rendered(figure)
 
 

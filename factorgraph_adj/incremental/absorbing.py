@@ -30,6 +30,8 @@ from .units import Unit, Variable, pending
 from .verdicts import Outcome, Policy, Verdict
 from .view import solution_of
 
+MOST_JUDGED = 5
+"""Times that what enters together is judged, each time without what did not fit."""
 TOO_WEAK = "is determined too weakly yet: no solution was reached with it"
 NO_SOLUTION = "no solution is reached with it: is it near to where its kind has no answer?"
 CONTRADICT = "its observations contradict each other, and nothing tells yet which of them is wrong"
@@ -116,8 +118,16 @@ class Absorbing:
         found: list[Unit] = []
         solutions: list[Solution] = []
         lacks: dict[Variable, str] = {}
-        for component in book.joined(late, register):
-            part = find(book.network, register, component, datum="free" if begins else "given")
+        asleep = self._weak.keys() - {u.ids[0] for u in late}
+        for component in book.joined(late, register, without=asleep):
+            part = find(
+                book.network,
+                register,
+                component,
+                datum="free" if begins else "given",
+                blunders=self.policy != "accept",
+                alpha=self.alpha,
+            )
             lacks |= part.lacks
             if part.solution is not None and not (begins and found):
                 found += part.units
@@ -187,61 +197,102 @@ class Absorbing:
         saved: tuple[Book, Engine],
     ) -> Arrival:
         """Put units in with what enters with them; it waits on if no solution is reached."""
-        book, engine = self._book, self._engine
+        book = self._book
         self._solution = None
         given = {i for u in units for i in u.ids}
         entering = [*ready, *found]
         for unit in entering:
             book.enter(unit)
         try:
-            self._put_in(entering, solutions)
-            book.fill(engine.register)
-            engine.keep_the_promise()
-            reached = engine.kept or not found
+            reached = self._reach(entering, solutions, policy, given, saved[1])
         except AdjustmentError:
             if not found:
                 raise
-            reached = False
-        if not reached:
-            # No solution was reached with it: it waits on.
-            for unit in found:
-                book.remove(unit)
-            late = [v for u in found for v in pending(saved[1].register, u)]
-            lacks = lacks | dict.fromkeys(late, TOO_WEAK)
-            self._engine = engine = saved[1].copy()
-            engine.network = book.network
-            for unit in ready:
-                book.remove(unit)
-            book.lacks.update(lacks)
-            self._weak.update((u.ids[0], engine.redundancy) for u in found)
-            book.wait(u for u in found if u.ids[0] not in given)
-            told: dict[str, list[Verdict]] = {}
-            book.wait(self._late(units, {u.ids[0] for u in ready}, lacks, told))
-            first = _arrival(units, told)
-            if not ready:
-                return first
-            second = self._absorb(ready, test=policy != "accept")
-            for v in second.verdicts:
-                told.setdefault(v.id, []).append(v)
-            return _arrival(units, told)
-        trial = engine.trial_of(entering)
-        trial.entered[:] = [
-            v for u in found for v in _variables(engine, u) if not _was_known(saved[1], engine, v)
-        ]
-        decision, told = self._judge(trial, policy, given)
-        late_units = self._late(units, {u.ids[0] for u in entering}, lacks, told)
+            reached = None
+        if reached is None:
+            return self._wait_on(units, ready, found, lacks, policy, saved[1])
+        decision, told = reached
+        late = self._late(units, {u.ids[0] for u in entering}, lacks, told)
         arrival = _arrival(units, told)
-        book.lacks.update(lacks)
-        gone = [u for u in entering if u not in decision.stay]
-        for unit in gone:
-            book.remove(unit)
         self._leave_out(decision, arrival, policy)
-        book.wait(late_units)
-        if gone:
-            priors = [i for v in decision.leaving for i in engine.priors.get(v, [])]
-            engine.drop([i for u in gone for i in u.ids] + priors, decision.leaving)
-            engine.keep_the_promise()
+        book.wait(late)
+        # What was left alone as too weak may have become ready beside it.
+        awake = book.ready(self._engine.register, self._weak)
+        if awake:
+            for unit in awake:
+                del self._weak[unit.ids[0]]
+            arrival = joined(arrival, self._absorb(awake, test=policy != "accept"))
         return arrival
+
+    def _reach(
+        self,
+        entering: Sequence[Unit],
+        solutions: Sequence[Solution],
+        policy: Policy,
+        given: set[str],
+        before: Engine,
+    ) -> tuple[Decision, dict[str, list[Verdict]]] | None:
+        """Put units in, leave out what does not fit, and go to a solution with the others.
+
+        Returns:
+            The decision and all verdicts; none where no solution is reached.
+        """
+        book, engine = self._book, self._engine
+        self._put_in(entering, solutions)
+        book.fill(engine.register)
+        whole = Decision(stay=list(entering))
+        told: dict[str, list[Verdict]] = {}
+        for _ in range(MOST_JUDGED):
+            if not whole.stay:
+                break
+            trial = engine.trial_of(whole.stay)
+            trial.entered[:] = _new_variables(whole.stay, engine, before)
+            decision, now = self._judge(trial, policy, given)
+            told |= now
+            gone = [*decision.left_out, *decision.back]
+            for unit in gone:
+                book.remove(unit)
+            if gone:
+                priors = [i for v in decision.leaving for i in engine.priors.get(v, [])]
+                engine.drop([i for u in gone for i in u.ids] + priors, decision.leaving)
+            whole.stay = decision.stay
+            whole.left_out += decision.left_out
+            whole.back += decision.back
+            engine.keep_the_promise()
+            if not engine.kept and len(entering) > 0 and _new_variables(entering, engine, before):
+                return None
+            if not gone:
+                break
+        return whole, told
+
+    def _wait_on(
+        self,
+        units: Sequence[Unit],
+        ready: Sequence[Unit],
+        found: Sequence[Unit],
+        lacks: dict[Variable, str],
+        policy: Policy,
+        before: Engine,
+    ) -> Arrival:
+        """Let what was to enter wait on: no solution was reached with it."""
+        book = self._book
+        given = {i for u in units for i in u.ids}
+        for unit in (*found, *ready):
+            if book.in_graph(unit.ids[0]):
+                book.remove(unit)
+        late = [v for u in found for v in pending(before.register, u)]
+        lacks = lacks | dict.fromkeys(late, TOO_WEAK)
+        self._engine = before.copy()
+        self._engine.network = book.network
+        self._weak.update((u.ids[0], before.redundancy) for u in found)
+        book.lacks.update(lacks)
+        book.wait(u for u in found if u.ids[0] not in given)
+        told: dict[str, list[Verdict]] = {}
+        book.wait(self._late(units, {u.ids[0] for u in ready}, lacks, told))
+        if ready:
+            for verdict in self._absorb(ready, test=policy != "accept").verdicts:
+                told.setdefault(verdict.id, []).append(verdict)
+        return _arrival(units, told)
 
     def _put_in(self, entering: Sequence[Unit], solutions: Sequence[Solution]) -> None:
         """Put units into the graph; find the datum of a free network anew where they touch it."""
@@ -253,7 +304,7 @@ class Absorbing:
         if engine.new_to_datum(trial):
             engine.take_back(trial)
             try:
-                engine.begin_anew_with(entering)
+                engine.begin_anew_with(entering, solutions)
             except AdjustmentError:
                 engine.put_in(entering, solutions)
 
@@ -339,7 +390,7 @@ class Absorbing:
         loosened = what_loosens(engine, units, weights, book.unit_or_none)
         if loosened is None or (loosened.variables and engine.datum == "free"):
             return self._anew(units, left_over)
-        touched = {book.unit(i) for i in loosened.ids if book.in_graph(i)}
+        touched = list(dict.fromkeys(book.unit(i) for i in loosened.ids if book.in_graph(i)))
         again = [u for u in touched if not gone & set(u.ids)]
         for unit in touched:
             book.remove(unit)
@@ -404,6 +455,14 @@ def _arrival(units: Sequence[Unit], told: Mapping[str, list[Verdict]]) -> Arriva
     given = dict.fromkeys(i for u in units for i in u.ids)
     order = [*given, *(i for i in told if i not in given)]
     return Arrival(tuple(v for i in order for v in told.get(i, ())))
+
+
+def _new_variables(
+    units: Sequence[Unit], engine: Engine, before: Engine
+) -> list[tuple[VariableKind, int]]:
+    """Return variables of units that were not known before."""
+    found = (v for u in units for v in _variables(engine, u) if not _was_known(before, engine, v))
+    return list(dict.fromkeys(found))
 
 
 def _variables(engine: Engine, unit: Unit) -> Iterator[tuple[VariableKind, int]]:

@@ -15,6 +15,7 @@ from ..models.registry import VariableKind
 from ..network import Network
 from ..observations import AnyObservation, Correlated, ImagePoint
 from ..selection import without
+from ..solve.rank import NOUN
 from ..types import Array
 from .local import filtered
 from .register import Register
@@ -174,8 +175,16 @@ class Book:
         self._next += 1
         return ident
 
-    def joined(self, late: Sequence[Unit], register: Register) -> list[list[Unit]]:
-        """Return new units with those of the pool that hang together by what is not known."""
+    def joined(
+        self, late: Sequence[Unit], register: Register, *, without: Collection[str] = ()
+    ) -> list[list[Unit]]:
+        """Return new units with those of the pool that hang together by what is not known.
+
+        Args:
+            late: new units.
+            register: what is known.
+            without: first ids of units of the pool that are left alone.
+        """
         new = {u.ids[0]: u for u in late}
         of: dict[Variable, list[str]] = {}
         for key, unit in new.items():
@@ -196,12 +205,18 @@ class Book:
                 found[k] = unit
                 for v in pending(register, unit):
                     stack += [n for n in of.get(v, ()) if n not in found]
-                    stack += [n for n in self._waiting_for.get(v, ()) if n not in found]
+                    others = self._waiting_for.get(v, ())
+                    stack += [n for n in others if n not in found and n not in without]
             done |= found.keys()
             order = [k for k in self.pool if k in found and k not in new]
             order += [k for k in new if k in found]
             out.append([found[k] for k in order])
         return out
+
+    def ready(self, register: Register, keys: Iterable[str]) -> list[Unit]:
+        """Return the units of the pool among ``keys`` that wait for nothing any more."""
+        units = [self.pool[k] for k in keys if k in self.pool]
+        return [u for u in units if not pending(register, u)]
 
     # -- where it goes ------------------------------------------------------------------------
 
@@ -232,7 +247,7 @@ class Book:
         """Put units among the rejected ones."""
         for unit in units:
             told = verdicts or tuple(
-                Verdict(i, o.kind, o.label(), "rejected")
+                Verdict(i, o.kind, o.label(), "rejected", points=unit.points)
                 for i, o in zip(unit.ids, unit.observations, strict=True)
             )
             self._leave_out(self.rejected, unit, told)
@@ -385,7 +400,7 @@ class Book:
     def why(self, unit: Unit, register: Register) -> str:
         """Return what a unit of the pool lacks."""
         found = dict.fromkeys(
-            self.lacks.get(v) or f"{v[0]} {v[1]!r} is not determined yet"
+            self.lacks.get(v) or f"{NOUN[v[0]]} {v[1]!r} is not determined yet"
             for v in pending(register, unit)
         )
         return "; ".join(found)

@@ -15,13 +15,14 @@ import gtsam
 import numpy as np
 
 from ..errors import AdjustmentError, InputError
+from ..graph.equations import compile_network
 from ..models.registry import VariableKind
 from ..network import Network
 from ..quality.solution import Solution
 from ..solve.batch import adjust
 from ..solve.tree import SingularError
 from ..types import Array, Index
-from .local import filtered
+from .local import filtered, local_state
 from .network_graph import Graph, slots_of
 from .rows import Piece, Rows
 from .trial import Trial
@@ -237,15 +238,28 @@ class Engine(Graph):
             pass
         self.by_batch(begun)
 
-    def begin_anew_with(self, units: Sequence[Unit]) -> None:
-        """Let the batch adjustment find the solution and its datum, of all and some new units."""
+    def begin_anew_with(self, units: Sequence[Unit], found: Sequence[Solution]) -> None:
+        """Let the batch adjustment find the solution and its datum, of all and some new units.
+
+        Args:
+            units: units whose variables are known, or in ``found``.
+            found: where those are that enter with them.
+        """
         new = {v for u in units for v in u.variables}
 
         def stays(kind: VariableKind, name: str) -> bool:
             known = self.register.known(kind, name) or (kind, name) in new
             return known or not components(self.network, (kind, name))[0]
 
-        self._adjust(filtered(self.network, stays), None)
+        equations = compile_network(filtered(self.network, stays))
+        state = given = equations.unknowns.start()
+        everything = {k: np.ones(v.shape, dtype=bool) for k, v in state.items()}
+        for part in found:
+            there = part.equations.unknowns
+            state = equations.unknowns.carried(state, there, part.state, where=everything)
+            given = equations.unknowns.carried(given, there, part.start, where=everything)
+        state = local_state(equations, self.register, state)
+        self._adjust(equations.network, start_at(equations, state, given))
 
     def by_batch(self, start: Solution) -> None:
         """Let the batch adjustment find the solution; then hold it."""

@@ -9,7 +9,7 @@ moves stays, with its observations, and the rest is looked at again.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from ..approximate import reach
 from ..errors import AdjustmentError, InputError, Problem
 from ..graph.equations import Equations, compile_rows
 from ..network import DatumChoice, Network
+from ..quality.snooping import snoop
 from ..quality.solution import Solution
 from ..solve.batch import adjust
 from ..solve.datum import find_defects
@@ -29,6 +30,11 @@ from .units import Unit, Variable, components, pending
 
 DENSE = 400
 """Columns up to which the rank is found from dense singular values."""
+DISTURBED = 3.0
+"""σ̂0 of a local adjustment above which gross errors have moved it."""
+ABSURD = "some value is absurdly large"
+MOST_SNOOPED = 30
+"""Rounds of snooping in a local network."""
 SHARE = 0.05
 """Part of a null vector's length in a variable from which on the variable counts as moved."""
 LEFT_AT_REST = 1e-7
@@ -48,7 +54,13 @@ class Found:
 
 
 def find(
-    network: Network, register: Register, units: Sequence[Unit], *, datum: DatumChoice
+    network: Network,
+    register: Register,
+    units: Sequence[Unit],
+    *,
+    datum: DatumChoice,
+    blunders: bool,
+    alpha: float,
 ) -> Found:
     """Find what of some units can enter.
 
@@ -57,6 +69,9 @@ def find(
         register: what is known.
         units: units that wait, joined by their waiting variables.
         datum: ``free`` for the beginning of a free network.
+        blunders: whether gross errors are to be expected: the adjustment then is one without what
+            stands out, as a place to start from. It is not their test.
+        alpha: of the tests that find what stands out.
     """
     lacks: dict[Variable, str] = {}
     left = list(units)
@@ -68,24 +83,41 @@ def find(
         try:
             equations = compile_rows(local)
             lost = _unreachable(equations, left, lacks, datum)
+        except OverflowError:
+            return Found((), None, lacks | _all(register, left, ABSURD))
         except InputError as error:
             lost = _named(network, register, error, left, lacks)
             if not lost:
-                return Found((), None, lacks | _all(network, register, left, str(error)))
+                return Found((), None, lacks | _all(register, left, str(error)))
         if not lost:
             try:
                 solution = adjust(
                     local, datum=datum, tolerance=LEFT_AT_REST if datum == "free" else 1e-4
                 )
             except AdjustmentError as error:
-                return Found((), None, lacks | _all(network, register, left, str(error)))
+                return Found((), None, lacks | _all(register, left, str(error)))
+            if blunders and solution.sigma0 > DISTURBED:
+                solution = _without_blunders(solution, alpha)
             return Found(tuple(left), solution, lacks)
         left = [u for u in left if not lost & set(u.variables)]
 
 
-def _all(
-    network: Network, register: Register, units: Iterable[Unit], why: str
-) -> dict[Variable, str]:
+def _without_blunders(solution: Solution, alpha: float) -> Solution:
+    """Return the solution where the network is without what stands out."""
+    try:
+        clean = snoop(solution.network, start=solution, alpha=alpha, max_rounds=MOST_SNOOPED)
+    except AdjustmentError:
+        return solution
+    unknowns = solution.equations.unknowns
+    found = clean.solution
+    everything = {k: np.ones(v.shape, dtype=bool) for k, v in solution.state.items()}
+    state = unknowns.carried(
+        solution.state, found.equations.unknowns, found.state, where=everything
+    )
+    return replace(solution, state=state)
+
+
+def _all(register: Register, units: Iterable[Unit], why: str) -> dict[Variable, str]:
     return {v: why for u in units for v in pending(register, u)}
 
 
@@ -99,13 +131,15 @@ def _countable(
 ) -> list[Unit]:
     """Return the units whose waiting variables all have as many rows as components."""
     needs: dict[Variable, tuple[int, int]] = {}
+    every: dict[Variable, list[Unit]] = {}
+    for u in units:
+        for v in pending(register, u):
+            every.setdefault(v, []).append(u)
     while units:
         rows: dict[Variable, int] = {}
-        of: dict[Variable, list[Unit]] = {}
         for u in units:
             for v in pending(register, u):
                 rows[v] = rows.get(v, 0) + u.n_scalars
-                of.setdefault(v, []).append(u)
         lost = set()
         total = weights = 0
         for v, n in rows.items():
@@ -115,9 +149,11 @@ def _countable(
             total, weights = total + size, weights + own
             if n + own < size:
                 lost.add(v)
+                usable = sum(u.n_scalars for u in every[v])
+                of_known = "" if usable == n else " are between things that can be determined"
                 lacks[v] = (
-                    f"{NOUN[v[0]]} {v[1]!r} has {describe(of[v], v) or 'no observation'}: "
-                    f"{n + own} of the {size} readings that it needs"
+                    f"{NOUN[v[0]]} {v[1]!r} has {describe(every[v], v)}: "
+                    f"{n + own} of the {size} readings that it needs{of_known}"
                 )
         n_rows = sum(u.n_scalars for u in units) + weights
         if not lost and n_rows < total - (7 if free else 0):

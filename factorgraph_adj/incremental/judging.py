@@ -182,7 +182,7 @@ def verdicts(
                     critical_t2(alpha, dof),
                     first in entered,
                     why,
-                    _points(unit),
+                    unit.points,
                     gains,
                 )
             )
@@ -192,13 +192,9 @@ def verdicts(
 def waiting(unit: Unit, lacks: str) -> list[Verdict]:
     """Return the verdicts of a unit that waits."""
     return [
-        Verdict(i, o.kind, o.label(), "waiting", _components(o), lacks=lacks, points=_points(unit))
+        Verdict(i, o.kind, o.label(), "waiting", _components(o), lacks=lacks, points=unit.points)
         for i, o in zip(unit.ids, unit.observations, strict=True)
     ]
-
-
-def _points(unit: Unit) -> tuple[str, ...]:
-    return tuple(name for kind, name in unit.variables if kind == "point")
 
 
 def _components(o: Observation) -> tuple[str, ...]:

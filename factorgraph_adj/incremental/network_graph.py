@@ -22,7 +22,7 @@ from ..models.registry import VariableKind
 from ..network import DatumChoice, Network
 from ..observations import Observation
 from ..quality.solution import Solution
-from ..solve.tree import SMALL, SingularError
+from ..solve.tree import SMALL, SingularError, nested_dissection
 from ..types import Array, Index, Mask
 from .local import known_network, local_network, local_state
 from .open_motions import OpenMotions
@@ -247,7 +247,7 @@ class Graph:
         graph = gtsam.GaussianFactorGraph()
         for factor in factors:
             graph.add(factor.factor())  # type: ignore[attr-defined]
-        order = gtsam.Ordering.MetisGaussianFactorGraph(graph)
+        order = nested_dissection(graph)
         return [(order.at(i), i) for i in range(order.size())]
 
     def _held_factor(self, held: Held) -> gtsam.NonlinearFactor:

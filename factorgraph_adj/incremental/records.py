@@ -224,7 +224,7 @@ def _verdict(unit: Unit, i: int, outcome: str, given: Mapping[str, Any]) -> Verd
         t2=given.get("t2", np.nan),
         dof=given.get("dof", 0),
         critical=given.get("critical", np.nan),
-        points=tuple(name for kind, name in unit.variables if kind == "point"),
+        points=unit.points,
         **known,
     )
 

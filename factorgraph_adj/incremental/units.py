@@ -42,6 +42,11 @@ class Unit:
         return sum(n_scalars(o) for o in self.observations)
 
     @property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points that it touches."""
+        return tuple(name for kind, name in self.variables if kind == "point")
+
+    @property
     def item(self) -> AnyObservation:
         """The observation or group, as the network takes it."""
         if self.covariance is None:

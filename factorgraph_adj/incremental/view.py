@@ -22,7 +22,7 @@ from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
 from ..solve.plan import make_plan
 from ..solve.selected_inverse import SelectedInverse
-from ..solve.tree import SMALL, Clique, SingularError, cliques_of
+from ..solve.tree import SMALL, Clique, SingularError, cliques_of, nested_dissection
 from ..solve.triangular import upper_solve
 from ..types import Array, Index
 
@@ -110,9 +110,8 @@ def cliques_anew(tree: LinearTree, columns: dict[int, Index]) -> list[Clique]:
     """Return the cliques of the same factors, eliminated once more."""
     isam = tree.isam
     graph = isam.getFactorsUnsafe().linearize(isam.getLinearizationPoint())
-    # METIS crashes on graphs of a handful of variables.
     ordering = (
-        gtsam.Ordering.MetisGaussianFactorGraph(graph)
+        nested_dissection(graph)
         if len(columns) > SMALL
         else gtsam.Ordering.ColamdGaussianFactorGraph(graph)
     )

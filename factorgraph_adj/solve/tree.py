@@ -232,7 +232,7 @@ class TreeFactors:
         whole = (
             gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(graph, last)
             if last
-            else gtsam.Ordering.MetisGaussianFactorGraph(graph)
+            else nested_dissection(graph)
             if len(first) > SMALL
             else gtsam.Ordering.ColamdGaussianFactorGraph(graph)
         )
@@ -290,3 +290,22 @@ def cliques_of(tree: gtsam.GaussianBayesTree, columns: Mapping[int, Index]) -> l
 
 SMALL = 300
 """Variables up to which COLAMD's fill is as good as nested dissection's."""
+
+
+def nested_dissection(graph: gtsam.GaussianFactorGraph) -> gtsam.Ordering:
+    """Return the order of METIS; variables without neighbours come first.
+
+    METIS writes where it must not as soon as a graph has such variables beside others.
+    """
+    joined = gtsam.GaussianFactorGraph()
+    for i in range(graph.size()):
+        factor = graph.at(i)
+        if factor is not None and factor.size() > 1:
+            joined.add(factor)
+    inner = gtsam.Ordering.MetisGaussianFactorGraph(joined) if joined.size() else gtsam.Ordering()
+    dissected = [inner.at(i) for i in range(inner.size())]
+    inside = set(dissected)
+    out = gtsam.Ordering()
+    for key in (*(k for k in graph.keyVector() if k not in inside), *dissected):
+        out.push_back(key)
+    return out

@@ -35,6 +35,8 @@ DASHES = ("-", "--", ":", "-.")
 """One after the other where there are more points than colours."""
 MOST_NAMES = 40
 """Arrivals up to which each of them is named."""
+LINE = 120
+"""Letters in a line below the axes."""
 APART = 0.045
 """Distance of names at the ends of the curves, as a part of the height of the axes."""
 
@@ -84,6 +86,7 @@ def plot_growth(
     figure = new_figure(max(7.5, min(12.0, 2.5 + 0.35 * n)), 5.0)
     axes = figure.add_subplot()
     axes.set_yscale("log")
+    axes.margins(y=0.1)  # room for the numbers of gross errors
     edges = np.arange(n + 1) + 0.5
     for i, (name, values) in enumerate(curves.items()):
         colour = COLOURS[i % len(COLOURS)]
@@ -127,22 +130,27 @@ def _names(axes: Axes, arrivals: Sequence[str]) -> None:
 
 
 def _events(axes: Axes, events: Mapping[int, str]) -> None:
-    """Mark gross errors at the upper edge."""
-    for at, what in events.items():
+    """Number gross errors at the upper edge, and say below the axes what they are."""
+    from textwrap import fill
+
+    if not events:
+        return
+    order = sorted(events)
+    for number, at in enumerate(order, start=1):
         axes.axvline(at + 1, color=VERMILLION, lw=0.8, ls=":", zorder=0.5)
         axes.annotate(
-            what,
+            f"{number}",
             (at + 1, 1.0),
             xycoords=axes.get_xaxis_transform(),
             xytext=(0, -2),
             textcoords="offset points",
             color=VERMILLION,
-            fontsize=8.0,
-            rotation=90,
             ha="center",
             va="top",
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.9},
+            bbox={"boxstyle": "circle,pad=0.15", "facecolor": "white", "edgecolor": VERMILLION},
         )
+    listed = "; ".join(f"{number} {events[at]}" for number, at in enumerate(order, start=1))
+    axes.set_xlabel(fill(f"gross errors caught: {listed}", LINE), color=VERMILLION, loc="left")
 
 
 def _ends(axes: Axes, curves: Mapping[str, Array], right: float) -> None:
