@@ -65,6 +65,7 @@ class Absorbing:
     _journal: Journal | None
     _solution: Solution | None
     _weak: dict[str, int]
+    _counted: bool
 
     def _take_over(self, network: Network) -> None:
         self._book.network = self._engine.network = network
@@ -156,6 +157,7 @@ class Absorbing:
                 engine.take_back(trial)
             raise
         # From here on it counts.
+        self._counted = True
         self._solution = None
         book.lacks.update(lacks)
         for unit in decision.stay:
@@ -165,8 +167,12 @@ class Absorbing:
         gone = [u for u in ready if u not in decision.stay]
         if trial is not None:
             kept = engine.kept
-            engine.keep(trial, gone)
-            engine.keep_the_promise()
+            try:
+                engine.keep(trial, gone)
+                engine.keep_the_promise()
+            except BaseException:
+                engine.rebuild()
+                raise
             if kept and not engine.kept and decision.stay and policy != "accept":
                 return self._leave_out_again(decision.stay, arrival, policy)
         return arrival
@@ -216,11 +222,11 @@ class Absorbing:
         arrival = _arrival(units, told)
         self._leave_out(decision, arrival, policy)
         book.wait(late)
-        # What was left alone as too weak may have become ready beside it.
-        awake = book.ready(self._engine.register, self._weak)
+        # What was left alone may have become ready beside it.
+        awake = book.ready(self._engine.register, (v for u in entering for v in u.unknowns))
         if awake:
             for unit in awake:
-                del self._weak[unit.ids[0]]
+                self._weak.pop(unit.ids[0], None)
             arrival = joined(arrival, self._absorb(awake, test=policy != "accept"))
         return arrival
 
@@ -386,7 +392,7 @@ class Absorbing:
             # What remains of groups that wait or are suspect is as if it arrived now.
             found = self._absorb(left_over, test=True) if left_over else Arrival()
             return tuple(v.id for v in found.verdicts if v.verdict == "waiting")
-        left_over += [rest for u in units if (rest := _rest(u, gone)) is not None]
+        left_over += [rest for u in units if (rest := _rest(book, u, gone)) is not None]
         loosened = what_loosens(engine, units, weights, book.unit_or_none)
         if loosened is None or (loosened.variables and engine.datum == "free"):
             return self._anew(units, left_over)
@@ -478,8 +484,8 @@ def _was_known(before: Engine, now: Engine, variable: tuple[VariableKind, int]) 
     return before.register.known(kind, now.register[kind].names[number])
 
 
-def _rest(unit: Unit, gone: set[str]) -> Unit | None:
-    return None if unit.covariance is None else unit.without(gone)
+def _rest(book: Book, unit: Unit, gone: set[str]) -> Unit | None:
+    return None if unit.covariance is None else unit.without(book.network, gone)
 
 
 def joined(a: Arrival, b: Arrival) -> Arrival:

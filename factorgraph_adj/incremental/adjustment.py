@@ -112,7 +112,8 @@ class IncrementalAdjustment(Absorbing):
         """What `resume` found torn at the end of its journal; empty if nothing."""
         self._journal: Journal | None = None
         self._solution: Solution | None = None
-        self._weak: dict[str, int] = {}
+        self._weak = {}
+        self._counted = False
         chosen = network.datum if datum is None else datum
         self._book = Book(network.copy())
         self._book.network.datum = chosen
@@ -154,7 +155,8 @@ class IncrementalAdjustment(Absorbing):
             _check_options(options["policy"], options["alpha"], options["accuracy"], None)
             out = cls.__new__(cls)
             out.policy, out.alpha = options["policy"], options["alpha"]
-            out.resumed, out._solution, out._journal, out._weak = torn, None, None, {}
+            out.resumed, out._solution, out._journal = torn, None, None
+            out._weak, out._counted = {}, False
             out._book = Book(network)
             network.datum = options["datum"]
             out._engine = Engine(network, datum=options["datum"], accuracy=options["accuracy"])
@@ -211,10 +213,11 @@ class IncrementalAdjustment(Absorbing):
             return found
         before = self._book.network
         self._take_over(draft)
+        self._counted = False
         try:
             return self._absorb(units, test=True, entry=entry)
         except BaseException:
-            if draft is not before:
+            if draft is not before and not self._counted:
                 self._take_over(before)
             raise
 

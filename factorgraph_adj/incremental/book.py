@@ -213,10 +213,10 @@ class Book:
             out.append([found[k] for k in order])
         return out
 
-    def ready(self, register: Register, keys: Iterable[str]) -> list[Unit]:
-        """Return the units of the pool among ``keys`` that wait for nothing any more."""
-        units = [self.pool[k] for k in keys if k in self.pool]
-        return [u for u in units if not pending(register, u)]
+    def ready(self, register: Register, variables: Iterable[Variable]) -> list[Unit]:
+        """Return the units of the pool that touch variables and wait for nothing any more."""
+        keys = dict.fromkeys(k for v in variables for k in self._waiting_for.get(v, ()))
+        return [u for u in (self.pool[k] for k in keys) if not pending(register, u)]
 
     # -- where it goes ------------------------------------------------------------------------
 
@@ -413,7 +413,7 @@ class Book:
         for ident in sorted(ids):
             unit = self.pull(ident)
             if unit is not None and unit.covariance is not None:
-                rest = unit.without(ids)
+                rest = unit.without(self.network, ids)
                 if rest is not None:
                     left.append(rest)
         return left

@@ -131,6 +131,7 @@ class Engine(Graph):
             factors, owners = self.store.factors(piece)
             self._update(factors, owners, gtsam.Values(), remove)
             if self.tree.slots > 2 * self.store.n_scalars + SPARE:
+                self.store.compact()
                 self.rebuild()
         return False
 

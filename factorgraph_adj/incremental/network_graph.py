@@ -49,6 +49,10 @@ LATE: dict[VariableKind, int] = {"pose": 1, "calibration": 2, "refraction": 2, "
 """Variables of very many observations are eliminated last."""
 
 
+class _Imprecise(Exception):
+    """The factorised system is not precise enough for what arrives."""
+
+
 @dataclass
 class Held:
     """A component that carries the minimal datum of a free network."""
@@ -111,6 +115,7 @@ class Graph:
         parts = (self.register, self.store, self.held, self.priors)
         own = deepcopy(parts)
         out.register, out.store, out.held, out.priors = own
+        out.register.renew()
         out.tree = self.tree.copy()
         return out
 
@@ -206,7 +211,6 @@ class Graph:
     def rebuild(self) -> None:
         """Build the tree anew from the linear forms, by QR where Cholesky refuses."""
         self.unflushed, self.recent, self.patience = [], None, 0
-        self.store.compact()
         while True:
             tree = LinearTree(qr=self.qr)
             factors, owners = self.store.factors(self.store.everything())
@@ -313,22 +317,41 @@ class Graph:
             given = equations.unknowns.carried(given, there, part.start, where=everything)
         state = local_state(equations, self.register, start)
         equations = equations.weighted_at(state)
+        if recent is None:
+            self.flush()
         marks = self.register.marks(), self.store.marks()
         known = {k: t.known.view.copy() for k, t in self.register.tables.items()}
-        n_keys = len(self.register.keys)
         try:
-            numbers = self.register.absorb(equations, state, given)
-            piece = self.store.absorb(equations, numbers)
-            self.store.linearise(piece)
-        except InputError:
+            try:
+                return self._put_in(units, equations, state, given, recent, marks)
+            except _Imprecise:
+                self._forget(marks, known)
+                self.flush()
+                return self._put_in(units, equations, state, given, None, marks)
+        except BaseException as error:
             self._forget(marks, known)
+            self.rebuild()
+            if isinstance(error, SingularError | RuntimeError | np.linalg.LinAlgError):
+                raise InputError([Problem(SINGULAR, o.label()) for o in _some(units)]) from None
             raise
+
+    def _put_in(
+        self,
+        units: Sequence[Unit],
+        equations: Equations,
+        state: State,
+        given: State,
+        recent: Recent | None,
+        marks: Marks,
+    ) -> Trial:
+        n_keys = len(self.register.keys)
+        numbers = self.register.absorb(equations, state, given)
+        piece = self.store.absorb(equations, numbers)
+        self.store.linearise(piece)
         self._remember()
         fresh = self.register.keys[n_keys:]
         if recent is not None and not fresh:
-            trial = self._beside(recent, units, piece, marks)
-            if trial is not None:
-                return trial
+            return self._beside(recent, units, piece, marks)
         self.recent = None
         if fresh:
             self.patience = min(self.patience, 0)
@@ -341,20 +364,10 @@ class Graph:
                 raise SingularError("δ is not finite")
             self.register.move_to(delta)
         except (SingularError, RuntimeError):
-            try:
-                self.rebuild()  # by QR
-            except (SingularError, RuntimeError):
-                self._forget(marks, known)
-                self.rebuild()
-                raise InputError([Problem(SINGULAR, o.label()) for o in _some(units)]) from None
+            self.rebuild()  # by QR
         self._note_priors(piece)
         entered = [self.register.variable(k) for k in fresh]
-        try:
-            return self._trial(units, piece, marks, entered, arrived=True)
-        except (RuntimeError, np.linalg.LinAlgError):
-            self._forget(marks, known)
-            self.rebuild()
-            raise InputError([Problem(SINGULAR, o.label()) for o in _some(units)]) from None
+        return self._trial(units, piece, marks, entered, arrived=True)
 
     def _remember(self) -> None:
         self._before = {k: v.copy() for k, v in self.register.state.items()}
@@ -425,20 +438,15 @@ class Graph:
         rows = rows_of(units, system) if units else system.rows
         return Trial(tuple(units), piece, marks, entered, rows, system, spread, variances, judged)
 
-    def _beside(
-        self, recent: Recent, units: Sequence[Unit], piece: Piece, marks: Marks
-    ) -> Trial | None:
-        """Return rows between known variables as a trial beside the tree.
-
-        None where the factorised system is not precise enough.
-        """
+    def _beside(self, recent: Recent, units: Sequence[Unit], piece: Piece, marks: Marks) -> Trial:
+        """Return rows between known variables as a trial beside the tree."""
         system = gather(self.store, piece)
         b = np.zeros((self.register.n_places, len(system.v)))
         b[system.places] = system.a.T
         y = recent.times(b)
         if not recent.precise or not np.isfinite(y).all():
             self.recent, self.patience = None, -IMPRECISE
-            return None
+            raise _Imprecise
         own = y[system.places]
         d = np.eye(len(system.v)) + system.a @ own
         m = np.linalg.inv(d)
@@ -544,6 +552,7 @@ class Graph:
         slots = self.store.drop(ids)
         self.register.leave(leaving)
         self._update([], [], gtsam.Values(), slots)
+        self.store.compact()
 
     # -- the whole network --------------------------------------------------------------------
 

@@ -197,7 +197,8 @@ def replay(line: Mapping[str, Any], book: Book) -> None:
                 book.wait([unit])
             else:
                 verdicts = tuple(
-                    _verdict(unit, i, name, told.get(ident, {})) for i in range(len(unit.ids))
+                    _verdict(unit, i, name, told.get(member, {}))
+                    for i, member in enumerate(unit.ids)
                 )
                 if name == "suspect":
                     book.suspect(unit, verdicts)

@@ -89,9 +89,10 @@ class Register:
         """Keys in the graph, in the order of their places."""
         self.n_places = 0
         self.state: State = {}
-        self._renew()
+        self.renew()
 
-    def _renew(self) -> None:
+    def renew(self) -> None:
+        """Take the state from the tables."""
         self.state = {kind: t.value.view for kind, t in self.tables.items()}
 
     def __getitem__(self, kind: VariableKind) -> Table:
@@ -146,7 +147,7 @@ class Register:
             if fresh:
                 self._append(table, theirs, fresh, state[kind], given[kind])
             out[kind] = numbers
-        self._renew()
+        self.renew()
         return out
 
     def _append(
@@ -251,7 +252,7 @@ class Register:
                 column.truncate(marks[kind])
         if gone:
             self.leave([(kind, i) for kind, i in gone if i < self.tables[kind].n])
-        self._renew()
+        self.renew()
 
     # -- values -------------------------------------------------------------------------------
 

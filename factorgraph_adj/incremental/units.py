@@ -53,7 +53,7 @@ class Unit:
             return self.observations[0]
         return Correlated(self.observations, self.covariance)
 
-    def without(self, gone: set[str]) -> Unit | None:
+    def without(self, network: Network, gone: set[str]) -> Unit | None:
         """Return what remains of a group; none where nothing does."""
         stays = [i not in gone for i in self.ids]
         if not any(stays):
@@ -61,14 +61,8 @@ class Unit:
         assert self.covariance is not None
         sizes = [n_scalars(o) for o in self.observations]
         rows = np.flatnonzero(np.repeat(stays, sizes))
-        left = tuple(o for o, s in zip(self.observations, stays, strict=True) if s)
-        return Unit(
-            tuple(i for i, s in zip(self.ids, stays, strict=True) if s),
-            left,
-            self.covariance[np.ix_(rows, rows)],
-            self.variables,
-            self.unknowns,
-        )
+        left = [o for o, s in zip(self.observations, stays, strict=True) if s]
+        return unit_of(network, left, self.covariance[np.ix_(rows, rows)])
 
 
 def identity(o: Observation) -> str | None:
