@@ -79,7 +79,6 @@ def _survey() -> Iterator[Step]:
         if found:
             yield _add(found[0])
     yield _add("v1P1-a")  # a correlated pair
-    measured, _ = site()
     new = [Point("P4", UNKNOWN), Point("S3", UNKNOWN)]
     yield _add("dS1-P4-a", "rS1-P4-a", points=new)
     yield _add("zS1-P4-a")
@@ -103,7 +102,7 @@ def _decisions() -> Iterator[Step]:
     yield lambda inc: inc.remove("v2P1-a")  # the rest of the pair stays
     yield _add("v1P5-a", points=[Point("P5", UNKNOWN)])  # a pair determines a point
     yield lambda inc: inc.remove(["dS1-P4-a", "rS1-P4-a"])
-    yield lambda inc: inc.remove([i for i in _of(inc, "P4")][:2])  # it waits again
+    yield lambda inc: inc.remove(_of(inc, "P4")[:2])  # it waits again
     yield _add("dS1-P4-a", "rS1-P4-a")
     yield lambda inc: inc.add(_wrong("zS2-P3-b", 0.02))
     yield lambda inc: inc.accept("zS2-P3-b")
@@ -129,13 +128,13 @@ def _loose() -> Correlated:
 def _photos() -> Iterator[Step]:
     """A camera, photos with and without orientation, their rays."""
     measured, by_id = site()
+    there = ("S1", "S2", "S3", "P0", "P1", "P2")
     yield _add(cameras=list(measured.cameras.values()))
     for name in ("F0", "F1", "F2"):
         photo = measured.photos[name]
         if name != "F0":
             photo = Photo(name, "cam")
-        rays = [i for i in by_id if i.startswith(f"{name}/")]
-        rays = [i for i in rays if i.split("/")[1] in {*CONTROL, "S1", "S2", "S3", "P0", "P1", "P2"}]
+        rays = [f"{name}/{p}" for p in (*CONTROL, *there) if f"{name}/{p}" in by_id]
         yield _add(*rays[:2], photos=[photo])
         yield _add(f"q{name}-a")
         yield _add(*rays[2:5])

@@ -65,7 +65,7 @@ class Absorbing:
     _journal: Journal | None
     _solution: Solution | None
     _weak: dict[str, int]
-    _counted: bool
+    _depth: int
 
     def _take_over(self, network: Network) -> None:
         self._book.network = self._engine.network = network
@@ -150,32 +150,33 @@ class Absorbing:
             decision, told = self._judge(trial, policy, {u.ids[0] for u in ready})
             late = self._late(units, {u.ids[0] for u in ready}, lacks, told)
             arrival = _arrival(units, told)
-            if entry is not None:
-                self._record(entry | records.outcome(book.network, units, arrival.verdicts))
         except BaseException:
             if trial is not None:
                 engine.take_back(trial)
             raise
-        # From here on it counts.
-        self._counted = True
         self._solution = None
-        book.lacks.update(lacks)
         for unit in decision.stay:
             book.enter(unit)
         self._leave_out(decision, arrival, policy)
         book.wait(late)
-        gone = [u for u in ready if u not in decision.stay]
-        if trial is not None:
-            kept = engine.kept
-            try:
-                engine.keep(trial, gone)
+        try:
+            if trial is not None:
+                kept = engine.kept
+                engine.keep(trial, decision.left_out)
                 engine.keep_the_promise()
-            except BaseException:
-                engine.rebuild()
-                raise
-            if kept and not engine.kept and decision.stay and policy != "accept":
-                return self._leave_out_again(decision.stay, arrival, policy)
+                if kept and not engine.kept and decision.stay and policy != "accept":
+                    arrival = self._leave_out_again(decision.stay, arrival, policy)
+            if entry is not None:
+                self._record(entry | records.outcome(book.network, units, arrival.verdicts))
+        except BaseException:
+            self._undo(units)
+            raise
         return arrival
+
+    def _undo(self, units: Sequence[Unit]) -> None:
+        """Take units that arrived out again, wherever they are."""
+        self._engine.rebuild()
+        self._remove([i for u in units for i in u.ids])
 
     def _leave_out_again(self, units: Sequence[Unit], arrival: Arrival, policy: Policy) -> Arrival:
         """Leave out units with which no solution is reached, though their tests passed."""
@@ -187,9 +188,8 @@ class Absorbing:
                 for v in arrival.verdicts
             )
         )
-        with self._all_or_nothing({"do": "add"}):
-            self._remove(ids)
-            self._leave_out(Decision(left_out=list(units)), told, policy)
+        self._remove(ids)
+        self._leave_out(Decision(left_out=list(units)), told, policy)
         return told
 
     def _enter(
@@ -430,19 +430,19 @@ class Absorbing:
         book, engine = self._book, self._engine
         saved, whole, solution = book.copy(), engine.copy(), self._solution
         whole.network = saved.network
-        if entry is not None:
+        outermost = self._depth == 0
+        if outermost:
             book.watch()
+        self._depth += 1
         try:
             yield saved, whole
-            if entry is not None and self._journal is not None:
+            if outermost and entry is not None and self._journal is not None:
                 self._record({**entry, **records.difference(saved, self._book)})
         except BaseException:
             self._book, self._engine, self._solution = saved, whole, solution
             raise
-
-    def _replay(self, entry: Mapping[str, Any]) -> None:
-        """Bring what the journal says into the book; the graph follows in `_restore`."""
-        records.replay(entry, self._book)
+        finally:
+            self._depth -= 1
 
     def _restore(self) -> None:
         """Build the graph of everything that the book holds, at rest."""

@@ -113,7 +113,7 @@ class IncrementalAdjustment(Absorbing):
         self._journal: Journal | None = None
         self._solution: Solution | None = None
         self._weak = {}
-        self._counted = False
+        self._depth = 0
         chosen = network.datum if datum is None else datum
         self._book = Book(network.copy())
         self._book.network.datum = chosen
@@ -156,13 +156,13 @@ class IncrementalAdjustment(Absorbing):
             out = cls.__new__(cls)
             out.policy, out.alpha = options["policy"], options["alpha"]
             out.resumed, out._solution, out._journal = torn, None, None
-            out._weak, out._counted = {}, False
+            out._weak, out._depth = {}, 0
             out._book = Book(network)
             network.datum = options["datum"]
             out._engine = Engine(network, datum=options["datum"], accuracy=options["accuracy"])
             out._begin(None)
-            for entry in entries:
-                out._replay(entry)
+            for line, entry in enumerate(entries, start=2):
+                records.replay(entry, out._book, where=f"{journal}:{line}")
             out._restore()
         except BaseException:
             opened.close()
@@ -198,8 +198,7 @@ class IncrementalAdjustment(Absorbing):
         Raises:
             InputError: everything that is wrong with the input; nothing has changed then.
         """
-        if isinstance(observations, Observation | Correlated):
-            observations = [observations]
+        observations = _listed(observations)
         new = tuple(points), tuple(photos), tuple(cameras)
         draft = self._book.with_entities(*new) if any(new) else self._book.network
         units = self._book.units(draft, list(observations))
@@ -213,11 +212,10 @@ class IncrementalAdjustment(Absorbing):
             return found
         before = self._book.network
         self._take_over(draft)
-        self._counted = False
         try:
             return self._absorb(units, test=True, entry=entry)
         except BaseException:
-            if draft is not before and not self._counted:
+            if draft is not before:
                 self._take_over(before)
             raise
 
@@ -256,6 +254,8 @@ class IncrementalAdjustment(Absorbing):
     def reweight(self, ids: str | Iterable[str], factor: float) -> Arrival:
         """Multiply the weights of observations by a factor: their σ are divided by its root.
 
+        Suspects and rejected observations are tested anew.
+
         Args:
             ids: ids of observations; members of correlated groups reweight the group.
             factor: from 1e-12 to 1e12.
@@ -268,11 +268,15 @@ class IncrementalAdjustment(Absorbing):
             what = f"the factor of weights must be between {1 / MOST_WEIGHT:g} and {MOST_WEIGHT:g}"
             raise InputError(f"{what}, not {factor}")
         with self._all_or_nothing({"do": "reweight"}):
-            units = list(dict.fromkeys(self._book.unit(i) for i in wanted))
-            every = [i for u in units for i in u.ids]
-            self._remove(every)
+            units = list({u.ids[0]: u for u in map(self._book.unit, wanted)}.values())
+            left_out = [self._book.status(u.ids[0]) in ("suspect", "rejected") for u in units]
+            self._remove([i for u in units for i in u.ids])
             scaled = [_scaled(u, 1.0 / np.sqrt(factor)) for u in units]
-            found = self._absorb(scaled, test=False)
+            found = Arrival()
+            for test in (False, True):
+                part = [u for u, out in zip(scaled, left_out, strict=True) if out == test]
+                if part:
+                    found = joined(found, self._absorb(part, test=test))
         return found
 
     def accept(self, ids: str | Iterable[str]) -> Arrival:
@@ -304,8 +308,11 @@ class IncrementalAdjustment(Absorbing):
         Args:
             options: as those of `factorgraph_adj.snoop`.
 
+        What it takes out is then among ``rejected``, with verdicts that have no figures: those are
+        in what is returned.
+
         Raises:
-            DatumError: nothing is in the graph.
+            InputError: nothing is in the graph.
         """
         found = snoop(self.network(), start=self.solution(), **{"alpha": self.alpha, **options})
         ids = [r.id for r in found.rejected]
@@ -533,6 +540,22 @@ def _check_options(policy: str, alpha: float, accuracy: float, datum: str | None
         problems.append(Problem(f"unknown datum {datum!r}; valid: given, free"))
     if problems:
         raise InputError(problems)
+
+
+def _listed(given: object) -> list[AnyObservation]:
+    """Return observations as a list."""
+    if isinstance(given, Observation | Correlated):
+        return [given]
+    several = isinstance(given, Iterable) and not isinstance(given, str)
+    items: list[Any] = list(given) if several else [given]  # type: ignore[call-overload]
+    problems = [
+        Problem("is no observation: see factorgraph_adj.observations", repr(i)[:80])
+        for i in items
+        if not isinstance(i, Observation | Correlated)
+    ]
+    if problems:
+        raise InputError(problems)
+    return items
 
 
 def _parts(units: Sequence[Unit]) -> Iterator[list[Unit]]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -103,23 +103,19 @@ class Book:
         """
         out = self.network.copy()
         problems: list[Problem] = []
-        for camera in cameras:
-            problems += _taken("camera", camera.name, out.cameras)
-            out.cameras.setdefault(camera.name, camera)
-        for point in points:
-            problems += _taken("point", point.name, out.points)
-            out.points.setdefault(point.name, point)
-            out._point_number.setdefault(point.name, len(out._point_number))
-        for photo in photos:
-            problems += _taken("photo", photo.name, out.photos)
-            where = f"photo {photo.name!r}"
-            if photo.camera not in out.cameras:
-                what = f"unknown camera {photo.camera!r}; known: {known(out.cameras)}"
-                problems.append(Problem(what, where))
-            if out.frame.left_handed:
-                problems.append(Problem("photos need a right-handed frame", where))
-            out.photos.setdefault(photo.name, photo)
-            out._photo_number.setdefault(photo.name, len(out._photo_number))
+        adders: tuple[tuple[Callable[[Network, Any], None], Sequence[Any]], ...] = (
+            (_add_camera, cameras),
+            (_add_point, points),
+            (_add_photo, photos),
+        )
+        for add, items in adders:
+            for item in items:
+                try:
+                    add(out, item)
+                except InputError as error:
+                    problems.extend(error.problems)
+                except (AttributeError, TypeError, ValueError) as error:
+                    problems.append(Problem(f"is no such thing: {error}", repr(item)[:80]))
         if problems:
             raise InputError(problems)
         return out
@@ -174,6 +170,11 @@ class Book:
             self._next += 1
         self._next += 1
         return ident
+
+    def note_number(self, ident: str) -> None:
+        """Note an id that was given out, so that it is not given out again."""
+        if ident.isdecimal():
+            self._next = max(self._next, int(ident) + 1)
 
     def joined(
         self, late: Sequence[Unit], register: Register, *, without: Collection[str] = ()
@@ -528,5 +529,43 @@ class Book:
         return "accepted" if ident in self.inside else "gone"
 
 
-def _taken(what: str, name: str, names: Collection[str]) -> list[Problem]:
-    return [Problem(f"duplicate name of a {what}", f"{what} {name!r}")] if name in names else []
+# Entities are checked as those of any network are.
+
+
+def _add_camera(network: Network, camera: Camera) -> None:
+    parts = list(zip(camera.lens.names, camera.fixed, camera.sigma, strict=True))
+    network.add_camera(
+        camera.name,
+        camera.lens,
+        camera.values,
+        free=[n for n, fixed, s in parts if not fixed and np.isinf(s)],
+        sigma={n: s for n, fixed, s in parts if not fixed and np.isfinite(s)},
+        unit=camera.unit,
+        per_photo=camera.per_photo,
+    )
+
+
+def _add_point(network: Network, point: Point) -> None:
+    fixed: Any = point.fixed
+    if not isinstance(fixed, str):
+        fixed = "".join(a for a, held in zip("xyz", fixed, strict=True) if held)
+    network.add_point(
+        point.name,
+        point.coordinates,
+        fixed=fixed,
+        sigma=point.sigma,
+        datum=point.datum,
+        check=point.check,
+    )
+
+
+def _add_photo(network: Network, photo: Photo) -> None:
+    network.add_photo(
+        photo.name,
+        photo.camera,
+        position=photo.position,
+        rotation=photo.rotation,
+        fixed=photo.fixed,
+        sigma_position=photo.sigma_position,
+        sigma_attitude=photo.sigma_attitude,
+    )

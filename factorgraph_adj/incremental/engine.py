@@ -101,7 +101,8 @@ class Engine(Graph):
             self.settled = False
             return True
         for _ in range(MOST_ROUNDS):
-            moved = self.register.moved(self.accuracy)
+            step, bound = self._bounds()
+            moved = self.register.moved(step / SHARE)
             if not moved:
                 return True
             self.settled = False
@@ -109,7 +110,6 @@ class Engine(Graph):
             kinds = [r for r in self.store.kinds.values() if r.n]
             off = [np.where(r.alive.view, r.off.view, 0.0) for r in kinds]
             turned = [np.where(r.alive.view, r.turned.view, 0.0) for r in kinds]
-            step, bound = self._bounds()
             total = sum(float(o.sum()) for o in off)
             turned_poses = self.register.turned_poses(TURNED)
             bent = self._bent(turned, bound)
@@ -169,8 +169,10 @@ class Engine(Graph):
 
     def relinearise_all(self) -> None:
         """Linearise everything at the present state, and build the tree anew."""
-        self.register.recentre()
         everything = self.store.everything()
+        for rows, at in everything.rows:
+            self.store.evaluate(rows, at)  # or nothing has changed
+        self.register.recentre()
         self.store.reweigh(everything, self.network)
         self.store.linearise(everything)
         self.rebuild()

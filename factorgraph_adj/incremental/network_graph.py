@@ -418,6 +418,7 @@ class Graph:
         self._forget_variables(trial.marks, entered)
         if trial.low_rank is None:
             self._update([], [], gtsam.Values(), slots)
+            self._renew_variances()
 
     def _trial(
         self,
@@ -471,6 +472,11 @@ class Graph:
                 self.factorise()
         return None if self.recent is None or self.recent.full(rows) else self.recent
 
+    def _renew_variances(self) -> None:
+        """Work out all variances: without some rows they are larger."""
+        if self.register.keys:
+            self.register.set_variances(variances_of(self.tree, self.register))
+
     def factorise(self) -> bool:
         """Factorise the system for the next arrivals; return whether that is precise enough."""
         if self.patience < 0:
@@ -481,10 +487,13 @@ class Graph:
             for h in self.held
         ]
         try:
+            every = {k: np.ones(t.n, dtype=bool) for k, t in self.register.tables.items() if t.n}
+            self.store.compare(every, self.network)
+            self.register.start_from_here()
             self.recent = Recent(self.store, held)
             if self.recent.precise:
                 return True
-        except RuntimeError:
+        except (InputError, RuntimeError):
             pass
         self.recent, self.patience = None, -IMPRECISE
         return False
@@ -496,7 +505,6 @@ class Graph:
         if low is None:
             if ids:
                 self.drop(ids, ())
-                self.register.note_variances(trial.system.keys, trial.variances)
             return
         self._remember()
         nothing = np.zeros(0, dtype=np.intp)
@@ -553,6 +561,7 @@ class Graph:
         self.register.leave(leaving)
         self._update([], [], gtsam.Values(), slots)
         self.store.compact()
+        self._renew_variances()
 
     # -- the whole network --------------------------------------------------------------------
 

@@ -118,11 +118,13 @@ class Recent:
                 store.add_gradient(gradient, rows, at, found.gaps)
                 for kind, index in zip(rows.kinds, rows.index, strict=True):
                     np.add.at(self.turned[kind], index.view[at], found.turned)
-        except InputError:
-            self.precise = False
+        except InputError as error:
+            raise RuntimeError(f"the trial state has no answer: {error}") from None
         finally:
             register.move_to(here)
-        self.share = self._shares(register, gradient)
+        self.share = self._shares(register, gradient - store.gradient())
+        self.missed_before = self.bound(store.gradient())
+        self.turned_before = store.turned()
 
     def _shares(self, register: Register, gradient: Array) -> dict[VariableKind, Array]:
         """Return each variable's share of gᵀQg at the trial state."""
@@ -148,7 +150,7 @@ class Recent:
             step: bound of the step that is left, relative to σ.
             turned: bound of √Σρ².
         """
-        left = change = 0.0
+        left, change = 0.0, self.turned_before
         for kind, table in register.tables.items():
             n = len(self.share[kind])
             if not n:
@@ -156,7 +158,7 @@ class Recent:
             far = table.far_from(table.lined)[:n]
             left += float(self.share[kind] @ far**2)
             change += float(self.turned[kind] @ far**2)
-        return left <= step**2 and change <= turned**2
+        return self.missed_before + np.sqrt(left) <= step and change <= turned**2
 
 
 def sparse_rows(store: Store) -> csc_array:

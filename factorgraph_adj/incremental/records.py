@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..entities import Camera, Photo, Point
+from ..errors import InputError, Problem
 from ..io.json_records import (
     camera_fields,
     camera_of,
@@ -160,8 +161,13 @@ def _same_observation(a: Mapping[str, Any], b: Mapping[str, Any]) -> bool:
     )
 
 
-def replay(line: Mapping[str, Any], book: Book) -> None:
-    """Bring a line into the book."""
+def replay(line: Mapping[str, Any], book: Book, *, where: str) -> None:
+    """Bring a line into the book.
+
+    Raises:
+        InputError: it names observations that no line before it has, or something is wrong with
+            what it defines.
+    """
     cameras = [camera_of(c) for c in line.get("cameras", ())]
     points = [point_of(p, frame=book.network.frame) for p in line.get("points", ())]
     photos = [photo_of(f, frame=book.network.frame) for f in line.get("photos", ())]
@@ -177,6 +183,7 @@ def replay(line: Mapping[str, Any], book: Book) -> None:
     moved: dict[str, Unit] = {}
     for name in OUTCOMES:
         for ident in line.get(name, ()):
+            book.note_number(ident)
             found = book.pull(ident)
             if found is None and ident not in moved and book.in_graph(ident):
                 found = book.unit(ident)
@@ -189,7 +196,11 @@ def replay(line: Mapping[str, Any], book: Book) -> None:
         for ident in told:
             if ident in done:
                 continue
-            unit = units.get(ident) or moved[ident]
+            known = units.get(ident) or moved.get(ident)
+            if known is None:
+                what = f"observation {ident!r} is not known here: a line before is missing"
+                raise InputError(Problem(what, where))
+            unit = known
             done.update(unit.ids)
             if name == "accepted":
                 book.enter(unit)

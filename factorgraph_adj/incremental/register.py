@@ -397,12 +397,11 @@ class Register:
             table.checked.view[mask] = table.delta.view[mask]
             table.radius.view[mask] = table.far_from(table.lined)[mask]
 
-    def linearised(self, kind: VariableKind, numbers: Index) -> None:
-        """Note that observations of variables were linearised here."""
-        table = self.tables[kind]
-        for column in (table.checked, table.lined):
-            column.view[numbers] = table.delta.view[numbers]
-        table.radius.view[numbers] = 0.0
+    def start_from_here(self) -> None:
+        """Count distances from where the variables are now."""
+        for table in self.tables.values():
+            for column in (table.checked, table.lined):
+                column.view[:] = table.delta.view
 
 
 _KIND_OF: dict[int, VariableKind] = {KeyMap.of(kind, 0) >> 56: kind for kind in ORDER}

@@ -242,7 +242,12 @@ class Store:
             for i, ident in zip(at.tolist(), block.ids, strict=True):
                 self.places.setdefault(ident, []).append((rows, i))
         for number, cluster in zip(piece.groups, equations.clusters, strict=True):
-            self._fill(self.groups[number], cluster.rows, equations, piece)
+            whole = self.groups[number]
+            self._fill(whole, cluster.rows, equations, piece)
+            # With all others of its group given: what correlated weights are at least worth.
+            alone = 1.0 / np.linalg.norm(whole.whitener, axis=0)
+            for (rows, at), order in zip(whole.members, whole.order, strict=True):
+                rows.sigma.view[at] = alone[order]
         return piece
 
     def _rows_like(self, block: Block, equations: Equations) -> Rows:
@@ -422,8 +427,6 @@ class Store:
             for gap in rows.gap:
                 gap.view[at] = 0.0
             self._add_weight(rows, at, 1.0)
-            for kind, index in zip(rows.kinds, rows.index, strict=True):
-                self.register.linearised(kind, index.view[at])
 
     def _add_weight(self, rows: Rows, at: Index, sign: float) -> None:
         scale: Array | float = 1.0
@@ -494,6 +497,11 @@ class Store:
             turned += np.einsum("ndk,nk->n", change**2, variance)
             gaps.append(np.einsum("ndk,nd->nk", a, missed) + np.einsum("ndk,nd->nk", change, v))
         return Misfit(np.sum(missed**2, axis=1), np.sum(v**2, axis=1), turned, gaps)
+
+    def turned(self) -> float:
+        """Return Σρ²."""
+        each = (r.turned.view[r.alive.view] for r in self.kinds.values())
+        return sum(float(t @ t) for t in each)
 
     def gradient(self) -> Array:
         """Return g = Σ (AᵀΔv + ΔAᵀv), (n_places,): the step that is left is −Q g."""

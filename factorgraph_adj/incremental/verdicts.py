@@ -49,7 +49,10 @@ class Gain:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What became of an observation, and why; arrays over its k scalar components."""
+    """What became of an observation, and why; arrays over its k scalar components.
+
+    Figures are none where nothing was tested: while it waits, and after `snoop`.
+    """
 
     id: str
     """Its id."""

@@ -90,11 +90,13 @@ class SelectedInverse:
     def joint(self, columns: Index) -> Array:
         """Return the joint covariances (n, k, k) of sets of columns (n, k).
 
-        The columns of a set belong to variables of one observation; −1 gives zeros.
+        The columns of a set belong to variables of one observation; −1 and held ones give zeros.
         """
         out = np.zeros((*columns.shape, columns.shape[1]))
-        known = columns >= 0
-        safe = np.where(known, columns, 0)
+        safe = np.maximum(columns, 0)
+        # Held components have no place anywhere.
+        free = (self._clique[safe] >= 0) | (self._in_border[safe] >= 0)
+        known = (columns >= 0) & free
         # Parents come first: the clique of the first variable that is eliminated is the last.
         clique = np.where(known, self._clique[safe], -1).max(axis=1, initial=-1)
         inside = np.flatnonzero(clique >= 0)

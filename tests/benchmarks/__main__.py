@@ -6,6 +6,7 @@ growth    simulated aerial blocks of 10 000 to 1 000 000 image points
 grids     simulated terrestrial networks of 100 to 10 000 points
 latency   one arriving observation in such networks, and in photos over them, against the batch
           and naive iSAM2 (half an hour: iSAM2 takes minutes to load 10 000 points)
+equality  every test network arriving one by one in four orders, with removals, against the batch
 
 Quality: reliability of every observation (with e1, e2, e12) and the covariance of every point;
 for pycolmap the covariances of points, poses and cameras.
@@ -171,6 +172,30 @@ def latency(cores: set[int]) -> None:
             )
 
 
+def equality(cores: set[int]) -> None:
+    """Print one line for each network in each order: largest differences from the batch."""
+    from .equality import Equality, networks  # needs pytest and all the test networks
+
+    print(
+        f"  {'':40}{'order':>6}{'moments':>8}"
+        f"{'x/σ':>9}{'σ':>9}{'r':>9}{'settled':>10}{'σ':>9}{'r':>9}{'of 1':>8}"
+        f"{'no batch':>9}{'wait':>5}{'s':>7}"
+    )
+    for name, orders in networks():
+        for order in orders:
+            found = launch(cores, "equality", name, "file" if order is None else str(order))
+            if found is None:
+                continue
+            m = Equality(**found)
+            cells = "".join(f"{x:9.0e}" for x in m.arriving)
+            settled = f"{m.settled[0]:10.0e}" + "".join(f"{x:9.0e}" for x in m.settled[1:])
+            print(
+                f"  {name:40}{'file' if order is None else order:>6}{m.moments:8d}{cells}"
+                f"{settled}{m.promise:8.2f}{m.without:9d}{m.waiting:5d}{m.seconds:7.1f}",
+                flush=True,
+            )
+
+
 def main() -> None:
     """Run what the command line asks for."""
     benchmarks: dict[str, Callable[[set[int], int], None]] = {
@@ -179,6 +204,7 @@ def main() -> None:
         "growth": lambda cores, _: table(cores, "aerial", GROWTH, "image points"),
         "grids": lambda cores, _: table(cores, "grid", GRIDS, "points"),
         "latency": lambda cores, _: latency(cores),
+        "equality": lambda cores, _: equality(cores),
     }
     parser = argparse.ArgumentParser(
         prog="python -m tests.benchmarks",
