@@ -103,15 +103,16 @@ class Engine(Graph):
         for _ in range(MOST_ROUNDS):
             step, bound = self._bounds()
             moved = self.register.moved(step / SHARE)
-            if not moved:
-                return True
-            self.settled = False
-            self.store.compare(moved, self.network)
+            if moved:
+                self.settled = False
+                self.store.compare(moved, self.network)
             kinds = [r for r in self.store.kinds.values() if r.n]
             off = [np.where(r.alive.view, r.off.view, 0.0) for r in kinds]
             turned = [np.where(r.alive.view, r.turned.view, 0.0) for r in kinds]
             total = sum(float(o.sum()) for o in off)
             turned_poses = self.register.turned_poses(TURNED)
+            if total == 0.0 and not len(turned_poses):
+                return True
             bent = self._bent(turned, bound)
             far = self._left(step) > step
             if not bent and not far and not len(turned_poses):

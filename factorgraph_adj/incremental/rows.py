@@ -467,8 +467,12 @@ class Store:
         found = self.misfit(rows, at)
         turned = found.turned
         if rows.varies:
+            # Weights that change turn partials and residuals alike: −2 c Aᵀv.
             change = self._sigma_now(rows, at, network) / rows.sigma.view[at] - 1.0
             turned = turned + np.sum(change**2, axis=1)
+            v = -2.0 * change * self.linear(rows, at)
+            for a, gap in zip(rows.a, found.gaps, strict=True):
+                gap += np.einsum("ndk,nd->nk", a.view[at], v)
         rows.turned.view[at] = np.sqrt(turned)
         rows.off.view[at] = found.missed + turned * found.square
         for mine, gap in zip(rows.gap, found.gaps, strict=True):

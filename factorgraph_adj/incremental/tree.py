@@ -19,6 +19,8 @@ from ..types import Array, Index
 
 NEVER = 10**9
 """Updates between two relinearisations by iSAM2."""
+MOST_BY_QR = 20
+"""Keys up to which QR of the root gives their joint covariance sooner than the tree's method."""
 
 
 class LinearTree:
@@ -96,7 +98,7 @@ class LinearTree:
         """
         if not keys:
             return np.zeros((0, 0))
-        if not arrived:
+        if not arrived or len(keys) > MOST_BY_QR:
             return np.array(self.isam.jointMarginalCovariance(list(keys)).fullMatrix())
         net = self.isam.jointBayesNet(list(keys), gtsam.EliminateQR)
         r = np.asfortranarray(net.matrix()[0])

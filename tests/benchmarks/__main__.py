@@ -4,6 +4,7 @@ roma      Roma against pycolmap (extra ``bench``), alternating, and our memory
 ladybug   Ladybug 49 of Bundle Adjustment in the Large against pycolmap
 growth    simulated aerial blocks of 10 000 to 1 000 000 image points
 grids     simulated terrestrial networks of 100 to 10 000 points
+soak      20 000 arrivals and removals, nonsense among them, on an incremental adjustment
 latency   one arriving observation in such networks, and in photos over them, against the batch
           and naive iSAM2 (half an hour: iSAM2 takes minutes to load 10 000 points)
 equality  every test network arriving one by one in four orders, with removals, against the batch
@@ -37,6 +38,7 @@ ROOT = Path(__file__).resolve().parents[2]
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 GROWTH = (10_000, 30_000, 100_000, 300_000, 1_000_000)
 GRIDS = (100, 1_024, 10_000)
+EVENTS = 20_000
 LONGEST = 1800
 """Seconds after which a run is given up."""
 
@@ -196,6 +198,13 @@ def equality(cores: set[int]) -> None:
             )
 
 
+def soak(cores: set[int]) -> None:
+    """Let observations come and go, see ``tests/soak.py``."""
+    command = [sys.executable, str(ROOT / "tests" / "soak.py"), str(EVENTS)]
+    env = os.environ | dict.fromkeys(THREADS, "1")
+    subprocess.run(command, env=env, check=True, preexec_fn=lambda: os.sched_setaffinity(0, cores))
+
+
 def main() -> None:
     """Run what the command line asks for."""
     benchmarks: dict[str, Callable[[set[int], int], None]] = {
@@ -203,6 +212,7 @@ def main() -> None:
         "ladybug": lambda cores, rounds: against_colmap(cores, rounds, "ladybug", LADYBUG),
         "growth": lambda cores, _: table(cores, "aerial", GROWTH, "image points"),
         "grids": lambda cores, _: table(cores, "grid", GRIDS, "points"),
+        "soak": lambda cores, _: soak(cores),
         "latency": lambda cores, _: latency(cores),
         "equality": lambda cores, _: equality(cores),
     }

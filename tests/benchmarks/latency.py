@@ -126,8 +126,12 @@ def measure(case: Case, points: int) -> Latency:
     begin = perf_counter()
     inc = IncrementalAdjustment(rest, start=solution)
     out.loaded = perf_counter() - begin
-    naive = Naive(whole, solution, {_id(o) for o in arriving})
-    out.naive_loaded = naive.loaded
+    naive: Naive | None = None
+    try:
+        naive = Naive(whole, solution, {_id(o) for o in arriving})
+        out.naive_loaded = naive.loaded
+    except RuntimeError as error:
+        out.naive_failed = _first_line(error)
     samples = SAMPLES if points <= MANY else FEW
     turns = {
         way: set(np.linspace(1, len(arriving) - 1, n).astype(int)) for way, n in samples.items()
@@ -152,12 +156,12 @@ def measure(case: Case, points: int) -> Latency:
             begin = perf_counter()
             adjust(rest)
             clock("scratch", begin)
-        if not out.naive_failed and number < samples["naive"]:
+        if naive is not None and not out.naive_failed and number < samples["naive"]:
             begin = perf_counter()
             try:
                 naive.add(_id(observation))
             except RuntimeError as error:
-                out.naive_failed = str(error).strip().splitlines()[0]
+                out.naive_failed = _first_line(error)
             else:
                 clock("naive", begin)
             if number == samples["naive"] - 1 and not out.naive_failed:
@@ -194,6 +198,10 @@ def whole_rows(solution: Solution, arriving: Sequence[Observation]) -> int:
 
 def _id(o: Observation) -> str:
     return f"{o.photo}/{o.point}" if isinstance(o, ImagePoint) else str(getattr(o, "id"))  # noqa: B009
+
+
+def _first_line(error: RuntimeError) -> str:
+    return " ".join(str(error).split()[:6])
 
 
 def _largest_difference(point: Callable[[str], Array], batch: Solution) -> float:
