@@ -59,8 +59,16 @@ STILL = 1e-3
 """or relative to σ: of networks that are hardly determined."""
 BELIEVED = 0.1
 """Part of the wrong readings put in after all that stay; the others go at once."""
-OTHERS = ("A/twin", "S1/above", "far", "thin", "unused")
-"""Points of the degenerate cases: at the place of A, above S1, seen in one direction only."""
+OTHERS = {
+    "A/twin": CONTROL["A"],
+    "A/above": (0.0, 0.0, 30.0),
+    "S1/above": (10.03, 8.0, 30.0),
+    "far": (1e5, 0.0, 0.0),
+    "thin": UNKNOWN,
+    "unused": UNKNOWN,
+}
+"""Points of the degenerate cases: at the place of A, exactly above it, steeply above S1 (nearer to
+its vertical than some σ there is no answer for the batch either), seen in one direction only."""
 
 
 def _targets() -> dict[str, tuple[float, float, float]]:
@@ -165,9 +173,8 @@ def empty_site(measured: Network) -> Network:
             known = name in STATIONS or int(name[1:]) % 2
             near = tuple(round(x, 1) for x in p.coordinates)
             out.add_point(name, near if known else UNKNOWN)
-    for name in OTHERS:
-        places = {"A/twin": CONTROL["A"], "S1/above": (10.0, 8.0, 30.0), "far": (1e5, 0.0, 0.0)}
-        out.add_point(name, places.get(name, UNKNOWN), fixed="xyz" if name in places else "")
+    for name, at in OTHERS.items():
+        out.add_point(name, at, fixed="" if at is UNKNOWN else "xyz")
     out.cameras = dict(measured.cameras)
     for name, f in measured.photos.items():
         if int(name[1:]) < LATER:
@@ -570,9 +577,12 @@ class Soak:
             lambda: HorizontalAngle("A", "B", "A/twin", value, sigma=1e-5, id=ident),
             lambda: GnssVector("A", "A/twin", (0.0,) * 3, sigma=(0.01,) * 3, id=ident),
             lambda: SlopeDistance(p, "A/twin", 0.0, sigma=0.001, id=ident),
-            # Vertical sights.
+            # Vertical and steep sights.
+            lambda: Direction("A", "A/above", value, sigma=1e-5, id=ident),
+            lambda: ZenithAngle("A", "A/above", 0.0, sigma=1e-5, id=ident),
+            lambda: HorizontalAngle("A", "B", "A/above", value, sigma=1e-5, id=ident),
             lambda: Direction("S1", "S1/above", value, sigma=1e-5, id=ident),
-            lambda: ZenithAngle("S1", "S1/above", 0.0, sigma=1e-5, id=ident),
+            lambda: ZenithAngle("S1", "S1/above", 0.001, sigma=1e-3, id=ident),
             lambda: HorizontalAngle("S1", "A", "S1/above", value, sigma=1e-5, id=ident),
             # Behind the camera, and on its horizon.
             lambda: self._image(f, "far", 3.0),
@@ -695,8 +705,8 @@ def main(events: int, seed: int = 1) -> None:
     soak = Soak(seed)
     begin = perf_counter()
     print(
-        f"  {'events':>8}{'in graph':>10}{'wait':>6}{'x / σ':>10}{'σ':>10}{'settled x':>11}{'σ':>10}"
-        f"{'MB':>7}{'s':>8}"
+        f"  {'events':>8}{'in graph':>10}{'wait':>6}{'x / σ':>10}{'σ':>10}"
+        f"{'settled x':>11}{'σ':>10}{'MB':>7}{'s':>8}"
     )
     for _ in range(events):
         soak.step()

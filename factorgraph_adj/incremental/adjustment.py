@@ -404,7 +404,7 @@ class IncrementalAdjustment(Absorbing):
         check_probabilities(chosen, power)
         if not self._engine.settled and not self._engine.empty:
             self._solution = None
-            self._engine.relinearise_all()
+            self._engine.linearise_here()
         return reliability(self.solution(), alpha=chosen, power=power)
 
     def estimate(self, name: str) -> Array:

@@ -49,6 +49,8 @@ TURNED_SHARE = 0.5
 """Part of the promise that √Σρ² may be, which bounds the error of every standard deviation."""
 CORRELATED = 5.0
 """√(gᵀQg) relative to that of unknowns without correlation, where Q is not at hand."""
+RESIZED = 0.02
+"""Part of the rows by which their number changes until σ̂0 is looked at again."""
 SPARED = 0.4
 """Part of that bound that a single ρ may be."""
 QUIET = 0.01
@@ -138,9 +140,12 @@ class Engine(Graph):
 
     def _bounds(self) -> tuple[float, float]:
         """Return the bounds of the step that is left, and of √Σρ²."""
-        r = self.redundancy
-        sigma0 = np.sqrt(self.store.vtpv() / r) if r > 0 else 1.0
-        return SHARE * self.accuracy / max(1.0, float(sigma0)), TURNED_SHARE * self.accuracy
+        n = self.store.n_scalars
+        if self.sized_at is None or abs(n - self.sized_at[0]) > RESIZED * n:
+            r = self.redundancy
+            self.sized_at = n, float(np.sqrt(self.store.vtpv() / r)) if r > 0 else 1.0
+        sigma0 = self.sized_at[1]
+        return SHARE * self.accuracy / max(1.0, sigma0), TURNED_SHARE * self.accuracy
 
     @staticmethod
     def _bent(turned: list[Array], bound: float) -> bool:
@@ -167,6 +172,13 @@ class Engine(Graph):
                 return guess
         assert self.recent is not None
         return self.recent.bound(gradient)
+
+    def linearise_here(self) -> None:
+        """Linearise everything at the present state, so that nothing is left to do but rounding."""
+        for _ in range(MOST_STEPS):
+            self.relinearise_all()
+            if self._step() < CLOSE:
+                return
 
     def relinearise_all(self) -> None:
         """Linearise everything at the present state, and build the tree anew."""

@@ -102,6 +102,8 @@ class Graph:
         self.held: list[Held] = []
         self.open_motions: OpenMotions | None = None
         """What no observation of a free network notices."""
+        self.sized_at: tuple[int, float] | None = None
+        """Number of rows when σ̂0 was last looked at, and what it was."""
         self._before: State = {}
         """Where the variables were before the last change."""
         self.priors: dict[tuple[VariableKind, int], list[str]] = {}
@@ -211,6 +213,7 @@ class Graph:
     def rebuild(self) -> None:
         """Build the tree anew from the linear forms, by QR where Cholesky refuses."""
         self.unflushed, self.recent, self.patience = [], None, 0
+        self.sized_at = None
         while True:
             tree = LinearTree(qr=self.qr)
             factors, owners = self.store.factors(self.store.everything())

@@ -14,8 +14,9 @@ more than √(gᵀQg) of its own standard deviation. A standard deviation is wro
 from __future__ import annotations
 
 from collections.abc import Iterable
+from copy import copy, deepcopy
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import gtsam
 import numpy as np
@@ -77,6 +78,21 @@ class Rows:
         """AᵀΔv + ΔAᵀv of each variable, (n, k)."""
         self.varies = False
         """Whether standard deviations depend on the geometry."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Rows:
+        """Copy arrays and lists; what they hold, and the template, is never changed."""
+        out = copy(self)
+        memo[id(self)] = out
+        for name, value in vars(self).items():
+            if isinstance(value, Growing):
+                setattr(out, name, deepcopy(value, memo))
+        out.index = [deepcopy(g, memo) for g in self.index]
+        out.a = [deepcopy(g, memo) for g in self.a]
+        out.gap = [deepcopy(g, memo) for g in self.gap]
+        out.constants = {k: deepcopy(g, memo) for k, g in self.constants.items()}
+        out.ids, out.labels = [*self.ids], [*self.labels]
+        out.axes = None if self.axes is None else [*self.axes]
+        return out
 
     @property
     def n(self) -> int:
@@ -209,6 +225,16 @@ class Store:
         self._next_group = 0
         self.places: dict[str, list[Place]] = {}
         """Rows by id of the observation."""
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Store:
+        """Copy the rows, and where they are."""
+        out = copy(self)
+        memo[id(self)] = out
+        out.register = deepcopy(self.register, memo)
+        out.kinds = {k: deepcopy(r, memo) for k, r in self.kinds.items()}
+        out.groups = deepcopy(self.groups, memo)
+        out.places = {i: [(memo[id(r)], n) for r, n in at] for i, at in self.places.items()}
+        return out
 
     # -- coming and going ---------------------------------------------------------------------
 

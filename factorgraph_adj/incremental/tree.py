@@ -95,12 +95,18 @@ class LinearTree:
             keys: the variables.
             arrived: they are those of the last update. They then are in the root, from which QR
                 has their joint conditional at once; elsewhere the tree's own method is quicker.
+
+        Raises:
+            SingularError: a variable is hardly determined.
         """
         if not keys:
             return np.zeros((0, 0))
-        if not arrived or len(keys) > MOST_BY_QR:
-            return np.array(self.isam.jointMarginalCovariance(list(keys)).fullMatrix())
-        net = self.isam.jointBayesNet(list(keys), gtsam.EliminateQR)
+        try:
+            if not arrived or len(keys) > MOST_BY_QR:
+                return np.array(self.isam.jointMarginalCovariance(list(keys)).fullMatrix())
+            net = self.isam.jointBayesNet(list(keys), gtsam.EliminateQR)
+        except RuntimeError as error:
+            raise SingularError(str(error)) from None
         r = np.asfortranarray(net.matrix()[0])
         inverse = upper_solve(r, np.eye(len(r)))
         covariance = np.asarray(inverse @ inverse.T)

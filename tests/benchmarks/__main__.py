@@ -145,7 +145,7 @@ def latency(cores: set[int]) -> None:
     """Print how long one arriving observation takes, and what the others take for it."""
     print(
         f"  {'':12}{'points':>7}{'rows':>8}{'start s':>9}"
-        f"{'arrival':>9}{'95 %':>8}{'max':>8}{'batch, warm':>13}{'from scratch':>18}"
+        f"{'arrival':>9}{'95 %':>8}{'max':>8}{'batch, warm':>18}{'from scratch':>18}"
         f"{'naive iSAM2':>18}  medians, ms; times the arrival's; off the batch"
     )
     for case in ("terrestrial", "mixed"):
@@ -158,14 +158,14 @@ def latency(cores: set[int]) -> None:
             own = sorted(ms["arrival"])
             middle = statistics.median(own)
             cells = ""
-            for way, width in (("warm", 13), ("scratch", 18), ("naive", 18)):
+            for way in ("warm", "scratch", "naive"):
                 text = "–"
                 if ms[way]:
                     median = statistics.median(ms[way])
                     text = f"{median:.0f} (n {len(ms[way])}) {median / middle:.1f}×"
                 elif way == "naive":
                     text = "fails"
-                cells += f"{text:>{max(width, 18)}}"
+                cells += f"{text:>18}"
             print(
                 f"  {m.case:12}{m.points:7d}{m.observations:8d}{m.loaded:9.2f}"
                 f"{middle:9.2f}{own[int(0.95 * len(own))]:8.2f}{own[-1]:8.2f}{cells}"
