@@ -223,7 +223,7 @@ def compare(
             estimates = max(estimates, float(step.max()))
             sigmas = max(sigmas, float(np.abs(deviation[free] / sigma[free] - 1.0).max()))
     redundancy = 0.0
-    if shares:
+    if shares and ours.redundancy > 0:  # else every one of them is 0
         try:
             expected = figures(reliability(theirs))
         except AdjustmentError as error:

@@ -96,6 +96,8 @@ def find(
                 )
             except AdjustmentError as error:
                 return Found((), None, lacks | _all(register, left, str(error)))
+            if not solution.converged and not solution.redundancy:
+                return Found((), None, lacks | _all(register, left, solution.reason))
             if blunders and solution.sigma0 > DISTURBED:
                 solution = _without_blunders(solution, alpha)
             return Found(tuple(left), solution, lacks)

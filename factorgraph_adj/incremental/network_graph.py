@@ -560,11 +560,34 @@ class Graph:
         The caller has made sure that everything else stays determined.
         """
         self._remember()
-        slots = self.store.drop(ids)
-        self.register.leave(leaving)
+        alone = [v for v in self._left_alone(ids) if v not in leaving]
+        weights = [i for v in alone for i in self.priors[v]]
+        slots = self.store.drop([*ids, *weights])
+        self.register.leave([*leaving, *alone])
         self._update([], [], gtsam.Values(), slots)
         self.store.compact()
         self._renew_variances()
+
+    def _left_alone(self, ids: Sequence[str]) -> list[tuple[VariableKind, int]]:
+        """Return weighted variables that nothing but their weights touches without some rows."""
+        places = [place for ident in ids for place in self.store.places.get(ident, ())]
+        touched = {
+            (kind, int(index.view[i]))
+            for rows, i in places
+            for kind, index in zip(rows.kinds, rows.index, strict=True)
+        }
+        out = []
+        for kind, number in touched & self.priors.keys():
+            going = {*ids, *self.priors[kind, number]}
+            if all(
+                rows.ids[i] in going
+                for rows in self.store.kinds.values()
+                for k, index in zip(rows.kinds, rows.index, strict=True)
+                if k == kind
+                for i in np.flatnonzero((index.view == number) & rows.alive.view).tolist()
+            ):
+                out.append((kind, number))
+        return sorted(out)
 
     # -- the whole network --------------------------------------------------------------------
 
