@@ -20,7 +20,7 @@ What the networks taught about the comparison itself:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -65,8 +65,9 @@ def some_photos(network: fga.Network, names: list[str], *, rays: int = 2) -> fga
         rays: how many rays a point needs to stay.
     """
     out = fga.Network(network.name, frame=network.frame, datum=network.datum)
-    out.cameras = dict(network.cameras)
     chosen = set(names)
+    used = {network.photos[n].camera for n in names}
+    out.cameras = {n: c for n, c in network.cameras.items() if n in used}
     images = [o for o in network.image_points() if o.photo in chosen]
     count: dict[str, int] = {}
     for o in images:
@@ -97,8 +98,11 @@ def aicon_sample() -> fga.Network:
 
 
 def roma_sample() -> fga.Network:
-    """Neighbouring photos of one side of the building, and every tenth of their points."""
+    """Neighbouring photos and every tenth of their points, as a free network."""
     network = dbat.read_roma(data_dir("dbat_roma"))
+    network.datum = "free"
+    network.photos = {n: replace(f, fixed=(False,) * 6) for n, f in network.photos.items()}
+    network.points = {n: replace(p, fixed=(False,) * 3) for n, p in network.points.items()}
     return thinned(some_photos(network, list(network.photos)[:8], rays=3), 10)
 
 

@@ -261,7 +261,8 @@ class Book:
                 self.pull(i)
 
     def _leave_out(self, where: Kept, unit: Unit, verdicts: tuple[Verdict, ...]) -> None:
-        self._take_from_rejected(unit)
+        for i in unit.ids:  # it may have waited
+            self.pull(i)
         where[unit.ids[0]] = unit, verdicts
         self._note(unit, True)
         self._place.update(dict.fromkeys(unit.ids, unit.ids[0]))

@@ -17,8 +17,9 @@ from .verdicts import UNCONTROLLED, Gain, Outcome, Policy, Verdict, critical_t2,
 
 MOST_GAINS = 300
 """Units of one arrival up to which it is worked out what each adds to its points."""
-TIED = 1e-6
-"""Eigenvalue of M up to which rows are all that determines something."""
+TIED = 1e-5
+"""Eigenvalue of M up to which rows are all that determines something: without them its standard
+deviation would be more than 300 times as large."""
 NOTHING = 1e-9
 """Eigenvalue of M, and part of σ, that are rounding."""
 MOVES = 1e-3
