@@ -329,6 +329,8 @@ class Soak:
         and be right again as soon as they are taken out.
         """
         inc = self.inc
+        if inc._engine.empty:
+            return Checked(self.n, len(inc), 0.0, 0.0, 0.0, 0.0)
         try:
             reference = batch(inc)
             if not reference.converged:

@@ -31,7 +31,6 @@ from test_gama import FOLDER, solved
 from test_reliability_laws import ADJUSTED
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.bal import read_bal
 
 ORDERS = (None, 1, 2, 3)
 """File order, and the seeds of random ones."""
@@ -47,9 +46,6 @@ class Case:
     moments: int = 5
     orders: tuple[int | None, ...] = ORDERS
     """All that are studied."""
-    tested: tuple[int | None, ...] = (None,)
-    """Those that are tested here."""
-    moments_tested: int = 5
 
     def play(self, order: int | None, moments: int) -> Iterator[Moment]:
         """Let it arrive."""
@@ -106,12 +102,6 @@ def roma_sample() -> fga.Network:
     return thinned(some_photos(network, list(network.photos)[:8], rays=3), 10)
 
 
-def ladybug_sample() -> fga.Network:
-    """Neighbouring photos, and every third of their points."""
-    network = read_bal(data_dir("bal") / "problem-49-7776-pre-shrink-1800.txt")
-    return thinned(some_photos(network, list(network.photos)[:8], rays=3), 3)
-
-
 def thinned(network: fga.Network, every: int) -> fga.Network:
     """Return the network with every so many of its free points."""
     free = [n for n, p in network.points.items() if not any(p.fixed)]
@@ -130,14 +120,13 @@ def gama(name: str) -> Callable[[], fga.Network]:
 
 
 LARGE: dict[str, Case] = {
-    "AICON": Case(ADJUSTED["AICON"], by_photo=True, moments=4, tested=()),
-    "Roma": Case(ADJUSTED["Roma"], by_photo=True, moments=2, orders=(None,), tested=()),
-    "Ladybug, a cut": Case(ADJUSTED["Ladybug, a cut"], by_photo=True, moments=3, tested=()),
+    "AICON": Case(ADJUSTED["AICON"], by_photo=True, moments=4),
+    "Roma": Case(ADJUSTED["Roma"], by_photo=True, moments=2, orders=(None,)),
+    "Ladybug, a cut": Case(ADJUSTED["Ladybug, a cut"], by_photo=True, moments=3),
 }
 SAMPLES: dict[str, Case] = {
-    "AICON, 12 photos": Case(aicon_sample, by_photo=True, moments_tested=2),
-    "Roma, 8 photos": Case(roma_sample, by_photo=True, moments_tested=2),
-    "Ladybug, 8 photos": Case(ladybug_sample, by_photo=True, moments_tested=2),
+    "AICON, 12 photos": Case(aicon_sample, by_photo=True),
+    "Roma, 8 photos": Case(roma_sample, by_photo=True),
 }
 PHOTOS = (
     "sxb",

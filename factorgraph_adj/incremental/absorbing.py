@@ -490,5 +490,6 @@ def _rest(book: Book, unit: Unit, gone: set[str]) -> Unit | None:
 
 def joined(a: Arrival, b: Arrival) -> Arrival:
     """Return both arrivals; what entered in the second is not waiting any more."""
-    later = {v.id for v in b.verdicts}
-    return Arrival((*(v for v in a.verdicts if v.id not in later), *b.verdicts))
+    later = {v.id: v for v in b.verdicts}
+    first = [later.pop(v.id, v) for v in a.verdicts]
+    return Arrival((*first, *later.values()))
