@@ -561,7 +561,7 @@ class Graph:
         """
         self._remember()
         alone = [v for v in self._left_alone(ids) if v not in leaving]
-        weights = [i for v in alone for i in self.priors[v]]
+        weights = [i for v in alone for i in self.priors.get(v, ())]
         slots = self.store.drop([*ids, *weights])
         self.register.leave([*leaving, *alone])
         self._update([], [], gtsam.Values(), slots)
@@ -569,7 +569,7 @@ class Graph:
         self._renew_variances()
 
     def _left_alone(self, ids: Sequence[str]) -> list[tuple[VariableKind, int]]:
-        """Return weighted variables that nothing but their weights touches without some rows."""
+        """Return variables that nothing but their own weights touches without some rows."""
         places = [place for ident in ids for place in self.store.places.get(ident, ())]
         touched = {
             (kind, int(index.view[i]))
@@ -577,8 +577,10 @@ class Graph:
             for kind, index in zip(rows.kinds, rows.index, strict=True)
         }
         out = []
-        for kind, number in touched & self.priors.keys():
-            going = {*ids, *self.priors[kind, number]}
+        for kind, number in touched:
+            if not (self.register[kind].place.view[number] >= 0).any():
+                continue
+            going = {*ids, *self.priors.get((kind, number), ())}
             if all(
                 rows.ids[i] in going
                 for rows in self.store.kinds.values()
