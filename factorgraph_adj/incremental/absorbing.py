@@ -24,6 +24,7 @@ from .entering import find
 from .journal import Journal
 from .judging import Decision, decide, verdicts, waiting
 from .local import known_network
+from .retries import around
 from .taking_out import what_loosens
 from .trial import Trial
 from .units import Unit, Variable, pending
@@ -64,7 +65,8 @@ class Absorbing:
     _engine: Engine
     _journal: Journal | None
     _solution: Solution | None
-    _weak: dict[str, int]
+    _spared: set[str]
+    """Keys of waiting units that the last search left out."""
     _depth: int
 
     def _take_over(self, network: Network) -> None:
@@ -83,8 +85,7 @@ class Absorbing:
         begins = engine.datum == "free" and engine.empty
         if begins:
             ready, late = [], list(units)
-        again = [] if begins else self._weak_ones()
-        found, solutions, lacks = self._find([*late, *again], begins=begins)
+        found, solutions, lacks = self._find([*late, *self._weak_ones()], begins=begins)
         if not found:
             trial = engine.put_in(ready, ()) if ready else None
             if trial is None or not engine.new_to_datum(trial):
@@ -95,12 +96,12 @@ class Absorbing:
             return self._enter(units, ready, found, solutions, lacks, policy, saved)
 
     def _weak_ones(self) -> list[Unit]:
-        """Return what was too weak to enter, where the network has grown by a tenth since."""
-        now = self._engine.redundancy if self._weak else 0
-        due = [k for k, then in self._weak.items() if now > 1.1 * then + 2]
-        for key in due:
-            del self._weak[key]
-        return [self._book.pool[k] for k in due if k in self._book.pool]
+        """Return what was too weak to enter, where much more has arrived since."""
+        pool, retries = self._book.pool, self._book.retries
+        return [pool[k] for k in retries.due(self._arrived())] if retries.weak else []
+
+    def _arrived(self) -> int:
+        return self._engine.store.n_scalars + self._book.n_rows_waiting
 
     def _divided(self, units: Sequence[Unit]) -> tuple[list[Unit], list[Unit]]:
         """Return units whose variables are all known, and the others."""
@@ -119,17 +120,29 @@ class Absorbing:
         found: list[Unit] = []
         solutions: list[Solution] = []
         lacks: dict[Variable, str] = {}
-        asleep = self._weak.keys() - {u.ids[0] for u in late}
-        for component in book.joined(late, register, without=asleep):
+        retries = book.retries
+        self._spared = set()
+        for component in book.joined(late, register, without=retries.weak):
+            looked_at: Sequence[Unit] = component
+            if not retries.worthwhile(component, book.pool):
+                if begins:
+                    continue
+                new = {u.ids[0] for u in late}
+                looked_at = around(register, component, (u for u in component if u.ids[0] in new))
+                self._spared.update(u.ids[0] for u in component)
+                self._spared.difference_update(u.ids[0] for u in looked_at)
             part = find(
                 book.network,
                 register,
-                component,
+                looked_at,
                 datum="free" if begins else "given",
                 blunders=self.policy != "accept",
                 alpha=self.alpha,
             )
             lacks |= part.lacks
+            if looked_at is component:
+                inside = {u.ids[0] for u in part.units}
+                retries.note([u for u in component if u.ids[0] not in inside])
             if part.solution is not None and not (begins and found):
                 found += part.units
                 solutions.append(part.solution)
@@ -222,12 +235,14 @@ class Absorbing:
         arrival = _arrival(units, told)
         self._leave_out(decision, arrival, policy)
         book.wait(late)
-        # What was left alone may have become ready beside it.
-        awake = book.ready(self._engine.register, (v for u in entering for v in u.unknowns))
+        # What was left alone may be determined beside it.
+        known = (v for u in entering for v in u.unknowns)
+        awake = book.awake(self._engine.register, known, self._spared)
         if awake:
             for unit in awake:
-                self._weak.pop(unit.ids[0], None)
-            arrival = joined(arrival, self._absorb(awake, test=policy != "accept"))
+                book.retries.forget(unit.ids[0])
+            beside = self._absorb(awake, test=policy != "accept")
+            arrival = joined(arrival, _entered_beside(beside, given))
         return arrival
 
     def _reach(
@@ -290,11 +305,11 @@ class Absorbing:
         lacks = lacks | dict.fromkeys(late, TOO_WEAK)
         self._engine = before.copy()
         self._engine.network = book.network
-        self._weak.update((u.ids[0], before.redundancy) for u in found)
         book.lacks.update(lacks)
         book.wait(u for u in found if u.ids[0] not in given)
         told: dict[str, list[Verdict]] = {}
         book.wait(self._late(units, {u.ids[0] for u in ready}, lacks, told))
+        book.retries.fail(found, self._arrived())
         if ready:
             for verdict in self._absorb(ready, test=policy != "accept").verdicts:
                 told.setdefault(verdict.id, []).append(verdict)
@@ -420,6 +435,7 @@ class Absorbing:
             engine.clear()
             found = self._absorb([*every, *left_over], test=False)
             return tuple(v.id for v in found.verdicts if v.verdict == "waiting")
+        engine.kept = solution.converged
         engine.load(solution.equations, solution.state, solution.start, solution.constraint)
         self._absorb(left_over, test=False)
         return ()
@@ -486,6 +502,12 @@ def _was_known(before: Engine, now: Engine, variable: tuple[VariableKind, int]) 
 
 def _rest(book: Book, unit: Unit, gone: set[str]) -> Unit | None:
     return None if unit.covariance is None else unit.without(book.network, gone)
+
+
+def _entered_beside(arrival: Arrival, given: set[str]) -> Arrival:
+    """Return the verdicts on what waited and does so no more, and on what was given."""
+    told = (v for v in arrival.verdicts if v.id in given or v.verdict != "waiting")
+    return Arrival(tuple(v if v.id in given else replace(v, entered=True) for v in told))
 
 
 def joined(a: Arrival, b: Arrival) -> Arrival:

@@ -112,7 +112,7 @@ class IncrementalAdjustment(Absorbing):
         """What `resume` found torn at the end of its journal; empty if nothing."""
         self._journal: Journal | None = None
         self._solution: Solution | None = None
-        self._weak = {}
+        self._spared = set()
         self._depth = 0
         chosen = network.datum if datum is None else datum
         self._book = Book(network.copy())
@@ -156,7 +156,7 @@ class IncrementalAdjustment(Absorbing):
             out = cls.__new__(cls)
             out.policy, out.alpha = options["policy"], options["alpha"]
             out.resumed, out._solution, out._journal = torn, None, None
-            out._weak, out._depth = {}, 0
+            out._spared, out._depth = set(), 0
             out._book = Book(network)
             network.datum = options["datum"]
             out._engine = Engine(network, datum=options["datum"], accuracy=options["accuracy"])
@@ -331,14 +331,18 @@ class IncrementalAdjustment(Absorbing):
 
         In a free network the coordinates are then on the inner constraints over all datum points.
         """
-        if self._engine.empty:
+        book = self._book
+        if self._engine.empty and not book.pool:
             return
         with self._all_or_nothing(self._entry("settle")):
             self._solution = None
-            self._engine.settle()
-            if self._weak:
-                self._weak = dict.fromkeys(self._weak, -self.redundancy)
-                if self._absorb([], test=True).verdicts:
+            if not self._engine.empty:
+                self._engine.settle()
+            retries = book.retries
+            if retries.weak or retries.rows:
+                retries.clear()
+                found = self._absorb(list(book.pool.values()), test=True)
+                if any(v.verdict != "waiting" for v in found.verdicts):
                     self._engine.settle()
 
     # -- asking -------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from ..solve.rank import NOUN
 from ..types import Array
 from .local import filtered
 from .register import Register
+from .retries import Retries
 from .units import Unit, Variable, components, identity, named, pending, unit_of
 from .verdicts import Verdict
 
@@ -38,6 +39,8 @@ class Book:
         self.rejected: Kept = {}
         self.lacks: dict[Variable, str] = {}
         """Why variables are not determined."""
+        self.retries = Retries()
+        """When what waits was looked at."""
         self.groups: dict[str, Unit] = {}
         """Correlated groups of the graph, by the id of each member."""
         self._place: dict[str, str] = {}
@@ -77,7 +80,7 @@ class Book:
         out = Book.__new__(Book)
         for name, value in vars(self).items():
             setattr(out, name, value.copy() if isinstance(value, dict | set | list) else value)
-        out.network = self.network.copy()
+        out.network, out.retries = self.network.copy(), self.retries.copy()
         out._waiting_for = {v: dict(u) for v, u in self._waiting_for.items()}
         return out
 
@@ -214,10 +217,23 @@ class Book:
             out.append([found[k] for k in order])
         return out
 
-    def ready(self, register: Register, variables: Iterable[Variable]) -> list[Unit]:
-        """Return the units of the pool that touch variables and wait for nothing any more."""
+    def awake(
+        self, register: Register, variables: Iterable[Variable], spared: Collection[str]
+    ) -> list[Unit]:
+        """Return the units of the pool that touch variables and may enter by now.
+
+        Args:
+            register: what is known.
+            variables: what has become known.
+            spared: keys of units that were not looked at.
+        """
         keys = dict.fromkeys(k for v in variables for k in self._waiting_for.get(v, ()))
-        return [u for u in (self.pool[k] for k in keys) if not pending(register, u)]
+        return [self.pool[k] for k in keys if k in spared or not pending(register, self.pool[k])]
+
+    @property
+    def n_rows_waiting(self) -> int:
+        """Number of scalar rows that wait."""
+        return sum(u.n_scalars for u in self.pool.values())
 
     # -- where it goes ------------------------------------------------------------------------
 
@@ -284,6 +300,7 @@ class Book:
             return None
         unit = self.pool.pop(key, None)
         if unit is not None:
+            self.retries.forget(key)
             for v in unit.variables:
                 self._waiting_for[v].pop(key, None)
                 if not self._waiting_for[v]:

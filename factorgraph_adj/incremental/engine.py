@@ -41,6 +41,10 @@ MOST_ROUNDS = 12
 """Rounds of relinearisation after an arrival."""
 MOST_STEPS = 15
 """Steps of `Engine.settle` before the batch adjustment takes over."""
+ITERATIONS = 100
+"""Of a batch adjustment."""
+FEW_ITERATIONS = 15
+"""Of one where there was no minimum before."""
 SHARE = 0.2
 """Part of the promise that a Gauss-Newton step may be, where σ̂0 is 1 or less. Where residuals are
 large the minimum is further away than such a step, as second partials count too: there it is this
@@ -73,28 +77,32 @@ class Engine(Graph):
 
         Where that has no answer either, `kept` is false, and `doubt` says why.
         """
-        try:
-            self.kept = self._relinearise()
-        except (InputError, SingularError, RuntimeError, np.linalg.LinAlgError):
-            self.kept = False
-        if self.kept:
-            return
+        was = self.kept
+        if was:
+            try:
+                self.kept = self._relinearise()
+            except (InputError, SingularError, RuntimeError, np.linalg.LinAlgError):
+                self.kept = False
+            if self.kept:
+                return
         for kind, values in self._before.items():
             self.register[kind].value.view[:] = values
         equations, state, given = self.whole()
         start = start_at(equations, state, given)
-        for begin in (start, None):
+        # Where there was no minimum before, only less can help, and little effort is made.
+        anew = was or self.fewer
+        self.fewer = False
+        for begin in (start, None) if anew else (start,):
             try:
-                self._adjust(start.network, begin)
+                self._adjust(start.network, begin, FEW_ITERATIONS if not anew else ITERATIONS)
             except AdjustmentError as error:
                 self.doubt = f"no step leads to a minimum: {error}"
             else:
                 if self.kept:
                     return
+        self.kept = False
         with suppress(AdjustmentError, RuntimeError, np.linalg.LinAlgError):
             self.load(equations, state, given, self.constraint(equations))
-        # A step from here leads nowhere: stay, so that it can be undone by what comes.
-        self.register.move_to(np.zeros(self.register.n_places))
 
     def _relinearise(self) -> bool:
         """Linearise anew what no longer holds; return whether the promise is kept."""
@@ -237,7 +245,7 @@ class Engine(Graph):
         equations, state, given = self.whole()
         begun = start_at(equations, state, given)
         try:
-            for step in range(MOST_STEPS):
+            for step in range(MOST_STEPS if self.kept else 0):
                 moved = 0.0
                 if self.held and last < CLOSE:
                     moved, state = onto_datum(equations, state, given)
@@ -281,11 +289,19 @@ class Engine(Graph):
         """Let the batch adjustment find the solution; then hold it."""
         self._adjust(start.network, start)
 
-    def _adjust(self, network: Network, start: Solution | None) -> None:
-        solution = adjust(network, datum=self.datum, start=start, tolerance=AT_REST)
-        self.load(solution.equations, solution.state, solution.start, solution.constraint)
-        self.settled = self.kept = solution.converged
-        self.doubt = solution.reason
+    def _adjust(
+        self, network: Network, start: Solution | None, iterations: int = ITERATIONS
+    ) -> None:
+        solution = adjust(
+            network, datum=self.datum, start=start, tolerance=AT_REST, max_iterations=iterations
+        )
+        was, self.kept = self.kept, solution.converged
+        try:
+            self.load(solution.equations, solution.state, solution.start, solution.constraint)
+        except BaseException:
+            self.kept = was
+            raise
+        self.settled, self.doubt = solution.converged, solution.reason
 
     def to_datum(self) -> None:
         """Move a free network to its inner constraints, charts and all.

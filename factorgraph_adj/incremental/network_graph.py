@@ -83,14 +83,16 @@ class Graph:
         self.network, self.datum, self.accuracy = network, datum, accuracy
         self.qr = False
         self.settled = True
-        self.kept = True
-        """Whether estimates are within ``accuracy`` of the minimum."""
         self.doubt = ""
-        """Why not."""
+        """Why estimates are not within ``accuracy`` of the minimum."""
+        self.fewer = False
+        """Whether something was taken out since a minimum was looked for."""
         self.clear()
 
     def clear(self) -> None:
         """Empty the graph."""
+        self.kept = True
+        """Whether estimates are within ``accuracy`` of the minimum."""
         self.register = Register()
         self.store = Store(self.network.frame, self.register)
         self.tree = LinearTree(qr=self.qr)
@@ -177,6 +179,7 @@ class Graph:
         before = dict(vars(self))
         try:
             self.clear()
+            self.kept = before["kept"]
             numbers = self.register.absorb(equations, state, given)
             piece = self.store.absorb(equations, numbers)
             self.store.linearise(piece)
@@ -224,17 +227,29 @@ class Graph:
                     self.store.number(owners, slots[: len(owners)])
                     for h, slot in zip(self.held, slots[len(owners) :], strict=True):
                         h.slot = slot
-                delta = tree.delta(self.register.keys)
-                if not np.isfinite(delta).all():
-                    raise SingularError("δ is not finite")
+                self._follow(tree)
             except (SingularError, RuntimeError) as error:
                 if self.qr:
                     raise SingularError(str(error)) from None
                 self.qr = True
                 continue
             self.tree = tree
-            self.register.move_to(delta)
             return
+
+    def _follow(self, tree: LinearTree) -> None:
+        """Move to the tree's solution.
+
+        Where no minimum was found the state stays: a step from there leads nowhere, and what
+        comes next may undo what brought it there.
+
+        Raises:
+            SingularError: it has none.
+        """
+        delta = tree.delta(self.register.keys)
+        if not np.isfinite(delta).all():
+            raise SingularError("δ is not finite")
+        if self.kept:
+            self.register.move_to(delta)
 
     def _late(self, factors: Sequence[gtsam.NonlinearFactor]) -> list[tuple[int, int]]:
         """Return when variables are to be eliminated, in groups.
@@ -280,10 +295,7 @@ class Graph:
         try:
             slots = self.tree.update(factors, values, remove)
             self.store.number(owners, slots)
-            delta = self.tree.delta(self.register.keys)
-            if not np.isfinite(delta).all():
-                raise SingularError("δ is not finite")
-            self.register.move_to(delta)
+            self._follow(self._tree)
         except (SingularError, RuntimeError):
             self.rebuild()
 
@@ -362,10 +374,7 @@ class Graph:
         try:
             slots = self.tree.update(factors, self.register.values(fresh))
             self.store.number(owners, slots)
-            delta = self.tree.delta(self.register.keys)
-            if not np.isfinite(delta).all():
-                raise SingularError("δ is not finite")
-            self.register.move_to(delta)
+            self._follow(self._tree)
         except (SingularError, RuntimeError):
             self.rebuild()  # by QR
         self._note_priors(piece)
@@ -537,10 +546,7 @@ class Graph:
         try:
             slots = self._tree.update(factors, gtsam.Values())
             self.store.number(owners, slots)
-            delta = self._tree.delta(self.register.keys)
-            if not np.isfinite(delta).all():
-                raise SingularError("δ is not finite")
-            self.register.move_to(delta)
+            self._follow(self._tree)
         except (SingularError, RuntimeError):
             self.rebuild()
 
@@ -560,6 +566,7 @@ class Graph:
         The caller has made sure that everything else stays determined.
         """
         self._remember()
+        self.fewer = True
         alone = [v for v in self._left_alone(ids) if v not in leaving]
         weights = [i for v in alone for i in self.priors.get(v, ())]
         slots = self.store.drop([*ids, *weights])
