@@ -42,7 +42,8 @@ SINGULAR = (
 NAMED = 12
 """Observations that a message names."""
 PATIENCE = 8
-"""Arrivals in a row between known variables after which a system is factorised for the next."""
+"""Arrivals in a row between known variables after which a system is factorised for the next, where
+that takes all variances anew."""
 IMPRECISE = 1000
 """Arrivals until it is tried again where that was not precise."""
 LATE: dict[VariableKind, int] = {"pose": 1, "calibration": 2, "refraction": 2, "edm": 2}
@@ -101,6 +102,8 @@ class Graph:
         self.recent: Recent | None = None
         """A factorised system to which they are a low-rank part."""
         self.patience = 0
+        self.aged = False
+        """Whether variances are older than the tree."""
         self.held: list[Held] = []
         self.open_motions: OpenMotions | None = None
         """What no observation of a free network notices."""
@@ -194,7 +197,7 @@ class Graph:
                 self.open_motions = OpenMotions.of(equations, state)
             self._note_priors(piece)
             self.rebuild()
-            self.register.set_variances(variances_of(self.tree, self.register))
+            self._renew_variances()
         except BaseException:
             vars(self).update(before)
             raise
@@ -216,7 +219,7 @@ class Graph:
     def rebuild(self) -> None:
         """Build the tree anew from the linear forms, by QR where Cholesky refuses."""
         self.unflushed, self.recent, self.patience = [], None, 0
-        self.sized_at = None
+        self.sized_at, self.aged = None, True
         while True:
             tree = LinearTree(qr=self.qr)
             factors, owners = self.store.factors(self.store.everything())
@@ -291,7 +294,7 @@ class Graph:
         remove: Sequence[int],
     ) -> None:
         """Change the tree, and move to its solution; build it anew where that fails."""
-        self.recent, self.patience = None, min(self.patience, 0)
+        self.recent, self.patience, self.aged = None, min(self.patience, 0), True
         try:
             slots = self.tree.update(factors, values, remove)
             self.store.number(owners, slots)
@@ -367,7 +370,7 @@ class Graph:
         fresh = self.register.keys[n_keys:]
         if recent is not None and not fresh:
             return self._beside(recent, units, piece, marks)
-        self.recent = None
+        self.recent, self.aged = None, True
         if fresh:
             self.patience = min(self.patience, 0)
         factors, owners = self.store.factors(piece)
@@ -480,7 +483,7 @@ class Graph:
             self.recent = None
         if self.recent is None and rows <= MOST // 2 and not self.empty:
             self.patience += 1
-            if self.patience > PATIENCE:
+            if self.patience > PATIENCE or not self.aged:
                 self.factorise()
         return None if self.recent is None or self.recent.full(rows) else self.recent
 
@@ -488,12 +491,14 @@ class Graph:
         """Work out all variances: without some rows they are larger."""
         if self.register.keys:
             self.register.set_variances(variances_of(self.tree, self.register))
+        self.aged = False
 
     def factorise(self) -> bool:
         """Factorise the system for the next arrivals; return whether that is precise enough."""
         if self.patience < 0:
             return False
-        self.register.set_variances(variances_of(self.tree, self.register))
+        if self.aged:
+            self._renew_variances()
         held = [
             (int(self.register[h.kind].place.view[h.number, h.component]), h.weight)
             for h in self.held
