@@ -60,15 +60,11 @@ class Basis:
 def _enu(latitude: Array, longitude: Array) -> Array:
     """Return rows e, n, u (n, 3, 3) of astronomic latitude and longitude (n,)."""
     sp, cp, sl, cl = np.sin(latitude), np.cos(latitude), np.sin(longitude), np.cos(longitude)
-    zero = np.zeros_like(sp)
-    return np.stack(
-        [
-            np.stack([-sl, cl, zero], -1),
-            np.stack([-sp * cl, -sp * sl, cp], -1),
-            np.stack([cp * cl, cp * sl, sp], -1),
-        ],
-        -2,
-    )
+    out = np.zeros((len(sp), 3, 3))
+    out[:, 0, 0], out[:, 0, 1] = -sl, cl
+    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = -sp * cl, -sp * sl, cp
+    out[:, 2, 0], out[:, 2, 1], out[:, 2, 2] = cp * cl, cp * sl, sp
+    return out
 
 
 @dataclass(frozen=True)
@@ -119,7 +115,7 @@ class LocalFrame:
             by_position[:, 1] = east / self.radius
         enu = _enu(angles[:, 0], angles[:, 1])
         # Axes of the auxiliary globe: x up, y east, z north of the local frame.
-        to_frame = np.stack([np.array([0.0, 0.0, 1.0]), east, north])
+        to_frame = np.array([[0.0, 0.0, 1.0], east, north])
         return Basis(
             enu @ to_frame,
             np.sin(angles[:, 0]),

@@ -8,7 +8,7 @@ safety: after an error everything is as it was.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -129,6 +129,7 @@ class Absorbing:
                     continue
                 new = {u.ids[0] for u in late}
                 looked_at = around(register, component, (u for u in component if u.ids[0] in new))
+                retries.note_beside(component)
                 self._spared.update(u.ids[0] for u in component)
                 self._spared.difference_update(u.ids[0] for u in looked_at)
             part = find(
@@ -415,11 +416,17 @@ class Absorbing:
         again = [u for u in touched if not gone & set(u.ids)]
         for unit in touched:
             book.remove(unit)
+        kept = engine.kept
         engine.drop(loosened.ids, loosened.variables)
         engine.keep_the_promise()
         book.wait(again)
-        found = self._absorb([*left_over, *again], test=False) if left_over or again else Arrival()
-        return tuple(v.id for v in found.verdicts if v.verdict == "waiting")
+        left_over += again
+        if engine.kept and not kept:  # what kept others from entering may be gone
+            left_over += [book.pool[k] for k in book.retries.weak]
+            book.retries.clear()
+        waited = book.pool.keys() - {u.ids[0] for u in again}
+        found = self._absorb(left_over, test=False) if left_over else Arrival()
+        return tuple(v.id for v in found.verdicts if v.verdict == "waiting" and v.id not in waited)
 
     def _anew(self, units: Sequence[Unit], left_over: Sequence[Unit]) -> tuple[str, ...]:
         """Take units out, and find out again what of the network is determined."""
@@ -467,9 +474,26 @@ class Absorbing:
         engine.clear()
         if not book.inside:
             return
-        solution = adjust(book.adjustable(), datum=engine.datum)
+        self._start_with(book.adjustable(), None)
+        if engine.kept:
+            engine.settle()
+
+    def _start_with(self, network: Network, start: Solution | None) -> None:
+        """Load a network's adjustment; where it finds no minimum, what it began with.
+
+        Raises:
+            AdjustmentError: it is not determined even there.
+        """
+        engine = self._engine
+        solution: Solution | None = None
+        with suppress(AdjustmentError):
+            solution = adjust(network, datum=engine.datum, start=start)
+        doubt = "" if solution is None else solution.reason
+        if solution is None or not solution.converged:
+            step = 1 if engine.datum == "free" else 0  # with which the datum is found
+            solution = adjust(network, datum=engine.datum, start=start, max_iterations=step)
+        engine.kept, engine.doubt = solution.converged, doubt or solution.reason
         engine.load(solution.equations, solution.state, solution.start, solution.constraint)
-        engine.settle()
 
 
 def _arrival(units: Sequence[Unit], told: Mapping[str, list[Verdict]]) -> Arrival:

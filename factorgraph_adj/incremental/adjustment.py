@@ -18,7 +18,6 @@ from ..quality.rejections import Snooping
 from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..quality.snooping import snoop
 from ..quality.solution import CalibrationEstimate, PoseEstimate, Solution
-from ..solve.batch import adjust
 from ..stochastic import StandardDeviation
 from ..types import Array
 from . import records
@@ -129,12 +128,11 @@ class IncrementalAdjustment(Absorbing):
         if not network.observations and not network.n_image_points:
             return
         try:
-            solution = adjust(network, datum=self._engine.datum, start=start)
+            self._start_with(network, start)
         except AdjustmentError:
             units = self._book.take_all()
             self._absorb(units, test=False)
             return
-        self._engine.load(solution.equations, solution.state, solution.start, solution.constraint)
         self._engine.settled = False
         self._book.fill(self._engine.register)
 
@@ -338,9 +336,8 @@ class IncrementalAdjustment(Absorbing):
             self._solution = None
             if not self._engine.empty:
                 self._engine.settle()
-            retries = book.retries
-            if retries.weak or retries.rows:
-                retries.clear()
+            if book.pool:
+                book.retries.clear()
                 found = self._absorb(list(book.pool.values()), test=True)
                 if any(v.verdict != "waiting" for v in found.verdicts):
                     self._engine.settle()

@@ -15,7 +15,8 @@ import gtsam
 import numpy as np
 
 from ..errors import AdjustmentError, InputError
-from ..graph.equations import compile_network
+from ..graph.equations import Equations, compile_network
+from ..graph.variables import State
 from ..models.registry import VariableKind
 from ..network import Network
 from ..quality.solution import Solution
@@ -41,10 +42,12 @@ MOST_ROUNDS = 12
 """Rounds of relinearisation after an arrival."""
 MOST_STEPS = 15
 """Steps of `Engine.settle` before the batch adjustment takes over."""
-ITERATIONS = 100
-"""Of a batch adjustment."""
-FEW_ITERATIONS = 15
-"""Of one where there was no minimum before."""
+ITERATIONS = 30
+"""Of the batch adjustment that takes over after an arrival."""
+FEW_ITERATIONS = 10
+"""Of one where there was no minimum before, and nothing was taken out since."""
+MOST_ITERATIONS = 100
+"""Of one that was asked for."""
 SHARE = 0.2
 """Part of the promise that a Gauss-Newton step may be, where σ̂0 is 1 or less. Where residuals are
 large the minimum is further away than such a step, as second partials count too: there it is this
@@ -57,6 +60,8 @@ RESIZED = 0.02
 """Part of the rows by which their number changes until σ̂0 is looked at again."""
 SPARED = 0.4
 """Part of that bound that a single ρ may be."""
+RUNAWAY = 1e8
+"""Misfit of the linear forms, Σ|Δv|² + Σρ²|v|², from which on their steps lead astray."""
 QUIET = 0.01
 """Part of what is missed that may stay where it is."""
 TURNED = 1e-3
@@ -87,22 +92,27 @@ class Engine(Graph):
                 return
         for kind, values in self._before.items():
             self.register[kind].value.view[:] = values
-        equations, state, given = self.whole()
-        start = start_at(equations, state, given)
-        # Where there was no minimum before, only less can help, and little effort is made.
-        anew = was or self.fewer
+        # Where there was no minimum before, only less can help.
+        iterations = ITERATIONS if was or self.fewer else FEW_ITERATIONS
         self.fewer = False
-        for begin in (start, None) if anew else (start,):
-            try:
-                self._adjust(start.network, begin, FEW_ITERATIONS if not anew else ITERATIONS)
-            except AdjustmentError as error:
-                self.doubt = f"no step leads to a minimum: {error}"
-            else:
-                if self.kept:
-                    return
-        self.kept = False
+        self._adjust_or_stay(*self.whole(), iterations)
+
+    def _adjust_or_stay(
+        self, equations: Equations, state: State, given: State, iterations: int
+    ) -> None:
+        """Let the batch adjustment find the minimum; where it finds none, stay at the state."""
+        constraint = self.constraint(equations)
+        start = start_at(equations, state, given)
+        try:
+            self._adjust(start.network, start, iterations)
+        except AdjustmentError as error:
+            self.doubt = f"no step leads to a minimum: {error}"
+        else:
+            if self.kept:
+                return
+        self.kept = self.settled = False
         with suppress(AdjustmentError, RuntimeError, np.linalg.LinAlgError):
-            self.load(equations, state, given, self.constraint(equations))
+            self.load(equations, state, given, constraint)
 
     def _relinearise(self) -> bool:
         """Linearise anew what no longer holds; return whether the promise is kept."""
@@ -127,7 +137,7 @@ class Engine(Graph):
             far = self._left(step) > step
             if not bent and not far and not len(turned_poses):
                 return True
-            if not np.isfinite(total) or (total > last and total > 1.0):
+            if not total < RUNAWAY or (total > last and total > 1.0):
                 return False
             last = total
             piece = self._doubtful(kinds, off, turned, turned_poses, far=far)
@@ -240,10 +250,12 @@ class Engine(Graph):
         return Piece(rows, groups.tolist())
 
     def settle(self) -> None:
-        """Go to rest: Gauss-Newton steps until no unknown moves by 1e-7 of its σ."""
+        """Go to rest: Gauss-Newton steps until no unknown moves by 1e-7 of its σ.
+
+        Where there is no minimum, `kept` is false, and `doubt` says why.
+        """
         last = np.inf
-        equations, state, given = self.whole()
-        begun = start_at(equations, state, given)
+        begun = equations, state, given = self.whole()
         try:
             for step in range(MOST_STEPS if self.kept else 0):
                 moved = 0.0
@@ -260,7 +272,7 @@ class Engine(Graph):
                 equations, state, given = self.whole()
         except (InputError, SingularError, RuntimeError, np.linalg.LinAlgError):
             pass
-        self.by_batch(begun)
+        self._adjust_or_stay(*begun, MOST_ITERATIONS)
 
     def begin_anew_with(self, units: Sequence[Unit], found: Sequence[Solution]) -> None:
         """Let the batch adjustment find the solution and its datum, of all and some new units.
@@ -285,13 +297,7 @@ class Engine(Graph):
         state = local_state(equations, self.register, state)
         self._adjust(equations.network, start_at(equations, state, given))
 
-    def by_batch(self, start: Solution) -> None:
-        """Let the batch adjustment find the solution; then hold it."""
-        self._adjust(start.network, start)
-
-    def _adjust(
-        self, network: Network, start: Solution | None, iterations: int = ITERATIONS
-    ) -> None:
+    def _adjust(self, network: Network, start: Solution, iterations: int = MOST_ITERATIONS) -> None:
         solution = adjust(
             network, datum=self.datum, start=start, tolerance=AT_REST, max_iterations=iterations
         )

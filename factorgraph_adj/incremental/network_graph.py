@@ -450,7 +450,9 @@ class Graph:
         variances = np.array(np.diag(joint))
         self.register.note_variances(system.keys, variances)
         spread = joint @ system.a.T
-        judged = Judged(np.eye(len(system.v)) - system.a @ spread, system.v)
+        m = np.eye(len(system.v)) - system.a @ spread
+        # Where the state has stayed, v are not yet the residuals.
+        judged = Judged(m, system.v if self.kept else m @ system.v)
         rows = rows_of(units, system) if units else system.rows
         return Trial(tuple(units), piece, marks, entered, rows, system, spread, variances, judged)
 

@@ -29,6 +29,8 @@ MOST = 128
 """Rows of the low-rank part."""
 PRECISE = 1e-6
 """Relative residual of a solution up to which the factorisation is trusted."""
+REFINED = 1e-12
+"""That from which on the solution is refined."""
 SEED = 1986
 """Of the directions of the trial state."""
 
@@ -76,10 +78,13 @@ class Recent:
 
     def times(self, b: Array) -> Array:
         """Return Q b, (n, k)."""
+        size = np.linalg.norm(b, axis=0)
         x = self._solve(b)
-        x += self._solve(b - self.normal @ x)
-        left = np.linalg.norm(b - self.normal @ x, axis=0)
-        self.precise = bool(np.all(left <= PRECISE * np.linalg.norm(b, axis=0)))
+        left = b - self.normal @ x
+        if not np.all(np.linalg.norm(left, axis=0) <= REFINED * size):
+            x += self._solve(left)
+            left = b - self.normal @ x
+        self.precise = bool(np.all(np.linalg.norm(left, axis=0) <= PRECISE * size))
         g = self.g[:, : self.used]
         return np.asarray(x - g @ (g.T @ b))
 

@@ -53,10 +53,10 @@ def _q_by_angles(q: Array, basis: Basis) -> Array:
     """Return ∂q/∂(Φ, Λ) at fixed d, (n, 3, 2)."""
     s, c = basis.sin_latitude, basis.cos_latitude
     e, n, u = q[:, 0], q[:, 1], q[:, 2]
-    zero = np.zeros_like(e)
-    return np.stack(
-        [np.stack([zero, -u, n], 1), np.stack([s * n - c * u, -s * e, c * e], 1)], axis=-1
-    )
+    out = np.zeros((len(q), 3, 2))
+    out[:, 1, 0], out[:, 2, 0] = -u, n
+    out[:, 0, 1], out[:, 1, 1], out[:, 2, 1] = s * n - c * u, -s * e, c * e
+    return out
 
 
 def sight(

@@ -65,7 +65,10 @@ class Factor:
         if not n:
             self.root = np.zeros((0, 0))
             return
-        scaled = self.border * self.scale[:, None] * self.scale
+        with np.errstate(over="ignore", invalid="ignore"):  # where a step went astray
+            scaled = self.border * self.scale[:, None] * self.scale
+        if not np.isfinite(scaled).all():
+            raise SingularError("the cameras' normal equations have no pivots")
         self.root, info = lapack.dpotrf(scaled, lower=1, clean=1)
         if info != 0:
             raise SingularError(f"pivot {info} of the cameras' normal equations")
