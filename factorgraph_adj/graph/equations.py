@@ -119,6 +119,11 @@ class Equations:
         """
         return replace(self, blocks=tuple(weigh(self.network, b, state) for b in self.blocks))
 
+    def weighs_as(self, other: Equations) -> bool:
+        """Return whether all standard deviations are those of another state, within 1e-7."""
+        pairs = zip(self.blocks, other.blocks, strict=True)
+        return all(a is b or np.allclose(a.sigma, b.sigma, rtol=1e-7, atol=0) for a, b in pairs)
+
     def reweighted(self, factors: Array) -> Equations:
         """Return the equations with every weight multiplied by a factor.
 

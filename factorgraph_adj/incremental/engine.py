@@ -56,8 +56,6 @@ TURNED_SHARE = 0.5
 """Part of the promise that √Σρ² may be, which bounds the error of every standard deviation."""
 CORRELATED = 5.0
 """√(gᵀQg) relative to that of unknowns without correlation, where Q is not at hand."""
-RESIZED = 0.02
-"""Part of the rows by which their number changes until σ̂0 is looked at again."""
 SPARED = 0.4
 """Part of that bound that a single ρ may be."""
 RUNAWAY = 1e8
@@ -94,22 +92,31 @@ class Engine(Graph):
             self.register[kind].value.view[:] = values
         # Where there was no minimum before, only less can help.
         iterations = ITERATIONS if was or self.fewer else FEW_ITERATIONS
-        self.fewer = False
-        self._adjust_or_stay(*self.whole(), iterations)
+        lost, self.fewer = self.fewer and not was, False
+        self._adjust_or_stay(*self.whole(), iterations, anew=lost)
 
     def _adjust_or_stay(
-        self, equations: Equations, state: State, given: State, iterations: int
+        self, equations: Equations, state: State, given: State, iterations: int, *, anew: bool
     ) -> None:
-        """Let the batch adjustment find the minimum; where it finds none, stay at the state."""
+        """Let the batch adjustment find the minimum; where it finds none, stay at the state.
+
+        Args:
+            equations: of the network.
+            state: where the adjustment starts.
+            given: x₀.
+            iterations: how many it may take.
+            anew: whether it is to start from new approximate values where that fails.
+        """
         constraint = self.constraint(equations)
         start = start_at(equations, state, given)
-        try:
-            self._adjust(start.network, start, iterations)
-        except AdjustmentError as error:
-            self.doubt = f"no step leads to a minimum: {error}"
-        else:
-            if self.kept:
-                return
+        for begin in (start, None) if anew else (start,):
+            try:
+                self._adjust(start.network, begin, iterations)
+            except AdjustmentError as error:
+                self.doubt = f"no step leads to a minimum: {error}"
+            else:
+                if self.kept:
+                    return
         self.kept = self.settled = False
         with suppress(AdjustmentError, RuntimeError, np.linalg.LinAlgError):
             self.load(equations, state, given, constraint)
@@ -158,11 +165,10 @@ class Engine(Graph):
 
     def _bounds(self) -> tuple[float, float]:
         """Return the bounds of the step that is left, and of √Σρ²."""
-        n = self.store.n_scalars
-        if self.sized_at is None or abs(n - self.sized_at[0]) > RESIZED * n:
-            r = self.redundancy
-            self.sized_at = n, float(np.sqrt(self.store.vtpv() / r)) if r > 0 else 1.0
-        sigma0 = self.sized_at[1]
+        if self.size is None:
+            self.size = self.store.vtpv()
+        r = self.redundancy
+        sigma0 = float(np.sqrt(self.size / r)) if r > 0 else 1.0
         return SHARE * self.accuracy / max(1.0, sigma0), TURNED_SHARE * self.accuracy
 
     @staticmethod
@@ -272,7 +278,7 @@ class Engine(Graph):
                 equations, state, given = self.whole()
         except (InputError, SingularError, RuntimeError, np.linalg.LinAlgError):
             pass
-        self._adjust_or_stay(*begun, MOST_ITERATIONS)
+        self._adjust_or_stay(*begun, MOST_ITERATIONS, anew=not self.kept)
 
     def begin_anew_with(self, units: Sequence[Unit], found: Sequence[Solution]) -> None:
         """Let the batch adjustment find the solution and its datum, of all and some new units.
@@ -297,7 +303,9 @@ class Engine(Graph):
         state = local_state(equations, self.register, state)
         self._adjust(equations.network, start_at(equations, state, given))
 
-    def _adjust(self, network: Network, start: Solution, iterations: int = MOST_ITERATIONS) -> None:
+    def _adjust(
+        self, network: Network, start: Solution | None, iterations: int = MOST_ITERATIONS
+    ) -> None:
         solution = adjust(
             network, datum=self.datum, start=start, tolerance=AT_REST, max_iterations=iterations
         )

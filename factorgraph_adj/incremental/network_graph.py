@@ -107,8 +107,8 @@ class Graph:
         self.held: list[Held] = []
         self.open_motions: OpenMotions | None = None
         """What no observation of a free network notices."""
-        self.sized_at: tuple[int, float] | None = None
-        """Number of rows when σ̂0 was last looked at, and what it was."""
+        self.size: float | None = None
+        """vᵀPv; none where it has not been worked out since the tree changed."""
         self._before: State = {}
         """Where the variables were before the last change."""
         self.priors: dict[tuple[VariableKind, int], list[str]] = {}
@@ -219,7 +219,7 @@ class Graph:
     def rebuild(self) -> None:
         """Build the tree anew from the linear forms, by QR where Cholesky refuses."""
         self.unflushed, self.recent, self.patience = [], None, 0
-        self.sized_at, self.aged = None, True
+        self.size, self.aged = None, True
         while True:
             tree = LinearTree(qr=self.qr)
             factors, owners = self.store.factors(self.store.everything())
@@ -294,7 +294,8 @@ class Graph:
         remove: Sequence[int],
     ) -> None:
         """Change the tree, and move to its solution; build it anew where that fails."""
-        self.recent, self.patience, self.aged = None, min(self.patience, 0), True
+        self.recent, self.patience = None, min(self.patience, 0)
+        self.size, self.aged = None, True
         try:
             slots = self.tree.update(factors, values, remove)
             self.store.number(owners, slots)
@@ -370,7 +371,7 @@ class Graph:
         fresh = self.register.keys[n_keys:]
         if recent is not None and not fresh:
             return self._beside(recent, units, piece, marks)
-        self.recent, self.aged = None, True
+        self.recent, self.size, self.aged = None, None, True
         if fresh:
             self.patience = min(self.patience, 0)
         factors, owners = self.store.factors(piece)
@@ -534,7 +535,10 @@ class Graph:
             return
         assert self.recent is not None
         y, d = low.y[:, stay], low.d[np.ix_(stay, stay)]
-        step = -y @ np.linalg.solve(d, low.innovation[stay])
+        weighted = np.linalg.solve(d, low.innovation[stay])
+        if self.size is not None:
+            self.size += float(low.innovation[stay] @ weighted)
+        step = -y @ weighted
         self.register.lose_variances(self.recent.absorb(y, d))
         self.register.move_to(self.register.vector() + step)
         self.unflushed.append(trial.piece)

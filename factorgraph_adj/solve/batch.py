@@ -57,6 +57,8 @@ SHRINKING = 0.8
 """Ratio of a step to the last one, below which the iteration still converges."""
 WORTHWHILE = 1e-3
 """Part of the predicted decrease of vᵀPv that a damped step must bring."""
+MOST_WEIGHINGS = 4
+"""Times that weights are worked out; they depend on lengths, and hardly on the unknowns."""
 
 
 @dataclass
@@ -156,20 +158,26 @@ def adjust(
         raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
     equations = compile_network(network)
     origin, state = _start(equations, choice, start)
-    equations = equations.weighted_at(state)
-    if weights is not None:
-        equations = equations.reweighted(weights)
-    run = _Run(
-        Solver.of(equations),
-        tuple(extra_factors),
-        state,
-        origin,
-        choice == "free",
-        np.zeros(equations.unknowns.n_columns),
-    )
-    if extra_factors:
-        run.solver = Solver.of(equations, run.extra(state))
-    iterations, converged, reason, vtpv = _iterate(run, tolerance, max_iterations, progress)
+    weighed = equations.weighted_at(state)
+    iterations = 0
+    for _ in range(MOST_WEIGHINGS):
+        equations = weighed if weights is None else weighed.reweighted(weights)
+        run = _Run(
+            Solver.of(equations),
+            tuple(extra_factors),
+            state,
+            origin,
+            choice == "free",
+            np.zeros(equations.unknowns.n_columns),
+        )
+        if extra_factors:
+            run.solver = Solver.of(equations, run.extra(state))
+        most = max_iterations - iterations
+        made, converged, reason, vtpv = _iterate(run, tolerance, most, progress)
+        iterations, state = iterations + made, run.state
+        before, weighed = weighed, weighed.weighted_at(state)
+        if not converged or iterations >= max_iterations or weighed.weighs_as(before):
+            break
     if run.datum is not None:
         arrived = _carry_to_datum_points(run, tolerance, converged)
         vtpv = run.vtpv(run.state)
