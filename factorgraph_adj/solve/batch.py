@@ -57,6 +57,8 @@ SHRINKING = 0.8
 """Ratio of a step to the last one, below which the iteration still converges."""
 WORTHWHILE = 1e-3
 """Part of the predicted decrease of vᵀPv that a damped step must bring."""
+STILL = 1.0
+"""Step relative to σ above which nothing is at rest, whether vᵀPv can tell or not."""
 MOST_WEIGHINGS = 4
 """Times that weights are worked out; they depend on lengths, and hardly on the unknowns."""
 
@@ -258,6 +260,7 @@ def _iterate(
                 moved, after = _moved(run, step, bound, vtpv - DOUBTFUL * decrease)
                 gain = (vtpv - after) / decrease if decrease > 0 else 0.0
                 still = decrease < 1e-12 * max(vtpv, 1e-12) and after <= vtpv * (1 + 1e-9)
+                still = still and bound < STILL
                 # What is left after this step, by the rate of convergence so far.
                 fast = np.isfinite(last) and bound < FAST * last and bound < CLOSE
                 left = bound * bound / last if fast else bound
