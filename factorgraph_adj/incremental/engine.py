@@ -149,6 +149,7 @@ class Engine(Graph):
             last = total
             piece = self._doubtful(kinds, off, turned, turned_poses, far=far)
             if piece is None:
+                self.aged = self.aged or total > 1.0
                 self.relinearise_all()
                 continue
             self.flush()

@@ -103,7 +103,7 @@ class Graph:
         """A factorised system to which they are a low-rank part."""
         self.patience = 0
         self.aged = False
-        """Whether variances are older than the tree."""
+        """Whether variances are older than the tree; linearising anew hardly changes them."""
         self.held: list[Held] = []
         self.open_motions: OpenMotions | None = None
         """What no observation of a free network notices."""
@@ -219,7 +219,7 @@ class Graph:
     def rebuild(self) -> None:
         """Build the tree anew from the linear forms, by QR where Cholesky refuses."""
         self.unflushed, self.recent, self.patience = [], None, 0
-        self.size, self.aged = None, True
+        self.size = None
         while True:
             tree = LinearTree(qr=self.qr)
             factors, owners = self.store.factors(self.store.everything())
@@ -294,8 +294,7 @@ class Graph:
         remove: Sequence[int],
     ) -> None:
         """Change the tree, and move to its solution; build it anew where that fails."""
-        self.recent, self.patience = None, min(self.patience, 0)
-        self.size, self.aged = None, True
+        self.recent, self.patience, self.size = None, min(self.patience, 0), None
         try:
             slots = self.tree.update(factors, values, remove)
             self.store.number(owners, slots)
@@ -349,6 +348,7 @@ class Graph:
                 return self._put_in(units, equations, state, given, None, marks)
         except BaseException as error:
             self._forget(marks, known)
+            self.aged = True
             self.rebuild()
             if isinstance(error, SingularError | RuntimeError | np.linalg.LinAlgError):
                 raise InputError([Problem(SINGULAR, o.label()) for o in _some(units)]) from None
