@@ -35,7 +35,15 @@ MOST_JUDGED = 5
 """Times that what enters together is judged, each time without what did not fit."""
 TOO_WEAK = "is determined too weakly yet: no solution was reached with it"
 NO_SOLUTION = "no solution is reached with it: is it near to where its kind has no answer?"
+OPEN = (
+    "it fixes a motion that the datum of the free network left open, and other parts of the "
+    "network need such observations too"
+)
 CONTRADICT = "its observations contradict each other, and nothing tells yet which of them is wrong"
+
+
+class _LosesDatum(AdjustmentError):
+    """With what enters, parts of a free network are not determined any more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +76,7 @@ class Absorbing:
     _spared: set[str]
     """Keys of waiting units that the last search left out."""
     _depth: int
+    _starting_over: bool
 
     def _take_over(self, network: Network) -> None:
         self._book.network = self._engine.network = network
@@ -225,6 +234,8 @@ class Absorbing:
             book.enter(unit)
         try:
             reached = self._reach(entering, solutions, policy, given, saved[1])
+        except _LosesDatum:
+            return self._start_over(units, entering, policy, saved[1])
         except AdjustmentError:
             if not found:
                 raise
@@ -245,6 +256,55 @@ class Absorbing:
             beside = self._absorb(awake, test=policy != "accept")
             arrival = joined(arrival, _entered_beside(beside, given))
         return arrival
+
+    def _start_over(
+        self, units: Sequence[Unit], entering: Sequence[Unit], policy: Policy, before: Engine
+    ) -> Arrival:
+        """Find out anew what is determined, now that something notices what the datum left open.
+
+        Parts of a free network that do not notice it are loose then. Where no more is determined
+        than before, what arrived waits.
+        """
+        book = self._book
+        given = {i for u in units for i in u.ids}
+        for unit in entering:
+            if book.in_graph(unit.ids[0]):
+                book.remove(unit)
+        book.wait(u for u in entering if u.ids[0] not in given)
+        waited = list(book.pool.values())
+        inside = book.take_all()
+        if not self._starting_over:
+            self._starting_over = True
+            self._engine.clear()
+            try:
+                every = [*inside, *waited, *units]
+                arrival = self._absorb(every, test=policy != "accept")
+            finally:
+                self._starting_over = False
+            again = {u.ids[0] for u in inside} & book.pool.keys()
+            if len(book.inside) > sum(len(u.ids) for u in inside):
+                old = {i for u in waited for i in u.ids}
+                told = (
+                    v
+                    for v in arrival.verdicts
+                    if v.id in given or (v.id in old and v.verdict != "waiting")
+                )
+                waits = tuple(i for k in again for i in book.pool[k].ids)
+                return Arrival(
+                    tuple(v if v.id in given else replace(v, entered=True) for v in told), waits
+                )
+            book.take_all()
+        self._engine = before.copy()
+        self._engine.network = book.network
+        for unit in inside:
+            book.enter(unit)
+        book.lacks.update(dict.fromkeys((v for u in units for v in u.unknowns), OPEN))
+        told_: dict[str, list[Verdict]] = {}
+        for unit in units:
+            for verdict in waiting(unit, OPEN):
+                told_.setdefault(verdict.id, []).append(verdict)
+        book.wait(units)
+        return _arrival(units, told_)
 
     def _reach(
         self,
@@ -327,8 +387,8 @@ class Absorbing:
             engine.take_back(trial)
             try:
                 engine.begin_anew_with(entering, solutions)
-            except AdjustmentError:
-                engine.put_in(entering, solutions)
+            except AdjustmentError as error:
+                raise _LosesDatum from error
 
     def _judge(
         self, trial: Trial | None, policy: Policy, given: set[str]
@@ -419,6 +479,8 @@ class Absorbing:
         kept = engine.kept
         engine.drop(loosened.ids, loosened.variables)
         engine.keep_the_promise()
+        if kept and not engine.kept and engine.loose:
+            return self._anew((), [*left_over, *again])
         book.wait(again)
         left_over += again
         if engine.kept and not kept:  # what kept others from entering may be gone
@@ -434,10 +496,11 @@ class Absorbing:
         for unit in units:
             book.remove(unit)
         before = known_network(book.network, engine.register)
-        try:
+        solution: Solution | None = None
+        with suppress(AdjustmentError):
             start = solution_of(engine) if not engine.empty else None
             solution = adjust(before, datum=engine.datum, start=start)
-        except AdjustmentError:
+        if solution is None or (engine.kept and not solution.converged):
             every = book.take_all()
             engine.clear()
             found = self._absorb([*every, *left_over], test=False)

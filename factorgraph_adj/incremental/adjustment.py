@@ -112,7 +112,7 @@ class IncrementalAdjustment(Absorbing):
         self._journal: Journal | None = None
         self._solution: Solution | None = None
         self._spared = set()
-        self._depth = 0
+        self._depth, self._starting_over = 0, False
         chosen = network.datum if datum is None else datum
         self._book = Book(network.copy())
         self._book.network.datum = chosen
@@ -154,7 +154,7 @@ class IncrementalAdjustment(Absorbing):
             out = cls.__new__(cls)
             out.policy, out.alpha = options["policy"], options["alpha"]
             out.resumed, out._solution, out._journal = torn, None, None
-            out._spared, out._depth = set(), 0
+            out._spared, out._depth, out._starting_over = set(), 0, False
             out._book = Book(network)
             network.datum = options["datum"]
             out._engine = Engine(network, datum=options["datum"], accuracy=options["accuracy"])

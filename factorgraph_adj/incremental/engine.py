@@ -14,7 +14,7 @@ from contextlib import suppress
 import gtsam
 import numpy as np
 
-from ..errors import AdjustmentError, InputError
+from ..errors import AdjustmentError, DatumError, InputError
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
 from ..models.registry import VariableKind
@@ -40,24 +40,29 @@ AT_DATUM = 1e-11
 """The same, where a settled network is on its inner constraints."""
 MOST_ROUNDS = 12
 """Rounds of relinearisation after an arrival."""
+MOST_PARTS = 5
+"""Rounds of that in which only what does not hold is linearised anew."""
 MOST_STEPS = 15
 """Steps of `Engine.settle` before the batch adjustment takes over."""
-ITERATIONS = 30
-"""Of the batch adjustment that takes over after an arrival."""
-FEW_ITERATIONS = 10
-"""Of one where there was no minimum before, and nothing was taken out since."""
 MOST_ITERATIONS = 100
-"""Of one that was asked for."""
+"""Of the batch adjustment that takes over."""
+FEW_ITERATIONS = 20
+"""Of one where there was no minimum before, and nothing was taken out since."""
 SHARE = 0.2
 """Part of the promise that a Gauss-Newton step may be, where σ̂0 is 1 or less. Where residuals are
 large the minimum is further away than such a step, as second partials count too: there it is this
 divided by σ̂0."""
-TURNED_SHARE = 0.5
-"""Part of the promise that √Σρ² may be, which bounds the error of every standard deviation."""
+TURNED_SHARE = 0.2
+"""Part of the promise that √Σρ² may be, from which the error of every standard deviation follows: ρ
+counts the unknowns of a row as uncorrelated, and may be too small by √8."""
 CORRELATED = 5.0
 """√(gᵀQg) relative to that of unknowns without correlation, where Q is not at hand."""
-SPARED = 0.4
-"""Part of that bound that a single ρ may be."""
+AGED = 0.05
+"""√Σρ² from which on variances are worked out anew before they are needed,"""
+FEW = 300
+"""and unknowns up to which they are at once: that takes no time."""
+SPARED = 200
+"""Rows from which on it is enough that every ρ is within that bound."""
 RUNAWAY = 1e8
 """Misfit of the linear forms, Σ|Δv|² + Σρ²|v|², from which on their steps lead astray."""
 QUIET = 0.01
@@ -80,6 +85,9 @@ class Engine(Graph):
 
         Where that has no answer either, `kept` is false, and `doubt` says why.
         """
+        if self.empty:
+            self.kept = True
+            return
         was = self.kept
         if was:
             try:
@@ -91,7 +99,7 @@ class Engine(Graph):
         for kind, values in self._before.items():
             self.register[kind].value.view[:] = values
         # Where there was no minimum before, only less can help.
-        iterations = ITERATIONS if was or self.fewer else FEW_ITERATIONS
+        iterations = MOST_ITERATIONS if was or self.fewer else FEW_ITERATIONS
         lost, self.fewer = self.fewer and not was, False
         self._adjust_or_stay(*self.whole(), iterations, anew=lost)
 
@@ -114,7 +122,9 @@ class Engine(Graph):
                 self._adjust(start.network, begin, iterations)
             except AdjustmentError as error:
                 self.doubt = f"no step leads to a minimum: {error}"
+                self.loose = isinstance(error, DatumError)
             else:
+                self.loose = False
                 if self.kept:
                     return
         self.kept = self.settled = False
@@ -127,7 +137,7 @@ class Engine(Graph):
         if self.recent is not None and self.recent.holds(self.register, *self._bounds()):
             self.settled = False
             return True
-        for _ in range(MOST_ROUNDS):
+        for round_ in range(MOST_ROUNDS):
             step, bound = self._bounds()
             moved = self.register.moved(step / SHARE)
             if moved:
@@ -148,20 +158,28 @@ class Engine(Graph):
                 return False
             last = total
             piece = self._doubtful(kinds, off, turned, turned_poses, far=far)
-            if piece is None:
-                self.aged = self.aged or total > 1.0
+            rough = total > 1.0 or sum(float(t @ t) for t in turned) > AGED**2
+            self.aged = self.aged or rough
+            if piece is None or round_ >= MOST_PARTS:
                 self.relinearise_all()
+                if self.register.n_places < FEW:
+                    self._renew_variances()
                 continue
             self.flush()
             remove = slots_of(piece, self.store)
             self.register.recentre_poses(turned_poses)
             self.store.reweigh(piece, self.network)
             self.store.linearise(piece)
+            for rows, at in piece.rows:
+                for kind, index in zip(rows.kinds, rows.index, strict=True):
+                    self.register.line_up(kind, index.view[at])
             factors, owners = self.store.factors(piece)
             self._update(factors, owners, gtsam.Values(), remove)
             if self.tree.slots > 2 * self.store.n_scalars + SPARE:
                 self.store.compact()
                 self.rebuild()
+            if self.register.n_places < FEW:
+                self._renew_variances()
         return False
 
     def _bounds(self) -> tuple[float, float]:
@@ -176,12 +194,12 @@ class Engine(Graph):
     def _bent(turned: list[Array], bound: float) -> bool:
         """Return whether standard deviations may be wrong by more than a bound.
 
-        They are not if √Σρ² is within it; nor if that is so of every ρ, with something to spare,
-        because the rows that determine an unknown change with all signs.
+        They are not if √Σρ² is within it; nor, where there are many rows, if that is so of every
+        ρ, because the rows that determine an unknown change with all signs.
         """
         if sum(float(t @ t) for t in turned) <= bound**2:
             return False
-        return max((float(t.max()) for t in turned if len(t)), default=0.0) > SPARED * bound
+        return sum(map(len, turned)) < SPARED or max(float(t.max()) for t in turned) > bound
 
     def _left(self, step: float) -> float:
         """Return the bound of the step that is left, relative to σ.
@@ -279,7 +297,7 @@ class Engine(Graph):
                 equations, state, given = self.whole()
         except (InputError, SingularError, RuntimeError, np.linalg.LinAlgError):
             pass
-        self._adjust_or_stay(*begun, MOST_ITERATIONS, anew=not self.kept)
+        self._adjust_or_stay(*begun, MOST_ITERATIONS, anew=True)
 
     def begin_anew_with(self, units: Sequence[Unit], found: Sequence[Solution]) -> None:
         """Let the batch adjustment find the solution and its datum, of all and some new units.

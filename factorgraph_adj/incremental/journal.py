@@ -224,7 +224,7 @@ def _lock(descriptor: int, path: Path) -> None:
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        what = "is in use by another adjustment: two cannot record in one journal"
+        what = "is in use already: two cannot record in one journal"
         raise InputError(Problem(what, str(path))) from None
     except OSError:
         return  # a file system without locks

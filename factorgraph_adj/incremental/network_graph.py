@@ -86,6 +86,8 @@ class Graph:
         self.settled = True
         self.doubt = ""
         """Why estimates are not within ``accuracy`` of the minimum."""
+        self.loose = False
+        """Whether it is that some are not determined."""
         self.fewer = False
         """Whether something was taken out since a minimum was looked for."""
         self.clear()
@@ -584,7 +586,9 @@ class Graph:
         self.register.leave([*leaving, *alone])
         self._update([], [], gtsam.Values(), slots)
         self.store.compact()
+        before = {k: t.variance.view.copy() for k, t in self.register.tables.items() if t.n}
         self._renew_variances()
+        self.register.doubt_grown(before)
 
     def _left_alone(self, ids: Sequence[str]) -> list[tuple[VariableKind, int]]:
         """Return variables that nothing but their own weights touches without some rows."""

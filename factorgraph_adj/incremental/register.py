@@ -7,7 +7,7 @@ What is held altogether is a constant: it has a number and a value, and no key.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 import gtsam
 import numpy as np
@@ -24,6 +24,9 @@ WIDTH: dict[VariableKind, int] = {kind: len(COMPONENTS[kind]) for kind in COMPON
     "calibration": 0
 }
 """Components of the tangent; those of calibrations grow with their lenses."""
+
+FAR = 1e150
+"""Where no variable ever is."""
 
 
 class Table:
@@ -396,6 +399,25 @@ class Register:
             table = self.tables[kind]
             table.checked.view[mask] = table.delta.view[mask]
             table.radius.view[mask] = table.far_from(table.lined)[mask]
+
+    def doubt_grown(self, before: Mapping[VariableKind, Array]) -> None:
+        """Have the observations of variables looked at whose variances have more than doubled.
+
+        What their forms miss was noted relative to what they were before.
+        """
+        for kind, variance in before.items():
+            table = self.tables[kind]
+            grown = (table.variance.view > 2.0 * variance).any(axis=1)
+            table.checked.view[grown] = FAR
+
+    def line_up(self, kind: VariableKind, numbers: Index) -> None:
+        """Note that observations of variables were linearised anew.
+
+        What their forms missed when they were looked at last tells nothing any more.
+        """
+        table = self.tables[kind]
+        table.lined.view[numbers] = table.delta.view[numbers]
+        table.radius.view[numbers] = 0.0
 
     def start_from_here(self) -> None:
         """Count distances from where the variables are now."""
