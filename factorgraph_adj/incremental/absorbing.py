@@ -500,7 +500,8 @@ class Absorbing:
         with suppress(AdjustmentError):
             start = solution_of(engine) if not engine.empty else None
             solution = adjust(before, datum=engine.datum, start=start)
-        if solution is None or (engine.kept and not solution.converged):
+        # Without redundancy there is a minimum, v = 0, where everything is determined.
+        if solution is None or not (solution.converged or solution.redundancy):
             every = book.take_all()
             engine.clear()
             found = self._absorb([*every, *left_over], test=False)

@@ -20,7 +20,7 @@ from ..graph.variables import State
 from ..models.registry import VariableKind
 from ..network import Network
 from ..quality.solution import Solution
-from ..solve.batch import adjust
+from ..solve.batch import OFF_DATUM, adjust
 from ..solve.tree import SingularError
 from ..types import Array, Index
 from .local import filtered, local_state
@@ -328,7 +328,7 @@ class Engine(Graph):
         solution = adjust(
             network, datum=self.datum, start=start, tolerance=AT_REST, max_iterations=iterations
         )
-        was, self.kept = self.kept, solution.converged
+        was, self.kept = self.kept, solution.converged or solution.reason == OFF_DATUM
         try:
             self.load(solution.equations, solution.state, solution.start, solution.constraint)
         except BaseException:

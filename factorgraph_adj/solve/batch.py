@@ -57,6 +57,8 @@ SHRINKING = 0.8
 """Ratio of a step to the last one, below which the iteration still converges."""
 WORTHWHILE = 1e-3
 """Part of the predicted decrease of vᵀPv that a damped step must bring."""
+OFF_DATUM = "not at rest on the inner constraints of the free network"
+"""Why a free network at its minimum is not at rest."""
 STILL = 1.0
 """Step relative to σ above which nothing is at rest, whether vᵀPv can tell or not."""
 MOST_WEIGHINGS = 4
@@ -184,7 +186,7 @@ def adjust(
         arrived = _carry_to_datum_points(run, tolerance, converged)
         vtpv = run.vtpv(run.state)
         if converged and not arrived:
-            converged, reason = False, "not at rest on the inner constraints of the free network"
+            converged, reason = False, OFF_DATUM
     _refuse_points_behind(equations, run.state)
     return Solution(
         network=network,
