@@ -55,14 +55,16 @@ divided by σ̂0."""
 TURNED_SHARE = 0.2
 """Part of the promise that √Σρ² may be, from which the error of every standard deviation follows: ρ
 counts the unknowns of a row as uncorrelated, and may be too small by √8."""
+MANY_TURNED = 0.5
+"""The same where there are many rows: those that determine an unknown change with all signs."""
 CORRELATED = 5.0
 """√(gᵀQg) relative to that of unknowns without correlation, where Q is not at hand."""
 AGED = 0.05
 """√Σρ² from which on variances are worked out anew before they are needed,"""
 FEW = 300
 """and unknowns up to which they are at once: that takes no time."""
-SPARED = 200
-"""Rows from which on it is enough that every ρ is within that bound."""
+MANY = 200
+"""Rows that are many."""
 RUNAWAY = 1e8
 """Misfit of the linear forms, Σ|Δv|² + Σρ²|v|², from which on their steps lead astray."""
 QUIET = 0.01
@@ -188,18 +190,20 @@ class Engine(Graph):
             self.size = self.store.vtpv()
         r = self.redundancy
         sigma0 = float(np.sqrt(self.size / r)) if r > 0 else 1.0
-        return SHARE * self.accuracy / max(1.0, sigma0), TURNED_SHARE * self.accuracy
+        turned = TURNED_SHARE if self.store.n_scalars < MANY else MANY_TURNED
+        return SHARE * self.accuracy / max(1.0, sigma0), turned * self.accuracy
 
     @staticmethod
     def _bent(turned: list[Array], bound: float) -> bool:
         """Return whether standard deviations may be wrong by more than a bound.
 
-        They are not if √Σρ² is within it; nor, where there are many rows, if that is so of every
-        ρ, because the rows that determine an unknown change with all signs.
+        They are not if √Σρ² is within it; nor, where there are many rows, if every ρ is within
+        the stricter bound of few.
         """
         if sum(float(t @ t) for t in turned) <= bound**2:
             return False
-        return sum(map(len, turned)) < SPARED or max(float(t.max()) for t in turned) > bound
+        few = TURNED_SHARE / MANY_TURNED * bound
+        return sum(map(len, turned)) < MANY or max(float(t.max()) for t in turned) > few
 
     def _left(self, step: float) -> float:
         """Return the bound of the step that is left, relative to σ.
