@@ -398,4 +398,4 @@ def test_two_streams_cannot_share_a_journal(yard, tmp_path, here):
         p.ask(ARRIVALS[0])
         code, _, err = here(yard, "--journal", journal, "--resume")
         assert code == 2
-        assert "is in use by another adjustment" in err
+        assert "is in use already" in err

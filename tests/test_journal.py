@@ -665,7 +665,7 @@ def test_a_header_that_cannot_stand_in_json_makes_no_file(tmp_path):
 # -- one process at a time ------------------------------------------------------------------------
 
 needs_locks = pytest.mark.skipif(sys.platform == "win32", reason="no flock")
-IN_USE = "is in use by another adjustment: two cannot record in one journal"
+IN_USE = "is in use already: two cannot record in one journal"
 
 
 @needs_locks
