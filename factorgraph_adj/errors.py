@@ -38,12 +38,21 @@ class InputError(AdjustmentError):
 class DatumError(AdjustmentError):
     """The observations and priors do not determine every unknown.
 
-    ``defect`` is the number of missing conditions, ``names`` the unknowns concerned.
+    ``defect`` is the number of missing conditions, ``names`` the unknowns concerned, as far as the
+    message lists them, ``unknowns`` kind and name of all of them.
     """
 
-    def __init__(self, message: str, *, defect: int, names: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        message: str,
+        *,
+        defect: int,
+        names: Sequence[str] = (),
+        unknowns: Sequence[tuple[str, str]] = (),
+    ) -> None:
         self.defect = defect
         self.names = tuple(names)
+        self.unknowns = tuple(unknowns)
         super().__init__(message)
 
 

@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 from arrivals import bare, batch, difference, items
 from soak import plan
+from test_datum_change import images_only
 
 import factorgraph_adj as fga
+from factorgraph_adj import IncrementalAdjustment
 from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.incremental import absorbing
 from factorgraph_adj.observations import (
@@ -215,3 +217,33 @@ def test_weights_do_not_depend_on_where_an_adjustment_starts() -> None:
     assert far.converged
     found = difference(far, near)
     assert max(found.estimates, found.sigmas) < 1e-6
+
+
+@pytest.mark.parametrize("wrong", [(0.0, -60.0), (0.0, -40.0), (60.0, 60.0), (40.0, -40.0)])
+def test_a_photo_enters_without_the_point_that_keeps_it_from_a_solution(
+    wrong: tuple[float, float],
+) -> None:
+    """Two rays that meet behind the cameras, or nowhere, are one point's concern."""
+    network = images_only()
+    rays = list(network.image_points())
+    *others, last = network.photos
+    point = list(network.points)[-1]
+    inc = IncrementalAdjustment(bare(network), policy="accept", datum="free")
+    inc.add([o for o in rays if o.photo != last and (o.point != point or o.photo == others[0])])
+    x, y = wrong
+    arrived = inc.add(
+        [
+            replace(o, x=o.x + x, y=o.y + y) if o.point == point else o
+            for o in rays
+            if o.photo == last
+        ]
+    )
+    waits = {v.id for v in arrived.verdicts if v.verdict == "waiting"}
+    assert waits == {f"{last}/{point}"}
+    assert last in inc.network().photos
+    assert {w.id for w in inc.waiting} == {f"{others[0]}/{point}", f"{last}/{point}"}
+    assert all(w.lacks for w in inc.waiting)
+    # What was right enters once the wrong ray is gone and another has come.
+    inc.remove(f"{last}/{point}")
+    inc.add([o for o in rays if o.point == point and o.photo not in (others[0], last)])
+    assert not inc.waiting

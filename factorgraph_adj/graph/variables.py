@@ -118,14 +118,16 @@ class Unknowns:
         """Return the start values, NaN where unknown."""
         return {kind: table.values.copy() for kind, table in self.tables.items()}
 
-    def carried(self, into: State, source: Unknowns, values: State, *, where: MaskState) -> State:
+    def carried(
+        self, into: State, source: Unknowns, values: State, *, where: MaskState | None = None
+    ) -> State:
         """Return a state with the values of another network's state, by name.
 
         Args:
             into: the state that is filled; it stays as it is.
             source: the other network's unknowns.
             values: their values.
-            where: which values are taken over, arrays like those of ``into``.
+            where: which values are taken over, arrays like those of ``into``; none: all.
         """
         out = dict(into)
         for kind, table in self.tables.items():
@@ -138,8 +140,9 @@ class Unknowns:
                 mine = np.array([table.number[n] for n in common], dtype=np.intp)
                 theirs = np.array([other.number[n] for n in common], dtype=np.intp)
             filled = into[kind].copy()
-            take = where[kind][mine, :width]
-            taken = np.where(take, values[kind][theirs, :width], filled[mine, :width])
+            taken = values[kind][theirs, :width]
+            if where is not None:
+                taken = np.where(where[kind][mine, :width], taken, filled[mine, :width])
             filled[mine, :width] = taken
             out[kind] = filled
         return out

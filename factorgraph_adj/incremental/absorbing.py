@@ -20,13 +20,13 @@ from ..solve.batch import adjust
 from . import records
 from .book import Book
 from .engine import Engine
-from .entering import find
+from .entering import find, firm
 from .journal import Journal
 from .judging import Decision, decide, verdicts, waiting
 from .local import known_network
 from .retries import around
 from .taking_out import what_loosens
-from .trial import Trial
+from .trial import Trial, parts
 from .units import Unit, Variable, pending
 from .verdicts import Outcome, Policy, Verdict
 from .view import solution_of
@@ -96,7 +96,7 @@ class Absorbing:
             ready, late = [], list(units)
         found, solutions, lacks = self._find([*late, *self._weak_ones()], begins=begins)
         if not found:
-            trial = engine.put_in(ready, ()) if ready else None
+            trial = engine.try_out(ready) if ready else None
             if trial is None or not engine.new_to_datum(trial):
                 return self._settle_hot(units, ready, trial, lacks, policy, entry)
             # It may notice what the datum has left open.
@@ -156,6 +156,7 @@ class Absorbing:
             if part.solution is not None and not (begins and found):
                 found += part.units
                 solutions.append(part.solution)
+                self._spared.update(u.ids[0] for u in part.aside)
         return found, solutions, lacks
 
     def _settle_hot(
@@ -281,18 +282,12 @@ class Absorbing:
                 arrival = self._absorb(every, test=policy != "accept")
             finally:
                 self._starting_over = False
-            again = {u.ids[0] for u in inside} & book.pool.keys()
             if len(book.inside) > sum(len(u.ids) for u in inside):
-                old = {i for u in waited for i in u.ids}
-                told = (
-                    v
-                    for v in arrival.verdicts
-                    if v.id in given or (v.id in old and v.verdict != "waiting")
-                )
-                waits = tuple(i for k in again for i in book.pool[k].ids)
-                return Arrival(
-                    tuple(v if v.id in given else replace(v, entered=True) for v in told), waits
-                )
+                again = [u for u in inside if u.ids[0] in book.pool]
+                known = {i for u in inside for i in u.ids} - given
+                told = Arrival(tuple(v for v in arrival.verdicts if v.id not in known))
+                waits = tuple(i for u in again for i in book.pool[u.ids[0]].ids)
+                return replace(_entered_beside(told, given), waits=waits)
             book.take_all()
         self._engine = before.copy()
         self._engine.network = book.network
@@ -327,10 +322,16 @@ class Absorbing:
         for _ in range(MOST_JUDGED):
             if not whole.stay:
                 break
-            trial = engine.trial_of(whole.stay)
-            trial.entered[:] = _new_variables(whole.stay, engine, before)
-            decision, now = self._judge(trial, policy, given)
-            told |= now
+            decision = Decision()
+            several = parts(whole.stay)
+            for part in several:
+                trial = engine.trial_of(part)
+                trial.entered[:] = _new_variables(part, engine, before)
+                of_part, now = self._judge(trial, policy, given)
+                decision.join(of_part)
+                told |= now
+            if decision.leaving and len(several) > 1:
+                return None  # who depends on them is not known; fewer at a time will tell
             gone = [*decision.left_out, *decision.back]
             for unit in gone:
                 book.remove(unit)
@@ -374,17 +375,38 @@ class Absorbing:
         if ready:
             for verdict in self._absorb(ready, test=policy != "accept").verdicts:
                 told.setdefault(verdict.id, []).append(verdict)
-        return _arrival(units, told)
+        arrival = _arrival(units, told)
+        for some in self._fewer(found):
+            waits_on = [u for u in some if u.ids[0] in book.pool]
+            for unit in waits_on:
+                book.retries.forget(unit.ids[0])
+            beside = self._absorb(waits_on, test=policy != "accept")
+            arrival = joined(arrival, _entered_beside(beside, given))
+        return arrival
+
+    def _fewer(self, found: Sequence[Unit]) -> list[list[Unit]]:
+        """Split what reached no solution together: what is firm before the rest, or in halves."""
+        book, register = self._book, self._engine.register
+        several = book.joined(found, register, without=book.retries.weak)
+        if len(several) > 1:
+            half = len(several) // 2
+            return [[u for c in some for u in c] for some in (several[:half], several[half:])]
+        inside = firm(book.network, register, found)
+        if not inside:
+            return []
+        keys = {u.ids[0] for u in inside}
+        return [inside, [u for u in found if u.ids[0] not in keys]]
 
     def _put_in(self, entering: Sequence[Unit], solutions: Sequence[Solution]) -> None:
         """Put units into the graph; find the datum of a free network anew where they touch it."""
         engine = self._engine
         if engine.datum == "free" and engine.empty:
-            engine.begin(entering, solutions[0])
+            first = solutions[0]
+            engine.load(first.equations, first.state, first.start, first.constraint)
             return
-        trial = engine.put_in(entering, solutions)
-        if engine.new_to_datum(trial):
-            engine.take_back(trial)
+        placed = engine.put_in(entering, solutions)
+        if engine.new_to_datum(placed):
+            engine.take_back(placed)
             try:
                 engine.begin_anew_with(entering, solutions)
             except AdjustmentError as error:
@@ -506,8 +528,7 @@ class Absorbing:
             engine.clear()
             found = self._absorb([*every, *left_over], test=False)
             return tuple(v.id for v in found.verdicts if v.verdict == "waiting")
-        engine.kept = solution.converged
-        engine.load(solution.equations, solution.state, solution.start, solution.constraint)
+        engine.hold(solution)
         self._absorb(left_over, test=False)
         return ()
 
@@ -556,8 +577,7 @@ class Absorbing:
         if solution is None or not solution.converged:
             step = 1 if engine.datum == "free" else 0  # with which the datum is found
             solution = adjust(network, datum=engine.datum, start=start, max_iterations=step)
-        engine.kept, engine.doubt = solution.converged, doubt or solution.reason
-        engine.load(solution.equations, solution.state, solution.start, solution.constraint)
+        engine.hold(solution, doubt)
 
 
 def _arrival(units: Sequence[Unit], told: Mapping[str, list[Verdict]]) -> Arrival:

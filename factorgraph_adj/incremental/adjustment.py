@@ -26,6 +26,7 @@ from .book import Book
 from .engine import Engine
 from .journal import Journal
 from .local import known_network
+from .trial import MOST_ROWS, parts
 from .units import Unit, named
 from .verdicts import Policy, Verdict
 from .view import solution_of
@@ -33,8 +34,6 @@ from .view import solution_of
 POLICIES = ("accept", "flag", "reject")
 MOST_WEIGHT = 1e12
 """Factor of weights beyond which nothing is meant by it."""
-MOST_ROWS = 2500
-"""Scalar rows of one arrival that are judged together; more go in one part after the other."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +204,7 @@ class IncrementalAdjustment(Absorbing):
             with self._all_or_nothing(entry):
                 self._take_over(draft)
                 found = Arrival()
-                for part in _parts(units):
+                for part in parts(units):
                     found = joined(found, self._absorb(part, test=True))
             return found
         before = self._book.network
@@ -557,20 +556,6 @@ def _listed(given: object) -> list[AnyObservation]:
     if problems:
         raise InputError(problems)
     return items
-
-
-def _parts(units: Sequence[Unit]) -> Iterator[list[Unit]]:
-    """Split units into parts of no more than `MOST_ROWS` rows."""
-    part: list[Unit] = []
-    n = 0
-    for unit in units:
-        if part and n + unit.n_scalars > MOST_ROWS:
-            yield part
-            part, n = [], 0
-        part.append(unit)
-        n += unit.n_scalars
-    if part:
-        yield part
 
 
 def _scaled(unit: Unit, by: float) -> Unit:

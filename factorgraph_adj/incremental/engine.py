@@ -23,10 +23,10 @@ from ..quality.solution import Solution
 from ..solve.batch import OFF_DATUM, adjust
 from ..solve.tree import SingularError
 from ..types import Array, Index
-from .local import filtered, local_state
+from .local import filtered, starting_state
 from .network_graph import Graph, slots_of
 from .rows import Piece, Rows
-from .trial import Trial
+from .trial import Placed
 from .units import Unit, components
 from .view import onto_datum, start_at
 
@@ -317,13 +317,7 @@ class Engine(Graph):
             return known or not components(self.network, (kind, name))[0]
 
         equations = compile_network(filtered(self.network, stays))
-        state = given = equations.unknowns.start()
-        everything = {k: np.ones(v.shape, dtype=bool) for k, v in state.items()}
-        for part in found:
-            there = part.equations.unknowns
-            state = equations.unknowns.carried(state, there, part.state, where=everything)
-            given = equations.unknowns.carried(given, there, part.start, where=everything)
-        state = local_state(equations, self.register, state)
+        state, given = starting_state(equations, self.register, found)
         self._adjust(equations.network, start_at(equations, state, given))
 
     def _adjust(
@@ -332,13 +326,24 @@ class Engine(Graph):
         solution = adjust(
             network, datum=self.datum, start=start, tolerance=AT_REST, max_iterations=iterations
         )
+        self.hold(solution)
+        self.settled = solution.converged
+
+    def hold(self, solution: Solution, doubt: str = "") -> None:
+        """Make everything anew from a batch adjustment.
+
+        Args:
+            solution: of `network`.
+            doubt: why it is not at rest, where that is not its own reason.
+        """
+        # Where a free network lies changes no observation.
         was, self.kept = self.kept, solution.converged or solution.reason == OFF_DATUM
         try:
             self.load(solution.equations, solution.state, solution.start, solution.constraint)
         except BaseException:
             self.kept = was
             raise
-        self.settled, self.doubt = solution.converged, solution.reason
+        self.settled, self.doubt = False, doubt or solution.reason
 
     def to_datum(self) -> None:
         """Move a free network to its inner constraints, charts and all.
@@ -370,7 +375,7 @@ class Engine(Graph):
 
     # -- the datum ----------------------------------------------------------------------------
 
-    def new_to_datum(self, trial: Trial) -> bool:
+    def new_to_datum(self, trial: Placed) -> bool:
         """Return whether a trial notices what the minimal datum of a free network holds."""
         return self.open_motions is not None and self.open_motions.noticed(
             self.network, self.register, trial.units

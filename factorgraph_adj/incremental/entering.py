@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..approximate import reach
-from ..errors import AdjustmentError, InputError, Problem
+from ..errors import AdjustmentError, DatumError, InputError, Problem
 from ..graph.equations import Equations, compile_rows
 from ..network import DatumChoice, Network
 from ..quality.snooping import snoop
@@ -33,8 +33,11 @@ DENSE = 400
 DISTURBED = 3.0
 """σ̂0 of a local adjustment above which gross errors have moved it."""
 ABSURD = "some value is absurdly large"
+RUNS_AWAY = "its observations hardly determine it: their adjustment runs away"
 MOST_SNOOPED = 30
 """Rounds of snooping in a local network."""
+SPARE = 1
+"""Readings more than its components that a point has at most to be one that may wait on."""
 SHARE = 0.05
 """Part of a null vector's length in a variable from which on the variable counts as moved."""
 LEFT_AT_REST = 1e-7
@@ -51,6 +54,8 @@ class Found:
     """Their adjustment with what is known held."""
     lacks: dict[Variable, str]
     """Why the others wait."""
+    aside: tuple[Unit, ...] = ()
+    """Units that kept those from entering; they may enter once those are in."""
 
 
 def find(
@@ -74,34 +79,36 @@ def find(
         alpha: of the tests that find what stands out.
     """
     lacks: dict[Variable, str] = {}
+    aside: list[Unit] = []
     left = list(units)
-    while True:
-        left = _countable(network, register, left, lacks, free=datum == "free")
-        if not left:
-            return Found((), None, lacks)
+    while left := _countable(network, register, left, lacks, free=datum == "free"):
         local = local_network(network, register, left, datum=datum)
+        lost: set[Variable] = set()
+        why = ""
         try:
-            equations = compile_rows(local)
-            lost = _unreachable(equations, left, lacks, datum)
-        except OverflowError:
-            return Found((), None, lacks | _all(register, left, ABSURD))
-        except InputError as error:
-            lost = _named(network, register, error, left, lacks)
+            lost = _unreachable(compile_rows(local), left, lacks, datum)
             if not lost:
-                return Found((), None, lacks | _all(register, left, str(error)))
-        if not lost:
-            try:
-                solution = adjust(
-                    local, datum=datum, tolerance=LEFT_AT_REST if datum == "free" else 1e-4
-                )
-            except AdjustmentError as error:
-                return Found((), None, lacks | _all(register, left, str(error)))
-            if not solution.converged and not solution.redundancy:
-                return Found((), None, lacks | _all(register, left, solution.reason))
-            if blunders and solution.sigma0 > DISTURBED:
-                solution = _without_blunders(solution, alpha)
-            return Found(tuple(left), solution, lacks)
-        left = [u for u in left if not lost & set(u.variables)]
+                tolerance = LEFT_AT_REST if datum == "free" else 1e-4
+                solution = adjust(local, datum=datum, tolerance=tolerance)
+                if solution.converged or solution.redundancy:
+                    if blunders and solution.sigma0 > DISTURBED:
+                        solution = _without_blunders(solution, alpha)
+                    return Found(tuple(left), solution, lacks, tuple(aside))
+                why = solution.reason
+        except OverflowError:
+            why = ABSURD
+        except AdjustmentError as error:
+            lost = _named(register, error, left, lacks)
+            why = RUNS_AWAY if isinstance(error, DatumError) else str(error)
+        if lost:
+            rest = [u for u in left if not lost.intersection(u.variables)]
+        else:
+            lacks |= _all(register, left, why)
+            rest = firm(network, register, left)
+        stay = {u.ids[0] for u in rest}
+        aside += [u for u in left if u.ids[0] not in stay]
+        left = rest
+    return Found((), None, lacks)
 
 
 def _without_blunders(solution: Solution, alpha: float) -> Solution:
@@ -112,11 +119,28 @@ def _without_blunders(solution: Solution, alpha: float) -> Solution:
         return solution
     unknowns = solution.equations.unknowns
     found = clean.solution
-    everything = {k: np.ones(v.shape, dtype=bool) for k, v in solution.state.items()}
-    state = unknowns.carried(
-        solution.state, found.equations.unknowns, found.state, where=everything
-    )
+    state = unknowns.carried(solution.state, found.equations.unknowns, found.state)
     return replace(solution, state=state)
+
+
+def firm(network: Network, register: Register, units: Sequence[Unit]) -> list[Unit]:
+    """Return units without those of points that have hardly more readings than they need.
+
+    These add next to nothing to what else enters, and a wrong one keeps all of it from a solution.
+    Nothing is returned where there are no such points, or nothing else.
+    """
+    rows: dict[Variable, int] = {}
+    for u in units:
+        for v in pending(register, u):
+            if v[0] == "point":
+                rows[v] = rows.get(v, 0) + u.n_scalars
+    weak = set()
+    for v, n in rows.items():
+        size, own = components(network, v)
+        if n + own <= size + SPARE:
+            weak.add(v)
+    rest = [u for u in units if not weak.intersection(u.variables)]
+    return rest if weak and any(pending(register, u) for u in rest) else []
 
 
 def _all(register: Register, units: Iterable[Unit], why: str) -> dict[Variable, str]:
@@ -218,6 +242,7 @@ def _unreachable(
             lost.add(v)
             of = [u for u in units if v in u.variables]
             lacks[v] = f"{NOUN[kind]} {v[1]!r} is not determined by {describe(of, v)}"
+    lost = _points_first(lost)
     if not lost:  # spread thinly over very many: all of them
         for kind, number in unknowns.active():
             if share[unknowns.columns(kind, number)].any():
@@ -247,6 +272,11 @@ def _null(system: LinearSystem, diagonal: Array) -> Array:
     return out
 
 
+def _points_first(variables: set[Variable]) -> set[Variable]:
+    """Return the points of them, if there are any: a photo may do without one of its points."""
+    return {v for v in variables if v[0] == "point"} or variables
+
+
 def _why(problems: Sequence[Problem], variable: Variable) -> str:
     """Return the reason that names a variable."""
     for p in problems:
@@ -256,20 +286,31 @@ def _why(problems: Sequence[Problem], variable: Variable) -> str:
 
 
 def _named(
-    network: Network,
-    register: Register,
-    error: InputError,
-    units: list[Unit],
-    lacks: dict[Variable, str],
+    register: Register, error: AdjustmentError, units: list[Unit], lacks: dict[Variable, str]
 ) -> set[Variable]:
-    """Return the waiting variables of the observations that an error names."""
+    """Return the waiting variables that an error is about, points first."""
+    waiting = {v for u in units for v in pending(register, u)}
     lost: set[Variable] = set()
-    for unit in units:
-        labels = [o.label() for o in unit.observations]
+    if isinstance(error, DatumError):
+        lost = _points_first(waiting & set(error.unknowns))
+        of: dict[Variable, list[Unit]] = {v: [] for v in lost}
+        for u in units:
+            for v in lost.intersection(u.variables):
+                of[v].append(u)
+        for v in lost:
+            lacks[v] = f"{NOUN[v[0]]} {v[1]!r} is not determined by {describe(of[v], v)}"
+    elif isinstance(error, InputError):
+        about: dict[str, list[Variable]] = {}
+        for unit in units:
+            late = pending(register, unit)
+            geometric = {v for v in late if v[0] in ("point", "pose")}
+            for o in unit.observations:
+                about[o.label()] = sorted(_points_first(geometric))
+        about |= {f"photo {v[1]!r}": [v] for v in waiting if v[0] == "pose"}
         for p in error.problems:
-            if any(label in (p.where or "") for label in labels):
-                for v in pending(register, unit):
-                    if v[0] in ("point", "pose"):
-                        lost.add(v)
-                        lacks[v] = str(p)
+            where = p.where or ""
+            # The observation, or one of its components.
+            for v in about.get(where, about.get(where.rpartition(" ")[0], [])):
+                lost.add(v)
+                lacks[v] = str(p)
     return lost

@@ -40,6 +40,14 @@ class Decision:
     leaving: list[tuple[VariableKind, int]] = field(default_factory=list)
     """Variables that they alone determined."""
 
+    def join(self, other: Decision) -> None:
+        """Take in what happens to other units."""
+        self.stay += other.stay
+        self.beyond |= other.beyond
+        self.left_out += other.left_out
+        self.back += other.back
+        self.leaving += other.leaving
+
 
 def decide(engine: Engine, trial: Trial, *, policy: Policy, alpha: float) -> Decision:
     """Leave out units one by one, the one with the largest T²/critical first."""

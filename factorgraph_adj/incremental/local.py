@@ -16,6 +16,7 @@ from ..graph.equations import Equations
 from ..graph.variables import NO_DEFLECTION, NO_METER, State, calibration_name
 from ..models.registry import VariableKind
 from ..network import DatumChoice, Network
+from ..quality.solution import Solution
 from ..types import Array
 from .register import Register
 from .units import Unit, components
@@ -185,6 +186,19 @@ def local_state(equations: Equations, register: Register, found: State | None = 
                 width = min(state[kind].shape[1], table.value.view.shape[1])
                 state[kind][i, :width] = table.value.view[number, :width]
     return state
+
+
+def starting_state(
+    equations: Equations, register: Register, found: Iterable[Solution]
+) -> tuple[State, State]:
+    """Return where the variables are, from the register or what was ``found``, and x₀."""
+    unknowns = equations.unknowns
+    state = given = unknowns.start()
+    for part in found:
+        there = part.equations.unknowns
+        state = unknowns.carried(state, there, part.state)
+        given = unknowns.carried(given, there, part.start)
+    return local_state(equations, register, state), given
 
 
 def describe(units: Sequence[Unit], variable: tuple[VariableKind, str]) -> str:

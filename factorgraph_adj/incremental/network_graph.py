@@ -24,13 +24,13 @@ from ..observations import Observation
 from ..quality.solution import Solution
 from ..solve.tree import SMALL, SingularError, nested_dissection
 from ..types import Array, Index, Mask
-from .local import known_network, local_network, local_state
+from .local import known_network, local_network, starting_state
 from .open_motions import OpenMotions
 from .recent import MOST, Recent
 from .register import Register
 from .rows import Group, Piece, Rows, Store
 from .tree import LinearTree
-from .trial import LowRank, Marks, Trial, gather, rows_of
+from .trial import LowRank, Marks, Placed, Trial, gather, rows_of
 from .units import Unit
 from .verdicts import Judged
 from .view import variances_of
@@ -306,15 +306,19 @@ class Graph:
 
     # -- putting in and taking back -----------------------------------------------------------
 
-    def begin(self, units: Sequence[Unit], found: Solution) -> Trial:
-        """Put the first units of a free network in, with the minimal datum that they need."""
-        self.load(found.equations, found.state, found.start, found.constraint)
-        marks: Marks = (dict.fromkeys(self.register.tables, 0), ({}, 0))
-        entered = [self.register.variable(k) for k in self.register.keys]
-        return self._trial(units, self.store.everything(), marks, entered)
+    def try_out(self, units: Sequence[Unit]) -> Trial:
+        """Put units between known variables in, to be judged, and kept or taken back.
 
-    def put_in(self, units: Sequence[Unit], found: Sequence[Solution]) -> Trial:
-        """Put units into the tree, to be kept or taken back.
+        Raises:
+            InputError: as `put_in`.
+        """
+        recent = self._recent_of(sum(u.n_scalars for u in units))
+        placed = self._placed(units, (), recent, judge=True)
+        assert isinstance(placed, Trial)
+        return placed
+
+    def put_in(self, units: Sequence[Unit], found: Sequence[Solution]) -> Placed:
+        """Put units into the tree; they may be taken back.
 
         Args:
             units: what they depend on is known, or in ``found``.
@@ -325,17 +329,19 @@ class Graph:
                 different from others that double precision cannot hold both; nothing has changed
                 then.
         """
-        recent = None if found else self._recent_of(sum(u.n_scalars for u in units))
+        return self._placed(units, found, None, judge=False)
+
+    def _placed(
+        self,
+        units: Sequence[Unit],
+        found: Sequence[Solution],
+        recent: Recent | None,
+        *,
+        judge: bool,
+    ) -> Placed:
         local = local_network(self.network, self.register, units)
         equations = compile_rows(local)
-        start = equations.unknowns.start()
-        given = start
-        everything = {k: np.ones(v.shape, dtype=bool) for k, v in start.items()}
-        for part in found:
-            there = part.equations.unknowns
-            start = equations.unknowns.carried(start, there, part.state, where=everything)
-            given = equations.unknowns.carried(given, there, part.start, where=everything)
-        state = local_state(equations, self.register, start)
+        state, given = starting_state(equations, self.register, found)
         equations = equations.weighted_at(state)
         if recent is None:
             self.flush()
@@ -343,11 +349,11 @@ class Graph:
         known = {k: t.known.view.copy() for k, t in self.register.tables.items()}
         try:
             try:
-                return self._put_in(units, equations, state, given, recent, marks)
+                return self._place(units, equations, state, given, recent, marks, judge=judge)
             except _Imprecise:
                 self._forget(marks, known)
                 self.flush()
-                return self._put_in(units, equations, state, given, None, marks)
+                return self._place(units, equations, state, given, None, marks, judge=judge)
         except BaseException as error:
             self._forget(marks, known)
             self.aged = True
@@ -356,7 +362,7 @@ class Graph:
                 raise InputError([Problem(SINGULAR, o.label()) for o in _some(units)]) from None
             raise
 
-    def _put_in(
+    def _place(
         self,
         units: Sequence[Unit],
         equations: Equations,
@@ -364,7 +370,9 @@ class Graph:
         given: State,
         recent: Recent | None,
         marks: Marks,
-    ) -> Trial:
+        *,
+        judge: bool,
+    ) -> Placed:
         n_keys = len(self.register.keys)
         numbers = self.register.absorb(equations, state, given)
         piece = self.store.absorb(equations, numbers)
@@ -385,7 +393,8 @@ class Graph:
             self.rebuild()  # by QR
         self._note_priors(piece)
         entered = [self.register.variable(k) for k in fresh]
-        return self._trial(units, piece, marks, entered, arrived=True)
+        placed = Placed(tuple(units), piece, marks, entered)
+        return self._judged(placed, arrived=True) if judge else placed
 
     def _remember(self) -> None:
         self._before = {k: v.copy() for k, v in self.register.state.items()}
@@ -423,10 +432,10 @@ class Graph:
         pieces = [(rows, np.array(at, dtype=np.intp)) for rows, at in chosen.values()]
         inside = np.concatenate([rows.group.view[at] for rows, at in pieces])
         piece = Piece(pieces, np.unique(inside[inside >= 0]).tolist())
-        return self._trial((), piece, (self.register.marks(), self.store.marks()), [])
+        return self._judged(Placed((), piece, (self.register.marks(), self.store.marks()), []))
 
-    def take_back(self, trial: Trial) -> None:
-        """Make everything as it was before `put_in`, or `begin`."""
+    def take_back(self, trial: Placed) -> None:
+        """Make everything as it was before `put_in`, or `try_out`."""
         if not trial.marks[1][0]:
             self.clear()
             return
@@ -438,16 +447,9 @@ class Graph:
             self._update([], [], gtsam.Values(), slots)
             self._renew_variances()
 
-    def _trial(
-        self,
-        units: Sequence[Unit],
-        piece: Piece,
-        marks: Marks,
-        entered: list[tuple[VariableKind, int]],
-        *,
-        arrived: bool = False,
-    ) -> Trial:
+    def _judged(self, placed: Placed, *, arrived: bool = False) -> Trial:
         """Return rows that are in the tree as a trial."""
+        units, piece = placed.units, placed.piece
         system = gather(self.store, piece)
         joint = self.tree.joint(system.keys, arrived=arrived)
         variances = np.array(np.diag(joint))
@@ -457,7 +459,8 @@ class Graph:
         # Where the state has stayed, v are not yet the residuals.
         judged = Judged(m, system.v if self.kept else m @ system.v)
         rows = rows_of(units, system) if units else system.rows
-        return Trial(tuple(units), piece, marks, entered, rows, system, spread, variances, judged)
+        figures = rows, system, spread, variances, judged
+        return Trial(units, piece, placed.marks, placed.entered, *figures)
 
     def _beside(self, recent: Recent, units: Sequence[Unit], piece: Piece, marks: Marks) -> Trial:
         """Return rows between known variables as a trial beside the tree."""
@@ -477,7 +480,8 @@ class Graph:
         judged = Judged(0.5 * (m + m.T), m @ system.v)
         low = LowRank(y, d, system.v)
         rows = rows_of(units, system)
-        return Trial(tuple(units), piece, marks, [], rows, system, spread, variances, judged, low)
+        figures = rows, system, spread, variances, judged
+        return Trial(tuple(units), piece, marks, [], *figures, low_rank=low)
 
     def _recent_of(self, rows: int) -> Recent | None:
         """Return the factorised system, made when several arrivals in a row could use it."""

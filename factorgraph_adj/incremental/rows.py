@@ -365,6 +365,10 @@ class Store:
             for group in self.groups.values():
                 group.members = [(r, anew[at] if r is rows else at) for r, at in group.members]
 
+    def n_rows_of(self, ids: Iterable[str]) -> int:
+        """Return the number of scalar rows of some ids."""
+        return sum(r.template.dimension for i in ids for r, _ in self.places[i])
+
     @property
     def n_scalars(self) -> int:
         """Number of scalar rows."""

@@ -17,11 +17,9 @@ from ..solve.tree import SingularError, down, up
 from ..types import Array
 from .engine import Engine
 from .judging import MOVES, TIED
+from .trial import MOST_ROWS
 from .units import Unit
 from .view import cliques_anew
-
-MOST_ROWS = 2500
-"""Scalar rows up to which M is looked at; beyond it, everything is found anew."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +50,9 @@ def what_loosens(
     going |= dict.fromkeys(weights)
     variables: set[tuple[VariableKind, int]] = set()
     while True:
-        trial = engine.trial_of_ids(list(going))
-        if len(trial.judged.v) > MOST_ROWS:
+        if engine.store.n_rows_of(going) > MOST_ROWS:
             return None
+        trial = engine.trial_of_ids(list(going))
         values, vectors = np.linalg.eigh(trial.judged.m)
         null = vectors[:, values <= TIED]
         if not null.shape[1]:

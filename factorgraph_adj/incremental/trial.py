@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -17,6 +17,9 @@ from .verdicts import Judged, pseudo_inverse
 
 Marks: TypeAlias = tuple[dict[VariableKind, int], tuple[dict[int, int], int]]
 """How many variables and rows there were."""
+
+MOST_ROWS = 2500
+"""Scalar rows that are judged together: their matrices are dense."""
 
 
 @dataclass
@@ -52,7 +55,7 @@ class LowRank:
 
 
 @dataclass
-class Trial:
+class Placed:
     """Units that may still be taken back."""
 
     units: tuple[Unit, ...]
@@ -63,6 +66,14 @@ class Trial:
     """What there was before."""
     entered: list[tuple[VariableKind, int]]
     """Variables that entered with them."""
+    low_rank: LowRank | None = field(default=None, kw_only=True)
+    """What they would change; none where they are in the tree."""
+
+
+@dataclass
+class Trial(Placed):
+    """The same with what they are judged by."""
+
     rows: dict[str, Index]
     """Scalar rows of each unit, by its first id."""
     system: Gathered
@@ -73,8 +84,6 @@ class Trial:
     """Variances of the columns with them, (columns,)."""
     judged: Judged
     """M and v of the state with them."""
-    low_rank: LowRank | None = None
-    """None where they are in the tree."""
 
     def take_out(self, u: Index) -> None:
         """Leave rows out: Q ← Q + S_u M_uu⁻¹ S_uᵀ, S ← S − S_u M_uu⁻¹ M_u, with S = Q Aᵀ."""
@@ -84,6 +93,19 @@ class Trial:
         self.variances = self.variances + np.einsum("ij,ij->i", gain, own)
         self.spread = self.spread - gain @ m[u]
         self.judged.take_out(u)
+
+
+def parts(units: Sequence[Unit]) -> list[list[Unit]]:
+    """Split units into parts that can be judged together."""
+    out: list[list[Unit]] = []
+    room = 0
+    for unit in units:
+        room -= unit.n_scalars
+        if room < 0:
+            out.append([])
+            room = MOST_ROWS - unit.n_scalars
+        out[-1].append(unit)
+    return out
 
 
 def rows_of(units: Sequence[Unit], system: Gathered) -> dict[str, Index]:

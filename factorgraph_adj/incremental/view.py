@@ -15,9 +15,15 @@ from ..graph.keys import CHARS
 from ..graph.variables import State
 from ..models.registry import VariableKind
 from ..quality.solution import Solution
-from ..solve.datum import Defect, FreeDatum, find_defects, transform
+from ..solve.datum import Defect, FreeDatum, find_defects
 from ..solve.factor import Factor
-from ..solve.free_network import CARRIED, MOST_TRANSFORMATIONS, datum_columns, moved_from
+from ..solve.free_network import (
+    MOST_TRANSFORMATIONS,
+    datum_columns,
+    is_nothing,
+    moved_from,
+    onto_constraints,
+)
 from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
 from ..solve.plan import make_plan
@@ -290,10 +296,9 @@ def _on_datum(
             columns = datum_columns(equations, defects[0].motions)
         datum = FreeDatum(defects[0].motions, columns)
         amounts = datum.project(moved_from(equations, state, given))
-        shift = float(np.abs(datum.motions @ amounts).max())
-        if shift < CARRIED * (1.0 + float(np.abs(state["point"]).max())):
+        if is_nothing(datum.motions @ amounts, state):
             break
-        state = transform(equations, state, defects[0], amounts)
+        state = onto_constraints(equations, state, given, defects[0], columns)
     return state, tuple(defects), datum
 
 

@@ -63,8 +63,7 @@ class Innovations:
         start = unknowns.start()
         for kind, table in unknowns.tables.items():
             start[kind][table.offset >= 0] = np.nan
-        everything = {kind: np.ones(values.shape, dtype=bool) for kind, values in start.items()}
-        self.state: State = unknowns.carried(start, source, solution.state, where=everything)
+        self.state: State = unknowns.carried(start, source, solution.state)
         new = {unknowns["point"].number[name]: x for name, x in (points or {}).items()}
         for place, x in new.items():
             self.state["point"][place] = x

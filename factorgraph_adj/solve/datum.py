@@ -17,7 +17,7 @@ no observation notices (`transform`).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -66,21 +66,6 @@ def generators(equations: Equations, state: State, about: About | None = None) -
     Returns:
         G, (n_columns, 7).
     """
-    return _generators(equations, state, about)[0]
-
-
-def middle(state: State) -> About:
-    """Return the centre of the points (of the photos where there are none) and their distance."""
-    points = state["point"]
-    centre = points.mean(axis=0) if len(points) else state["pose"][:, 9:].mean(axis=0)
-    size = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)))) if len(points) else 1.0
-    return centre, size or 1.0
-
-
-def _generators(
-    equations: Equations, state: State, about: About | None = None
-) -> tuple[Array, Array, float]:
-    """Return G (n_columns, 7), the centre (3,) and the mean distance from it."""
     unknowns = equations.unknowns
     points = state["point"]
     centre, size = middle(state) if about is None else about
@@ -108,7 +93,15 @@ def _generators(
     on = np.flatnonzero(table.offset >= 0)
     g[table.offset[on], 6] = -(1.0 + state["edm"][on, 0]) / size
     g[~unknowns.free] = 0.0
-    return g, centre, size
+    return g
+
+
+def middle(state: State) -> About:
+    """Return the centre of the points (of the photos where there are none) and their distance."""
+    points = state["point"]
+    centre = points.mean(axis=0) if len(points) else state["pose"][:, 9:].mean(axis=0)
+    size = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)))) if len(points) else 1.0
+    return centre, size or 1.0
 
 
 def _turn_stations(
@@ -204,11 +197,20 @@ class Defect:
     """Unnoticed motions G (n_columns, d), zero outside the part."""
     mixture: Array
     """The same as combinations of the seven, (7, d)."""
+    about: About
+    """What the seven refer to."""
+    inside: Mask
+    """Columns that they move, (n_columns,): those of the part, and shared ones if it is alone."""
 
     @property
     def size(self) -> int:
         """Number of defects d."""
         return int(self.motions.shape[1])
+
+    def at(self, equations: Equations, state: State) -> Defect:
+        """Return the same motions at another state."""
+        g = generators(equations, state, self.about)
+        return replace(self, motions=np.where(self.inside[:, None], g, 0.0) @ self.mixture)
 
     def names(self) -> list[str]:
         """Return the plain motions in the defect; mixtures are named by their main part."""
@@ -228,7 +230,8 @@ def find_defects(
         free: whether a free network is asked for.
     """
     unknowns = system.unknowns
-    g = generators(system.equations, state)
+    about = middle(state)
+    g = generators(system.equations, state, about)
     label = parts(system.equations)
     observed = diagonal > 0
     geometric = np.zeros(unknowns.n_columns, dtype=bool)
@@ -245,7 +248,8 @@ def find_defects(
         part_g = np.where(inside[:, None], g, 0.0)
         defect = _unnoticed(system, part_g, diagonal, UNNOTICED_IF_FREE if free else UNNOTICED)
         if defect is not None:
-            out.append(Defect(np.flatnonzero(label == part), part_g @ defect, defect))
+            columns = np.flatnonzero(label == part)
+            out.append(Defect(columns, part_g @ defect, defect, about, inside))
     return out
 
 
@@ -299,10 +303,10 @@ def transform(equations: Equations, state: State, defect: Defect, amounts: Array
     Args:
         equations: the network.
         state: what is moved.
-        defect: the motions that may be used, found at ``state``.
+        defect: the motions that may be used, at ``state``.
         amounts: how far along each of them, (d,).
     """
-    _, centre, size = _generators(equations, state)
+    centre, size = defect.about
     motion = defect.mixture @ amounts
     moved = equations.unknowns.retract(state, defect.motions @ amounts)
     rotation = exp_rotation(motion[3:6] / size)

@@ -20,7 +20,14 @@ from .datum import Defect, FreeDatum, find_defects, transform
 from .normal import NormalEquations
 
 MOST_TRANSFORMATIONS = 20
-"""Times that a solution is moved towards inner constraints; two or three suffice as a rule."""
+"""Times that a solution is moved onto inner constraints; two or three suffice as a rule."""
+MOST_STEPS = 100
+"""Steps of one such motion; two or three suffice as a rule."""
+FAR = 0.5
+"""Rotation, radians, and logarithm of the scale, that one step may have at most."""
+NEGLIGIBLE = 1e-9
+"""Relative decrease of |x − x₀|² that its own rounding may hide."""
+HALVINGS = 30
 CARRIED = 1e-12
 """Motion that is left, relative to the coordinates, where a solution is on its constraints."""
 
@@ -71,6 +78,80 @@ def moved_from(equations: Equations, state: State, start: State) -> Array:
     out[columns] = state["point"][on] - start["point"][on]
     out[~equations.unknowns.free] = 0.0
     return out
+
+
+def onto_constraints(
+    equations: Equations, state: State, start: State, defect: Defect, columns: Mask
+) -> State:
+    """Move a network to where |x − x₀|² over the datum points is least.
+
+    There G_Dᵀ (x − x₀)_D = 0, as G holds the derivatives of x by the motions. Newton's method
+    with the second derivatives of the points, damped so that it descends: those are what counts
+    where the network has another shape than x₀.
+
+    Args:
+        equations: the network.
+        state: where it is.
+        start: x₀.
+        defect: the motions that may be used, at ``state``.
+        columns: coordinates of the datum points, (n_columns,).
+    """
+
+    def offset(at: State) -> Array:
+        return np.where(columns, moved_from(equations, at, start), 0.0)
+
+    columns = columns & defect.inside
+    r = offset(state)
+    size = defect.about[1]
+    for _ in range(MOST_STEPS):
+        g = defect.motions[columns]
+        gradient = g.T @ r[columns]
+        second = defect.mixture.T @ _bend(equations, state, r, defect) @ defect.mixture
+        # In the norm of GᵀG, and turned around where it bends downwards: that way it descends.
+        root = np.linalg.cholesky(g.T @ g)
+        half = np.linalg.solve(root, np.linalg.solve(root, second).T)
+        values, vectors = np.linalg.eigh(np.eye(len(half)) + 0.5 * (half + half.T))
+        along = vectors.T @ np.linalg.solve(root, gradient) / np.maximum(np.abs(values), 0.01)
+        amounts = -np.linalg.solve(root.T, vectors @ along)
+        if is_nothing(defect.motions @ amounts, state):
+            break
+        amounts /= max(1.0, float(np.linalg.norm((defect.mixture @ amounts)[3:])) / size / FAR)
+        before = float(r @ r)
+        certain = -float(gradient @ amounts) > NEGLIGIBLE * before
+        for _ in range(HALVINGS):
+            moved = transform(equations, state, defect, amounts)
+            r = offset(moved)
+            if not certain or float(r @ r) < before:
+                break
+            amounts = 0.5 * amounts
+        state = moved
+        defect = defect.at(equations, state)
+    return state
+
+
+def is_nothing(motion: Array, state: State) -> bool:
+    """Return whether a motion (n_columns,) is nothing to working precision."""
+    extent = 1.0 + float(np.abs(state["point"]).max())
+    return float(np.abs(motion).max()) < CARRIED * extent
+
+
+def _bend(equations: Equations, state: State, r: Array, defect: Defect) -> Array:
+    """Return Σ r ∂²X/∂(seven motions)² of the points, (7, 7).
+
+    X = c + e^s R q, q = X − c: rotations rᵀ(ω × (ω × q)), rotation and scale rᵀ(ω × q),
+    scale rᵀq.
+    """
+    centre, size = defect.about
+    table = equations.unknowns["point"]
+    on = np.flatnonzero(table.offset >= 0)
+    rows = r[table.offset[on, None] + np.arange(3)]
+    q = state["point"][on] - centre
+    s = rows.T @ q
+    out = np.zeros((7, 7))
+    out[3:6, 3:6] = 0.5 * (s + s.T) - np.trace(s) * np.eye(3)
+    out[3:6, 6] = out[6, 3:6] = np.cross(q, rows).sum(axis=0)
+    out[6, 6] = np.trace(s)
+    return out / size**2
 
 
 @dataclass(frozen=True)
@@ -134,8 +215,7 @@ def carry(
                 state = equations.unknowns.retract(state, next_step[0])
                 continue
         amounts = datum.project(moved_from(equations, state, start))
-        shift = float(np.abs(datum.motions @ amounts).max())
-        if shift < CARRIED * (1.0 + float(np.abs(state["point"]).max())):
+        if is_nothing(datum.motions @ amounts, state):
             return Carried(state, normal, defects, datum, at_rest)
-        state = transform(equations, state, found[0], amounts)
+        state = onto_constraints(equations, state, start, found[0], datum.columns)
     return Carried(state, None, defects, datum, False)

@@ -92,6 +92,7 @@ def undetermined(
     unknowns = system.unknowns
     scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
     lines, names = [], []
+    concerned: list[tuple[str, str]] = []
     if defects:
         motions = scale[:, None] * np.concatenate([d.motions for d in defects], axis=1)
         basis, _ = np.linalg.qr(motions)
@@ -103,6 +104,7 @@ def undetermined(
     n_datum = 0 if free else sum(d.size for d in defects)
     if z.shape[1]:
         shares = _shares(unknowns, z)
+        concerned = [(kind, unknowns[kind].names[number]) for kind, number, *_ in shares]
         for kind, number, share, weakest in shares[:LISTED]:
             name = unknowns[kind].names[number]
             names.append(name)
@@ -123,7 +125,8 @@ def undetermined(
         return None
     at_least = "at least " if z.shape[1] >= MOST else ""
     head = f"the network is not determined: {at_least}{total} defect{'s' * (total > 1)}"
-    return DatumError("\n  ".join([head, *lines]), defect=total, names=names)
+    message = "\n  ".join([head, *lines])
+    return DatumError(message, defect=total, names=names, unknowns=concerned)
 
 
 def describe_defects(unknowns: Unknowns, defects: Sequence[Defect]) -> list[str]:
