@@ -17,6 +17,7 @@ from ..approximate import reach
 from ..errors import AdjustmentError, DatumError, InputError, Problem
 from ..graph.equations import Equations, compile_rows
 from ..network import DatumChoice, Network
+from ..observations import ControlPoint, PhotoPosition
 from ..quality.snooping import snoop
 from ..quality.solution import Solution
 from ..solve.batch import adjust
@@ -34,6 +35,7 @@ DISTURBED = 3.0
 """σ̂0 of a local adjustment above which gross errors have moved it."""
 ABSURD = "some value is absurdly large"
 RUNS_AWAY = "its observations hardly determine it: their adjustment runs away"
+NOWHERE = "has no datum yet: nothing that it hangs together with is known, held or weighted"
 MOST_SNOOPED = 30
 """Rounds of snooping in a local network."""
 SPARE = 1
@@ -83,6 +85,8 @@ def find(
     left = list(units)
     while left := _countable(network, register, left, lacks, free=datum == "free"):
         local = local_network(network, register, left, datum=datum)
+        if datum == "given" and not _placed(local):
+            return Found((), None, lacks | _all(register, left, NOWHERE))
         lost: set[Variable] = set()
         why = ""
         try:
@@ -109,6 +113,15 @@ def find(
         aside += [u for u in left if u.ids[0] not in stay]
         left = rest
     return Found((), None, lacks)
+
+
+def _placed(local: Network) -> bool:
+    """Return whether anything says where a local network is; its rank need not be looked at."""
+    return (
+        any(p.sigma is not None or any(p.fixed) for p in local.points.values())
+        or any(f.sigma_position is not None or any(f.fixed[3:]) for f in local.photos.values())
+        or any(isinstance(o, ControlPoint | PhotoPosition) for o in local.observations.values())
+    )
 
 
 def _without_blunders(solution: Solution, alpha: float) -> Solution:
