@@ -274,9 +274,8 @@ def _iterate(
             growth *= 2.0
             if damping > MOST_DAMPING:
                 # No step can be told from rounding: at rest, if the undamped one is small.
-                found = _step(run, normal, 0.0)
-                if found is not None and found[2] < tolerance:
-                    return iteration, True, _at_rest(found[2], tolerance), vtpv
+                if (left := _undamped(run, normal)) < tolerance:
+                    return iteration, True, _at_rest(left, tolerance), vtpv
                 _explain(run, normal)
                 reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
                 return iteration, False, reason, vtpv
@@ -290,6 +289,8 @@ def _iterate(
         vtpv = after
         growth = 2.0
         if slow >= 5:
+            if (left := _undamped(run, run.normal_at(run.state))) < tolerance:
+                return iteration, True, _at_rest(left, tolerance), after
             if run.equations.unknowns.n_columns <= SMALL_ENOUGH_TO_EXPLAIN:
                 _explain(run, run.normal_at(run.state))
             return iteration, False, _drifting(run, bound), after
@@ -298,6 +299,12 @@ def _iterate(
             damping, resume = 0.0, LEAST_DAMPING
     reason = f"not at rest after {max_iterations} iterations: the last step was {bound:.2g} σ"
     return max_iterations, False, reason, vtpv
+
+
+def _undamped(run: _Run, normal: NormalEquations) -> float:
+    """Return the bound of the step without damping, infinite where there is none."""
+    found = _step(run, normal, 0.0)
+    return np.inf if found is None else found[2]
 
 
 def _drifting(run: _Run, bound: float) -> str:
