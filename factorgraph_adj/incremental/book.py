@@ -195,6 +195,7 @@ class Book:
             for v in pending(register, unit):
                 of.setdefault(v, []).append(key)
         done: set[str] = set()
+        seen: set[Variable] = set()
         out = []
         for key in new:
             if key in done:
@@ -208,6 +209,9 @@ class Book:
                 unit = new.get(k) or self.pool[k]
                 found[k] = unit
                 for v in pending(register, unit):
+                    if v in seen:
+                        continue
+                    seen.add(v)
                     stack += [n for n in of.get(v, ()) if n not in found]
                     others = self._waiting_for.get(v, ())
                     stack += [n for n in others if n not in found and n not in without]
