@@ -33,12 +33,14 @@ from .tree import LinearTree
 from .trial import LowRank, Marks, Placed, Trial, gather, rows_of
 from .units import Unit
 from .verdicts import Judged
-from .view import variances_of
+from .view import cofactor_times, variances_of
 
 SINGULAR = (
     "with it the normal equations are singular to working precision: is its standard deviation, or "
     "its value, in the right unit?"
 )
+MANY_KEYS = 100
+"""Variables beyond which solving for all rows is quicker than the tree's own joint covariance."""
 NAMED = 12
 """Observations that a message names."""
 PATIENCE = 8
@@ -451,10 +453,16 @@ class Graph:
         """Return rows that are in the tree as a trial."""
         units, piece = placed.units, placed.piece
         system = gather(self.store, piece)
-        joint = self.tree.joint(system.keys, arrived=arrived)
-        variances = np.array(np.diag(joint))
+        if len(system.keys) > MANY_KEYS:
+            y = np.zeros((self.register.n_places, len(system.v)))
+            y[system.places] = system.a.T
+            spread = cofactor_times(self.tree, self.register, y)[system.places]
+            variances = variances_of(self.tree, self.register)[system.places]
+        else:
+            joint = self.tree.joint(system.keys, arrived=arrived)
+            variances = np.array(np.diag(joint))
+            spread = joint @ system.a.T
         self.register.note_variances(system.keys, variances)
-        spread = joint @ system.a.T
         m = np.eye(len(system.v)) - system.a @ spread
         # Where the state has stayed, v are not yet the residuals.
         judged = Judged(m, system.v if self.kept else m @ system.v)

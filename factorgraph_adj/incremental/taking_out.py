@@ -13,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..models.registry import VariableKind
-from ..solve.tree import SingularError, down, up
 from ..types import Array
 from .engine import Engine
 from .judging import MOVES, TIED
 from .trial import MOST_ROWS
 from .units import Unit
-from .view import cliques_anew
+from .view import cofactor_times
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def what_loosens(
         places = np.concatenate([engine.register.places(k) for k in trial.system.keys])
         y = np.zeros((engine.register.n_places, null.shape[1]))
         y[places] = trial.system.a.T @ null
-        moved = _moved(engine, _solve(engine, y))
+        moved = _moved(engine, cofactor_times(engine.tree, engine.register, y))
         if moved <= variables:
             break
         variables |= moved
@@ -69,17 +68,6 @@ def what_loosens(
             for i in (ident,) if unit is None else unit.ids:
                 going[i] = unit
     return Loosened(tuple(going), tuple(sorted(variables)))
-
-
-def _solve(engine: Engine, y: Array) -> Array:
-    """Return Q y over all places, from the tree."""
-    columns = {k: engine.register.places(k) for k in engine.register.keys}
-    x = np.zeros_like(y)
-    cliques = cliques_anew(engine.tree, columns)
-    up(cliques, down(cliques, y), x)
-    if not np.isfinite(x).all():
-        raise SingularError("a pivot vanished")
-    return x
 
 
 def _moved(engine: Engine, x: Array) -> set[tuple[VariableKind, int]]:

@@ -28,7 +28,7 @@ from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
 from ..solve.plan import make_plan
 from ..solve.selected_inverse import SelectedInverse
-from ..solve.tree import SMALL, Clique, SingularError, cliques_of, nested_dissection
+from ..solve.tree import SMALL, Clique, SingularError, cliques_of, down, nested_dissection, up
 from ..solve.triangular import upper_solve
 from ..types import Array, Index
 
@@ -195,6 +195,16 @@ def variances_of(tree: LinearTree, register: Register) -> Array:
     cliques = cliques_anew(tree, {k: register.places(k) for k in register.keys})
     inverse = SelectedInverse(cliques, np.zeros((0, 0)), np.full(n, -1), n)
     return inverse.joint(np.arange(n)[:, None])[:, 0, 0]
+
+
+def cofactor_times(tree: LinearTree, register: Register, y: Array) -> Array:
+    """Return Q y over all free components, (n_places, k)."""
+    cliques = cliques_anew(tree, {k: register.places(k) for k in register.keys})
+    x = np.zeros_like(y)
+    up(cliques, down(cliques, y), x)
+    if not np.isfinite(x).all():
+        raise SingularError("a pivot vanished")
+    return x
 
 
 def columns_of(register: Register, equations: Equations) -> dict[int, Index]:
