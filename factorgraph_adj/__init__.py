@@ -13,6 +13,10 @@ from .io.gama import read_gama
 from .io.project import read_project
 from .io.write_project import write_project
 from .network import Network
+from .planning.candidates import Candidate
+from .planning.plan import plan
+from .planning.propose import propose
+from .planning.spare import spare
 from .quality.check_points import check_points
 from .quality.datum_change import s_transform
 from .quality.ellipses import error_ellipse, error_ellipsoid
@@ -33,6 +37,7 @@ from .stochastic import StandardDeviation
 __all__ = [
     "AdjustmentError",
     "ApproximationError",
+    "Candidate",
     "DatumError",
     "GeocentricFrame",
     "IncrementalAdjustment",
@@ -49,7 +54,9 @@ __all__ = [
     "error_ellipse",
     "error_ellipsoid",
     "exclude_insignificant",
+    "plan",
     "predict",
+    "propose",
     "protocol",
     "read_bal",
     "read_gama",
@@ -59,6 +66,7 @@ __all__ = [
     "s_transform",
     "significance",
     "snoop",
+    "spare",
     "variance_components",
     "without",
     "write_project",

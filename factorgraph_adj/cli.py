@@ -1,4 +1,4 @@
-"""The command: ``factorgraph-adj check | adjust | plot | stream PROJECT``.
+"""The command: ``factorgraph-adj check | adjust | plot | stream | plan | propose PROJECT``.
 
 Exit codes: 0 fine; 1 adjusted, but not converged, the global test failed or gross errors are
 left; 2 bad input; 3 a fault of the program; 130 interrupted. Errors go to stderr as a list, one
@@ -18,6 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from .check import check
+from .cli_plan import add_plan
 from .cli_stream import add_stream
 from .errors import AdjustmentError, ApproximationError, InputError, Problem
 from .io.project import Project
@@ -112,6 +113,7 @@ def _parser() -> argparse.ArgumentParser:
     add_adjustment(plot)
     plot.set_defaults(run=_plot)
     add_stream(commands)
+    add_plan(commands)
     look = commands.add_parser("check", help="find every problem of the input")
     add_project(look)
     look.set_defaults(run=_check)

@@ -75,8 +75,12 @@ def add_probabilities(parser: argparse._ActionsContainer) -> None:
     )
 
 
-def read(name: str) -> Project:
+def read(name: str, *, readings: bool = True) -> Project:
     """Read what is adjusted, whatever kind of project it is.
+
+    Args:
+        name: file or folder.
+        readings: whether the observations of a project need observed values; a plan does not.
 
     Raises:
         InputError: no such file, or everything that is wrong with it.
@@ -85,7 +89,7 @@ def read(name: str) -> Project:
     if not path.exists():
         raise InputError(Problem("no such file or folder", name))
     if path.is_dir() or path.suffix == ".toml":
-        return load_project(path)
+        return load_project(path, readings=readings)
     if path.suffix == ".gkf":
         return Project(read_gama(path), path)
     if ".txt" in path.suffixes:

@@ -16,6 +16,7 @@ from ..network import Network
 from ..observations import ControlPoint, PhotoPosition
 from ..rotation import world_R_camera
 from ..types import Array, Index
+from .generate.patterns import corners
 from .simulate import Seed, SimulatedNetwork, Truth, disturb, measure
 
 GEOMETRY = 2000
@@ -90,7 +91,7 @@ def simulate_aerial_block(
         plan.add_photo(photo, CAMERA, position=at.tolist(), rotation=rotation)
         plan.add_image_points(photo, chosen, np.zeros((len(chosen), 2)), sigma=SIGMA_IMAGE)
         plan.add(PhotoPosition(photo, (0.0, 0.0, 0.0), sigma=SIGMA_GNSS))
-    for corner in _corners(points, used):
+    for corner in used[corners(points[used, :2])].tolist():
         plan.add(ControlPoint(names[corner], tuple(points[corner].tolist()), sigma=SIGMA_CONTROL))
     network = disturb(
         measure(plan, seed=seed), seed=seed, points=1.0, centres=1.0, attitudes=np.deg2rad(1.0)
@@ -124,15 +125,3 @@ def _seen(grid: Array, spacing: float, footprint: Array, at: Array, rotation: Ar
     t = np.abs(p[..., :2] / p[..., 2:])
     i, j = np.nonzero(np.all(t < np.array(SENSOR) / 2 / CALIBRATION["c"], axis=2))
     return np.asarray((i + low[0]) * rows + (j + low[1]), dtype=np.intp)
-
-
-def _corners(points: Array, used: Index) -> list[int]:
-    """Return the numbers of the used points nearest to the corners of the block."""
-    xy = points[used, :2]
-    middle, half = (xy.max(0) + xy.min(0)) / 2, np.ptp(xy, axis=0) / 2
-    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    return list(
-        dict.fromkeys(
-            int(used[np.argmin(np.sum((xy - middle - half * s) ** 2, axis=1))]) for s in signs
-        )
-    )

@@ -41,6 +41,7 @@ from ..network import Network
 from ..observations import ControlPoint, HeightDifference, SlopeDistance
 from ..rotation import world_R_camera
 from ..types import Array, Mask
+from .generate.photos import in_view
 from .simulate import Seed, SimulatedNetwork, Truth, disturb, measure
 
 MILLIMETRE = 1e-3
@@ -122,12 +123,26 @@ def simulate_aerial_1986(
         The network with approximate values (1 m for points, 2 m and 0.5° for photos), and the
         truth.
     """
+    plan = aerial_1986_plan()
+    _add_terrestrial(plan, distances, height_differences, sigma_terrestrial)
+    network = disturb(
+        measure(plan, seed=seed), seed=seed, points=1.0, centres=2.0, attitudes=np.deg2rad(0.5)
+    )
+    return SimulatedNetwork(network, Truth.of(plan))
+
+
+def aerial_1986_plan(*, control: bool = True) -> Network:
+    """Return the block of 52 photos with true values, without terrestrial observations.
+
+    Args:
+        control: hold its 20 horizontal and 34 vertical control points.
+    """
     rng = np.random.default_rng([GEOMETRY, 0])
     names, points = _terrain(rng)
     poses = _strips(rng)
-    seen = [_in_view(points, *pose, AERIAL_C, AERIAL_PLATE) for pose in poses.values()]
+    seen = [in_view(points, *pose, AERIAL_C, AERIAL_PLATE) for pose in poses.values()]
     used = np.sum(seen, axis=0) >= 2
-    held = _control(points, used)
+    held = _control(points, used) if control else {}
     plan = Network("aerial block of 52 photos, simulated after El-Hakim 1986")
     for i in np.flatnonzero(used).tolist():
         plan.add_point(names[i], points[i], fixed=held.get(i, ""))
@@ -135,11 +150,7 @@ def simulate_aerial_1986(
     for (photo, (at, rotation)), inside in zip(poses.items(), seen, strict=True):
         plan.add_photo(photo, CAMERA, position=at.tolist(), rotation=rotation)
         _observe(plan, photo, names, inside & used, SIGMA_AERIAL)
-    _add_terrestrial(plan, distances, height_differences, sigma_terrestrial)
-    network = disturb(
-        measure(plan, seed=seed), seed=seed, points=1.0, centres=2.0, attitudes=np.deg2rad(0.5)
-    )
-    return SimulatedNetwork(network, Truth.of(plan))
+    return plan
 
 
 def edge_lines(network: Network) -> list[Line]:
@@ -182,6 +193,16 @@ def simulate_close_range_1986(
         The network with approximate values (0.1 m for points, 0.3 m and 1° for photos), and the
         truth.
     """
+    plan = close_range_1986_plan()
+    _add_terrestrial(plan, distances, height_differences, sigma_terrestrial)
+    network = disturb(
+        measure(plan, seed=seed), seed=seed, points=0.1, centres=0.3, attitudes=np.deg2rad(1.0)
+    )
+    return SimulatedNetwork(network, Truth.of(plan))
+
+
+def close_range_1986_plan() -> Network:
+    """Return the block of four photos with true values, without terrestrial observations."""
     rng = np.random.default_rng([GEOMETRY, 1])
     names, points = _floor(rng)
     plan = Network("close-range block of 4 photos, simulated after El-Hakim 1986")
@@ -192,18 +213,14 @@ def simulate_close_range_1986(
         plan.add(ControlPoint(names[i], tuple(points[i].tolist()), sigma=(SIGMA_CONTROL,) * 3))
     plan.add_camera(CAMERA, Lens(), {"c": P31_C})
     poses = [_looking_in(np.array([*corner, CRANE])) for corner in CORNERS]
-    seen = np.array([_in_view(points, *pose, P31_C, P31_PLATE) for pose in poses])
+    seen = np.array([in_view(points, *pose, P31_C, P31_PLATE) for pose in poses])
     hidden = rng.random(seen.shape) < HIDDEN
     hidden &= hidden.cumsum(axis=0) == 1
     seen &= ~(hidden & seen.all(axis=0))
     for i, ((at, rotation), inside) in enumerate(zip(poses, seen, strict=True), start=1):
         plan.add_photo(f"{i}", CAMERA, position=at.tolist(), rotation=rotation)
         _observe(plan, f"{i}", names, inside, SIGMA_P31)
-    _add_terrestrial(plan, distances, height_differences, sigma_terrestrial)
-    network = disturb(
-        measure(plan, seed=seed), seed=seed, points=0.1, centres=0.3, attitudes=np.deg2rad(1.0)
-    )
-    return SimulatedNetwork(network, Truth.of(plan))
+    return plan
 
 
 def _terrain(rng: np.random.Generator) -> tuple[list[str], Array]:
@@ -265,14 +282,6 @@ def _looking_in(at: Array) -> tuple[Array, Array]:
     x = np.array([1.0, 0.0, 0.0]) - z * z[0]
     x /= np.linalg.norm(x)
     return at, np.stack([x, np.cross(z, x), z], axis=1)
-
-
-def _in_view(
-    points: Array, at: Array, rotation: Array, c: float, plate: tuple[float, float]
-) -> Mask:
-    """Return which points (n, 3) are on the plate of a photo, (n,); c and plate in mm."""
-    p = (points - at) @ rotation
-    return np.asarray(np.all(np.abs(p[:, :2] / p[:, 2:]) < np.array(plate) / 2 / c, axis=1))
 
 
 def _observe(plan: Network, photo: str, names: list[str], seen: Mask, sigma: float) -> None:

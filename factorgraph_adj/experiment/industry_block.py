@@ -32,6 +32,7 @@ from ..models.lens import HarmonicLens
 from ..network import Network
 from ..observations import HeightDifference, SlopeDistance
 from ..types import Array, Mask
+from .generate.photos import in_view
 from .simulate import Seed, SimulatedNetwork, Truth, disturb, look_at, measure
 
 MILLIMETRE = 1e-3
@@ -112,6 +113,25 @@ def simulate_industry_block(
         The network with approximate values (0.1 m for points, 0.3 m and 1° for photos), and
         the truth.
     """
+    plan = industry_block_plan(
+        photos=photos, terrestrial=terrestrial, distances=distances, sigma_image=sigma_image
+    )
+    network = disturb(
+        measure(plan, seed=seed), seed=seed, points=0.1, centres=0.3, attitudes=np.deg2rad(1.0)
+    )
+    if not self_calibration:
+        network.cameras[CAMERA] = _without_additional_parameters(network.cameras[CAMERA])
+    return SimulatedNetwork(network, Truth.of(plan))
+
+
+def industry_block_plan(
+    *,
+    photos: int = len(_CAMERAS),
+    terrestrial: bool = True,
+    distances: int = 150,
+    sigma_image: float = 6.0 * MICROMETRE,
+) -> Network:
+    """Return the industry block with true values; arguments as for `simulate_industry_block`."""
     if not CONVERGENT <= photos <= len(_CAMERAS):
         raise InputError(f"photos must be {CONVERGENT} to {len(_CAMERAS)}, not {photos}")
     points = _points()
@@ -130,12 +150,7 @@ def simulate_industry_block(
                 for i, j in _lines(points, distances)
             ),
         )
-    network = disturb(
-        measure(plan, seed=seed), seed=seed, points=0.1, centres=0.3, attitudes=np.deg2rad(1.0)
-    )
-    if not self_calibration:
-        network.cameras[CAMERA] = _without_additional_parameters(network.cameras[CAMERA])
-    return SimulatedNetwork(network, Truth.of(plan))
+    return plan
 
 
 def _without_additional_parameters(camera: Camera) -> Camera:
@@ -170,8 +185,7 @@ def _add_photos(plan: Network, names: list[str], points: Array, photos: int, sig
     for i, (at, aim) in enumerate(_CAMERAS):
         position = centre + np.array(at)
         rotation = look_at(position, centre + np.array(aim))
-        p = (points - position) @ rotation
-        seen[i] = np.all(np.abs(p[:, :2] / p[:, 2:]) < np.array(PLATE) / 2 / TRUE["c"], axis=1)
+        seen[i] = in_view(points, position, rotation, TRUE["c"], PLATE)
         poses.append((position, rotation))
     seen &= ~_hidden(seen)
     for i, (position, rotation) in enumerate(poses[:photos]):

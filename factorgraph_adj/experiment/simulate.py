@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -83,9 +83,14 @@ class SimulatedNetwork:
     """Measurements and approximate values: what an adjustment gets."""
     truth: Truth
     """What it should find."""
+    gross_errors: Mapping[tuple[str, str], float] = field(default_factory=dict)
+    """Sizes of the gross errors in the readings by id and component (empty where there is one
+    only): metres, radians, image units."""
+    dropped: tuple[str, ...] = ()
+    """Ids of the observations that were lost."""
 
 
-def measure(plan: Network, *, seed: Seed) -> Network:
+def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
     """Return ``plan`` with every observation measured: its true value plus a drawn error.
 
     Errors are normal with the standard deviations and covariances of the observations. Every
@@ -101,6 +106,7 @@ def measure(plan: Network, *, seed: Seed) -> Network:
     Args:
         plan: a network with true values everywhere, the orientation unknowns among them.
         seed: seed of the errors.
+        noise: whether there are any; without them everything is read as it is.
 
     Returns:
         A network of its own; its image points have no ids.
@@ -110,8 +116,8 @@ def measure(plan: Network, *, seed: Seed) -> Network:
     true = [_observed_truly(equations, block, state) for block in equations.blocks]
     # Standard deviations may depend on the length that was measured, hence after that.
     equations = replace(equations, blocks=tuple(true)).weighted_at(state)
-    errors = _errors(equations, seed)
-    measured = _weighted_drawn(equations, plan, seed)
+    errors = _errors(equations, seed) if noise else np.zeros(equations.n_rows)
+    measured = _weighted_drawn(equations, plan, seed) if noise else plan.copy()
     measured.images = ImageTable()
     values: dict[str, list[float]] = {}
     for block in equations.blocks:
@@ -123,7 +129,7 @@ def measure(plan: Network, *, seed: Seed) -> Network:
         for ident, row in zip(block.ids, value.tolist(), strict=True):
             values.setdefault(ident, []).extend(row)
     measured.observations = {
-        ident: _with_value(plan, o, values[ident]) for ident, o in plan.observations.items()
+        ident: with_value(plan, o, values[ident]) for ident, o in plan.observations.items()
     }
     return measured
 
@@ -266,8 +272,8 @@ def _observed_truly(equations: Equations, block: Block, state: State) -> Block:
     return block
 
 
-def _with_value(plan: Network, o: Observation, value: list[float]) -> Observation:
-    """Return an observation with another value."""
+def with_value(plan: Network, o: Observation, value: list[float]) -> Observation:
+    """Return an observation with another value, angles wrapped; in e, n, u: moved by it."""
     if isinstance(o, ControlPoint) and set(o.axes) <= set("enu"):
         at = np.array(o.value, dtype=float)
         enu = plan.frame.basis(at[None], np.zeros((1, 2))).enu[0]

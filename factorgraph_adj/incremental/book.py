@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
+from ..additions import add_entities
 from ..entities import Camera, Photo, Point
 from ..errors import InputError, Problem, known
 from ..graph.image_blocks import find_images
@@ -105,20 +106,7 @@ class Book:
             InputError: every name that there is already, and unknown cameras.
         """
         out = self.network.copy()
-        problems: list[Problem] = []
-        adders: tuple[tuple[Callable[[Network, Any], None], Sequence[Any]], ...] = (
-            (_add_camera, cameras),
-            (_add_point, points),
-            (_add_photo, photos),
-        )
-        for add, items in adders:
-            for item in items:
-                try:
-                    add(out, item)
-                except InputError as error:
-                    problems.extend(error.problems)
-                except (AttributeError, TypeError, ValueError) as error:
-                    problems.append(Problem(f"is no such thing: {error}", repr(item)[:80]))
+        problems = add_entities(out, points=points, photos=photos, cameras=cameras)
         if problems:
             raise InputError(problems)
         return out
@@ -549,45 +537,3 @@ class Book:
                 return "waiting"
             return "suspect" if key in self.suspects else "rejected"
         return "accepted" if ident in self.inside else "gone"
-
-
-# Entities are checked as those of any network are.
-
-
-def _add_camera(network: Network, camera: Camera) -> None:
-    parts = list(zip(camera.lens.names, camera.fixed, camera.sigma, strict=True))
-    network.add_camera(
-        camera.name,
-        camera.lens,
-        camera.values,
-        free=[n for n, fixed, s in parts if not fixed and np.isinf(s)],
-        sigma={n: s for n, fixed, s in parts if not fixed and np.isfinite(s)},
-        unit=camera.unit,
-        per_photo=camera.per_photo,
-    )
-
-
-def _add_point(network: Network, point: Point) -> None:
-    fixed: Any = point.fixed
-    if not isinstance(fixed, str):
-        fixed = "".join(a for a, held in zip("xyz", fixed, strict=True) if held)
-    network.add_point(
-        point.name,
-        point.coordinates,
-        fixed=fixed,
-        sigma=point.sigma,
-        datum=point.datum,
-        check=point.check,
-    )
-
-
-def _add_photo(network: Network, photo: Photo) -> None:
-    network.add_photo(
-        photo.name,
-        photo.camera,
-        position=photo.position,
-        rotation=photo.rotation,
-        fixed=photo.fixed,
-        sigma_position=photo.sigma_position,
-        sigma_attitude=photo.sigma_attitude,
-    )

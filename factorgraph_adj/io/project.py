@@ -97,8 +97,13 @@ def read_project(path: str | Path) -> Network:
     return load_project(path).network
 
 
-def load_project(path: str | Path) -> Project:
-    """Read a project: its network, units and options. Raises as `read_project` does."""
+def load_project(path: str | Path, *, readings: bool = True) -> Project:
+    """Read a project: its network, units and options. Raises as `read_project` does.
+
+    Args:
+        path: as in `read_project`.
+        readings: whether observations need observed values; a plan does not.
+    """
     path = Path(path)
     if path.is_dir():
         path = path / "project.toml"
@@ -132,7 +137,7 @@ def load_project(path: str | Path) -> Project:
             reader.unreadable.add(name.removesuffix("s"))
     images = {f.name: axes[f.camera] for f in network.photos.values() if f.camera in axes}
     context = RecordContext(units, sigma, images, axes)
-    observations = ObservationsReader(network, context, problems, reader.unreadable)
+    observations = ObservationsReader(network, context, problems, reader.unreadable, readings)
     if tables.get("images") is not None:
         observations.images(cast(Table, tables["images"]))
     if tables.get("observations") is not None:

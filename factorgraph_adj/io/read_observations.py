@@ -39,6 +39,8 @@ class ObservationsReader:
     """What is wrong."""
     unreadable: set[str] = field(default_factory=set)
     """Names that are not to be looked up, as their table cannot be read: point, photo."""
+    readings: bool = True
+    """Whether they are needed; zero otherwise."""
     complete: bool = True
     """Whether every row, or a stand-in with its names, is in the network."""
 
@@ -66,6 +68,8 @@ class ObservationsReader:
                 record["id"] = next(free)  # a number that no other row claims
             if matrices is not None and ident is not None:
                 matrices.complete_sigma(ident, record)
+            if not self.readings:
+                record = records.with_reading(record)
             try:
                 found.append(records.observation(record, context=context, source=where))
             except InputError as error:

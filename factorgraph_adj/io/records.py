@@ -43,6 +43,16 @@ from .fields import (
 from .numbers import Units
 from .tables import Row
 
+VECTORS = ("gnss_vector", "gnss_position", "photo_position", "control")
+
+
+def with_reading(record: Mapping[str, object]) -> dict[str, object]:
+    """Return a record with a reading of zero where it has none, as plans need no readings."""
+    kind = record.get("kind")
+    names = ("x", "y") if kind == "image" else ("x", "y", "z") if kind in VECTORS else ("value",)
+    return {**dict.fromkeys(names, 0.0), **record}
+
+
 # -- record → observation -------------------------------------------------------------------------
 
 

@@ -62,6 +62,7 @@ def camera_record(camera: Camera) -> dict[str, object]:
     """Return the keys of a camera, a table [[camera]]; a held parameter is its value alone."""
     lens = camera.lens
     options = {f.name: getattr(lens, f.name) for f in fields(lens)}
+    options = {k: float(v) if type(v) is int else v for k, v in options.items()}
     out: dict[str, object] = {
         "name": camera.name,
         "lens": {"model": lens.kind, **options} if options else lens.kind,
@@ -85,17 +86,21 @@ def _camera(camera: Camera) -> Iterator[str]:
     record = camera_record(camera)
     parameters = cast(dict[str, object], record.pop("parameters"))
     yield "[[camera]]"
-    yield from (f"{name} = {_value(value)}" for name, value in record.items())
+    yield from (f"{name} = {value_text(value)}" for name, value in record.items())
     yield "[camera.parameters]"
-    yield from (f"{name} = {_value(value)}" for name, value in parameters.items())
+    yield from (f"{name} = {value_text(value)}" for name, value in parameters.items())
 
 
-def _value(value: object) -> str:
-    """Return a value of TOML: text, true or false, a number, or a table in one line."""
+def value_text(value: object) -> str:
+    """Return a value of TOML: text, true or false, a number, a list, or a table in one line."""
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{k} = {_value(v)}" for k, v in value.items()) + " }"
+        return "{ " + ", ".join(f"{k} = {value_text(v)}" for k, v in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(value_text, value)) + "]"
     if isinstance(value, bool):
         return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
     return _text(value) if isinstance(value, str) else _float(cast(float, value))
 
 

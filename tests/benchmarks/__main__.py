@@ -7,6 +7,8 @@ grids     simulated terrestrial networks of 100 to 10 000 points
 soak      20 000 arrivals and removals, nonsense among them, on an incremental adjustment
 latency   one arriving observation in such networks, and in photos over them, against the batch
           and naive iSAM2 (half an hour: iSAM2 takes minutes to load 10 000 points)
+runs      2 000 repetitions of the industry block in 1 and 2 processes and on a local Dask cluster
+          (extra ``cluster``), then killed half-way and resumed (half an hour)
 equality  every test network arriving one by one in four orders, with removals, against the batch
 
 Quality: reliability of every observation (with e1, e2, e12) and the covariance of every point;
@@ -31,6 +33,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from . import runs as study
 from .latency import Latency
 from .worker import LADYBUG, ROMA, Measured
 
@@ -213,6 +216,7 @@ def main() -> None:
         "growth": lambda cores, _: table(cores, "aerial", GROWTH, "image points"),
         "grids": lambda cores, _: table(cores, "grid", GRIDS, "points"),
         "soak": lambda cores, _: soak(cores),
+        "runs": lambda cores, _: study.benchmark(cores),
         "latency": lambda cores, _: latency(cores),
         "equality": lambda cores, _: equality(cores),
     }

@@ -1,0 +1,37 @@
+"""El-Hakim & Faig (1981), table 1: terrestrial observations in the ISP block.
+
+The table is only a picture in the scan of the paper; its text says that the improvement over
+reduced control is significant and depends on number and distribution. Geometry: see
+factorgraph_adj.experiment.tables_1981. With --plot FILE it is drawn (extra plot).
+"""
+
+import argparse
+
+from factorgraph_adj.experiment.runs import Experiment, run
+from factorgraph_adj.experiment.tables_1981 import ISP_CASES, isp_trial
+from factorgraph_adj.report.comparison import Comparison, compared
+
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("--plot", metavar="FILE", help="draw the table into FILE")
+parser.add_argument("--repetitions", type=int, default=3, help="of each case (3)")
+options = parser.parse_args()
+
+experiment = Experiment("ISP block", isp_trial, {"case": ISP_CASES}, seed=1981)
+summary = run(experiment, options.repetitions).summary()
+figures = ("x", "y", "z", "sigma_x", "sigma_y", "sigma_z")
+rows = [compared(case, None, [summary.of(f, case=case).rms for f in figures]) for case in ISP_CASES]
+table = Comparison(
+    "1981, table 1: RMS error and standard deviation of 47 check points",
+    ("X mm", "Y mm", "Z mm", "σ X mm", "σ Y mm", "σ Z mm"),
+    tuple(rows),
+    digits=0,
+    note="Nothing is printed that can be read. 25 photos 1:10 000; full control: 30 points on the "
+    "edge; reduced: the corners. Layouts of distances, directions, azimuths, vertical angles, "
+    "levelling, Φ and Λ with reduced control: 1, all 30 lines of the edge; 2, every second; 3, a "
+    "cross through the middle.",
+)
+print(table)
+if options.plot:
+    from factorgraph_adj.report.plots import plot_comparison
+
+    plot_comparison([table]).savefig(options.plot, dpi=150)

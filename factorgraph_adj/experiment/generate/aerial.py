@@ -1,0 +1,163 @@
+"""Aerial blocks of vertical photos in strips."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from ...errors import Problem
+from ...rotation import world_R_camera
+from ...types import Array
+from ..parameters import number, path_of
+from .part import Part, Scene
+from .patterns import jittered_grid
+from .photos import Camera, add_photo
+
+END_COLUMN = 0.5
+"""Where von Gruber's points of the end photos lie: from the nadir this part of the way to the
+edge of the neighbouring photo; half-way, so that tilts do not lose them."""
+SEAM = 0.45
+"""How far from the nadir the outer points of the outer strips lie, parts of the photo's side."""
+
+
+@dataclass(frozen=True)
+class Aerial(Part):
+    """A block of vertical photos: strips along X, every second one flown backwards.
+
+    Points that fewer than two photos would have are left out. Patterns of points:
+
+    - ``grid``: a jittered grid; ``random``: anywhere; both with about ``points_per_photo``;
+    - ``von_gruber``: 3 × 3 points in each photo, at the nadirs of the strip's photos and between
+      strips; the end photos, which have no neighbour on one side, get a column within the
+      overlap instead, which the second photo sees too.
+    """
+
+    kind = "aerial"
+    prefix: str = ""
+    """Of the names of points and photos; points are ``1, 2, …``, photos ``strip/place``."""
+    strips: int = number(3, least=1)
+    """Number of strips."""
+    photos_per_strip: int = number(6, least=1)
+    """Photos in each of them."""
+    forward_overlap: float = number(0.6, least=0, below=1)
+    """Overlap along the strips, part of the photo's side."""
+    side_overlap: float = number(0.2, least=0, below=1)
+    """Overlap of neighbouring strips."""
+    scale: float | None = number(None, above=0)
+    """Denominator of the photo scale; 5000 where neither it nor the height is given."""
+    flying_height: float | None = number(None, above=0)
+    """Instead: height above the terrain, metres."""
+    camera: Camera = field(default_factory=Camera)
+    """The camera."""
+    relief: float = number(10.0, least=0)
+    """Largest height of a point, metres, up and down."""
+    centre_scatter: float = number(0.03, least=0, most=0.5)
+    """How far centres stray, part of the base."""
+    tilt_deg: float = number(1.0, least=0, most=20)
+    """Standard deviation of each angle of a photo, degrees."""
+    points: Literal["grid", "von_gruber", "random"] = "grid"
+    """Pattern of the points."""
+    points_per_photo: int = number(30, least=4)
+    """How many points a photo has, about; not for ``von_gruber``."""
+
+    def problems(self, where: str) -> list[Problem]:
+        """Return what the fields together cannot be."""
+        found = []
+        if self.scale is not None and self.flying_height is not None:
+            found.append(
+                Problem("give either scale or flying_height", path_of(where, "flying_height"))
+            )
+        along = self.forward_overlap >= 0.5 and self.photos_per_strip > 1
+        across = self.side_overlap >= 0.5 and self.strips > 1
+        if not (along or across):
+            if self.photos_per_strip == 1:
+                key, what = "photos_per_strip", "1 photo in a strip leaves"
+            else:
+                key, what = "forward_overlap", f"{self.forward_overlap:g} leaves"
+            found.append(
+                Problem(
+                    f"{what} points with one ray; valid: forward_overlap ≥ 0.5 with 2 photos in a "
+                    "strip, or side_overlap ≥ 0.5 with 2 strips",
+                    path_of(where, key),
+                )
+            )
+        if self.relief > 0.3 * self.height:
+            found.append(
+                Problem(
+                    f"is {self.relief:g} m, but the photos are only {self.height:g} m up; valid: "
+                    "up to 0.3 of that",
+                    path_of(where, "relief"),
+                )
+            )
+        return found
+
+    @property
+    def height(self) -> float:
+        """Flying height above Z = 0, metres."""
+        if self.flying_height is not None:
+            return self.flying_height
+        return (self.scale or 5000.0) * self.camera.c_mm * 1e-3
+
+    @property
+    def side(self) -> Array:
+        """Width and height of a photo on the ground, metres, (2,)."""
+        return self.height / self.camera.c_mm * np.array(self.camera.format_mm)
+
+    @property
+    def base(self) -> Array:
+        """Distances between photos of a strip and between strips, metres, (2,)."""
+        return self.side * [1 - self.forward_overlap, 1 - self.side_overlap]
+
+    def add_to(self, scene: Scene) -> None:
+        """Add camera, points and photos."""
+        self.camera.add_to(scene)
+        poses = self._poses(scene.rng(0))
+        xy = self._plan(scene.rng(1))
+        z = scene.rng(2).uniform(-self.relief, self.relief, len(xy))
+        points = np.asarray(np.round(np.column_stack([xy, z]), 3), dtype=float)
+        seen = np.array([self.camera.sees(points, *pose) for pose in poses.values()])
+        used = seen.sum(axis=0) >= 2
+        if used.sum() < 4:
+            scene.fail("points_per_photo", f"only {used.sum()} points have two rays; take more")
+        points, seen = points[used], seen[:, used]
+        names = scene.add_points(self.prefix, [f"{i}" for i in range(1, len(points) + 1)], points)
+        scene.points.append(names)
+        photos = scene.photo_names(self.prefix, list(poses))
+        for photo, (at, rotation), on in zip(photos, poses.values(), seen, strict=True):
+            chosen = [n for n, s in zip(names, on, strict=True) if s]
+            add_photo(scene, photo, self.camera, at, rotation, chosen)
+
+    def _poses(self, rng: np.random.Generator) -> dict[str, tuple[Array, Array]]:
+        """Return position and world_R_camera of each photo."""
+        poses = {}
+        for strip in range(self.strips):
+            for place in range(self.photos_per_strip):
+                at = np.array([*(self.base * [place, strip]), self.height])
+                at += rng.normal(0.0, 1.0, 3) * self.centre_scatter * self.base[0]
+                omega, phi, kappa = rng.normal(0.0, 1.0, 3) * np.deg2rad(self.tilt_deg)
+                poses[f"{strip + 1}/{place + 1}"] = (
+                    at,
+                    world_R_camera(omega, phi, kappa + np.pi * (strip % 2)),
+                )
+        return poses
+
+    def _plan(self, rng: np.random.Generator) -> Array:
+        """Return X and Y of the points, (n, 2) metres."""
+        last = self.base * [self.photos_per_strip - 1, self.strips - 1]
+        if self.points == "von_gruber":
+            x = np.arange(self.photos_per_strip) * self.base[0]
+            end = min(END_COLUMN * (self.side[0] / 2 - self.base[0]), self.base[0])
+            if end > 0:
+                x = np.concatenate([[-end], x, [last[0] + end]])
+            y = np.arange(2 * self.strips - 1) * self.base[1] / 2
+            outer = min(self.base[1] / 2, SEAM * self.side[1])
+            y = np.concatenate([[-outer], y, [last[1] + outer]])
+            return np.stack(np.meshgrid(x, y, indexing="ij"), axis=2).reshape(-1, 2)
+        low, high = -self.side / 2, last + self.side / 2
+        if self.points == "grid":
+            spacing = float(np.sqrt(self.side.prod() / self.points_per_photo))
+            return jittered_grid(low, high, spacing, rng)
+        count = round(self.points_per_photo * float(np.prod((high - low) / self.side)))
+        return rng.uniform(low, high, (count, 2))

@@ -1,0 +1,129 @@
+"""Control: which points are known, in plan and in height, and how well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from ...errors import Problem, known
+from ...network import Network
+from ...observations import ControlPoint
+from ...types import Array
+from ..parameters import Parameters, number, path_of
+from .part import MILLIMETRE, Scene
+from .patterns import corners, perimeter, spread
+
+Pattern = Literal["full", "perimeter", "corners", "none", "named"]
+Axis = tuple[str, float]
+"""Coordinates of one kind, ``xy`` or ``z``, and their standard deviation."""
+
+
+@dataclass(frozen=True)
+class Control(Parameters):
+    """Control points by pattern, in plan and in height, held or weighted.
+
+    Patterns: ``full`` all points, ``perimeter`` those on the edge, ``corners`` those nearest to
+    the corners of the rectangle around the points, ``none``, ``named`` those of a list.
+    """
+
+    horizontal: Pattern = "corners"
+    """Pattern of points with known X and Y."""
+    vertical: Pattern = "corners"
+    """Pattern of points with known Z."""
+    horizontal_count: int | None = number(None, least=1)
+    """Of the pattern only so many, the corners first, far from one another."""
+    vertical_count: int | None = number(None, least=1)
+    """The same of those with Z."""
+    horizontal_points: tuple[str, ...] = ()
+    """Names, for ``named``."""
+    vertical_points: tuple[str, ...] = ()
+    """Names, for ``named``."""
+    sigma_horizontal_mm: float = number(0.0, least=0)
+    """Standard deviation of X and of Y, mm; 0: they are held."""
+    sigma_vertical_mm: float = number(0.0, least=0)
+    """Standard deviation of Z, mm; 0: it is held."""
+    parts: tuple[int, ...] = number((), least=0)
+    """Parts whose points may be control points; none: all."""
+
+    def problems(self, where: str) -> list[Problem]:
+        """Return what the fields together cannot be."""
+        found = []
+        for axis in ("horizontal", "vertical"):
+            named = getattr(self, axis) == "named"
+            if named != bool(getattr(self, f"{axis}_points")):
+                what = f"goes with {axis} = 'named', which needs it"
+                found.append(Problem(what, path_of(where, f"{axis}_points")))
+        return found
+
+    def apply(self, scene: Scene, where: str) -> list[Problem]:
+        """Make the points of the plan control points; return what is wrong, then none is."""
+        problems = self._problems(scene, where)
+        if problems:
+            return problems
+        names = [n for p in self.parts or range(len(scene.points)) for n in scene.points[p]]
+        names = list(dict.fromkeys(names))
+        if not names:
+            return []
+        xy = scene.coordinates(names)[:, :2]
+        axes: dict[str, dict[str, float]] = {}
+        for kind, axis, sigma in (
+            ("horizontal", "xy", self.sigma_horizontal_mm),
+            ("vertical", "z", self.sigma_vertical_mm),
+        ):
+            for name in self._chosen(kind, names, xy):
+                axes.setdefault(name, {})[axis] = sigma * MILLIMETRE
+        for name in names:
+            if name in axes:
+                _make_control(scene.plan, name, axes[name])
+        return []
+
+    def _problems(self, scene: Scene, where: str) -> list[Problem]:
+        n = len(scene.points)
+        found = [
+            Problem(f"there is no part {p}; valid: 0 to {n - 1}", path_of(where, "parts"))
+            for p in self.parts
+            if p >= n
+        ]
+        for axis in ("horizontal", "vertical"):
+            key = path_of(where, f"{axis}_points")
+            found += [
+                Problem(f"unknown point {name!r}; known: {known(scene.plan.points)}", key)
+                for name in getattr(self, f"{axis}_points")
+                if name not in scene.plan.points
+            ]
+        return found
+
+    def _chosen(self, kind: str, names: list[str], xy: Array) -> list[str]:
+        """Return the names of the control points of one kind."""
+        pattern: Pattern = getattr(self, kind)
+        if pattern == "none":
+            return []
+        if pattern == "named":
+            return list(getattr(self, f"{kind}_points"))
+        at_corners = corners(xy)
+        number_of = {
+            "full": lambda: list(range(len(names))),
+            "perimeter": lambda: sorted({*perimeter(xy), *at_corners}),
+            "corners": lambda: at_corners,
+        }[pattern]()
+        count: int | None = getattr(self, f"{kind}_count")
+        if count is not None and count < len(number_of):
+            first = [number_of.index(i) for i in at_corners]
+            number_of = [number_of[i] for i in spread(xy[number_of], count, first)]
+        return [names[i] for i in number_of]
+
+
+def _make_control(plan: Network, name: str, sigma: dict[str, float]) -> None:
+    """Hold coordinates of a point, or observe them: ``xy`` and ``z`` with their σ, metres."""
+    point = plan.points[name]
+    held = [
+        f or sigma.get("z" if a == "z" else "xy") == 0.0
+        for f, a in zip(point.fixed, "xyz", strict=True)
+    ]
+    plan.points[name] = replace(point, fixed=(held[0], held[1], held[2]))
+    axes = [a for part, s in sigma.items() if s > 0 for a in part]
+    axes = [a for a in axes if not held["xyz".index(a)]]
+    if axes:
+        weights = tuple(sigma["z" if a == "z" else "xy"] for a in axes)
+        value = tuple(point.coordinates["xyz".index(a)] for a in axes)
+        plan.add(ControlPoint(name, value, axes="".join(axes), sigma=weights, id=f"control {name}"))

@@ -1,0 +1,118 @@
+"""Patterns of points: grids, corners, perimeters, points spread over others, nearest ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...types import Array, Index
+
+JITTER = 0.3
+"""Largest shift of a point from its place in a jittered grid, parts of the grid's width."""
+
+
+def jittered_grid(low: Array, high: Array, spacing: float, rng: np.random.Generator) -> Array:
+    """Return plan coordinates (n, 2) of a jittered grid that fills a rectangle, column by column.
+
+    Args:
+        low: least X and Y, metres.
+        high: greatest X and Y, metres.
+        spacing: width of the grid, about; it is fitted to the rectangle.
+        rng: draws the shifts, up to `JITTER` of the width.
+    """
+    size = np.asarray(high) - low
+    columns, rows = np.maximum(1, np.round(size / spacing)).astype(int)
+    x, y = ((np.arange(n) + 0.5) / n for n in (columns, rows))
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=2).reshape(-1, 2)
+    grid += rng.uniform(-JITTER, JITTER, grid.shape) / [columns, rows]
+    return np.asarray(low + grid * size)
+
+
+def corners(xy: Array) -> list[int]:
+    """Return the numbers of the points (n, 2) nearest to the corners of their rectangle."""
+    middle, half = (xy.max(0) + xy.min(0)) / 2, np.ptp(xy, axis=0) / 2
+    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    return list(
+        dict.fromkeys(int(np.argmin(np.sum((xy - middle - half * s) ** 2, axis=1))) for s in signs)
+    )
+
+
+def perimeter(xy: Array) -> list[int]:
+    """Return the numbers of the points (n, 2) on the edge, in order all round.
+
+    The rectangle of the points is cut into columns and rows as wide as points are apart; the
+    first and the last point of each are on the edge. In a regular grid that is its edge. The
+    order is by azimuth from the middle of the rectangle, anticlockwise from its lower left.
+    """
+    n = len(xy)
+    size = np.maximum(np.ptp(xy, axis=0), 1e-9)
+    width = np.maximum(np.sqrt(size.prod() / n), size.max() / n)
+    cuts = np.clip(np.round(size / width).astype(int), 1, n)
+    cell = np.minimum(((xy - xy.min(axis=0)) / size * cuts).astype(int), cuts - 1)
+    chosen: set[int] = set()
+    for across, along in ((0, 1), (1, 0)):
+        for c in range(cuts[across]):
+            inside = np.flatnonzero(cell[:, across] == c)
+            if inside.size:
+                t = xy[inside, along]
+                chosen |= {int(inside[np.argmin(t)]), int(inside[np.argmax(t)])}
+    # In parts of the half sides, or the order of a long block would crowd at its ends.
+    d = (xy - (xy.max(axis=0) + xy.min(axis=0)) / 2) / size
+    turn = (np.arctan2(d[:, 1], d[:, 0]) + 0.75 * np.pi) % (2 * np.pi)
+    return sorted(chosen, key=lambda i: (float(turn[i]), i))
+
+
+def spread(xy: Array, count: int, first: list[int]) -> list[int]:
+    """Return the numbers of ``count`` points (n, 2) that are far from one another.
+
+    The first ones are given; then always the point that is farthest from all chosen ones.
+    """
+    chosen = first[:count]
+    if not chosen:
+        return []
+    nearest = np.min(np.linalg.norm(xy[:, None] - xy[chosen], axis=2), axis=1)
+    while len(chosen) < min(count, len(xy)):
+        far = int(np.argmax(nearest))
+        chosen.append(far)
+        nearest = np.minimum(nearest, np.linalg.norm(xy - xy[far], axis=1))
+    return sorted(chosen)
+
+
+def round_lines(n: int, count: int) -> list[tuple[int, int]]:
+    """Return ``count`` lines along a ring of n places, evenly spread.
+
+    Lines join neighbours; beyond n of them also every second place, then every third.
+    """
+    lines: dict[tuple[int, int], None] = {}
+    for step in range(1, (n + 1) // 2 + 1):
+        ring = [(i, (i + step) % n) for i in range(n)]
+        ring = [p for p in ring if p[0] != p[1] and p[::-1] not in lines and p not in lines]
+        missing = count - len(lines)
+        chosen = (
+            ring
+            if missing >= len(ring)
+            else [ring[k * len(ring) // missing] for k in range(missing)]
+        )
+        lines |= dict.fromkeys(chosen)
+        if len(lines) >= count:
+            break
+    return list(lines)
+
+
+def nearest_lines(xyz: Array, count: int) -> list[tuple[int, int]]:
+    """Return the ``count`` lines between points (n, 3) that are shortest, every point first.
+
+    Each point is joined to its nearest one, as far as ``count`` goes; then the shortest of
+    all other lines follow.
+    """
+    length = np.linalg.norm(xyz[:, None] - xyz[None, :], axis=2)
+    np.fill_diagonal(length, np.inf)
+    near: Index = np.argmin(length, axis=1)
+    own = {(min(i, int(j)), max(i, int(j))): None for i, j in enumerate(near)}
+    lines = dict(sorted(own.items(), key=lambda item: float(length[item[0]])))
+    i, j = np.triu_indices(len(xyz), 1)
+    order = np.argsort(length[i, j], kind="stable")
+    for a, b in zip(i[order].tolist(), j[order].tolist(), strict=True):
+        if len(lines) >= count:
+            break
+        lines[a, b] = None
+    return list(lines)[:count]

@@ -1,0 +1,272 @@
+"""Parameters of a spec: frozen dataclasses whose fields say what they may be.
+
+One definition of a field, its type and its range, serves three callers: a table of a TOML file
+becomes a dataclass, a dataclass made in Python is checked, and one parameter deep in a spec is
+changed by its path, ``parts.0.side_overlap``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, Field, fields, replace
+from functools import cache
+from numbers import Integral, Real
+from typing import Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from ..errors import Problem, known
+
+T = TypeVar("T")
+
+
+class Bad:
+    """What stands for a value that could not be read; nothing else is checked with it."""
+
+
+BAD = Bad()
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameters:
+    """Base of everything in a spec."""
+
+    kind: ClassVar[str] = ""
+    """What the table calls itself, where several classes may stand in one place."""
+
+    def problems(self, where: str) -> list[Problem]:
+        """Return what is wrong with the fields together; each by itself has been checked."""
+        return []
+
+
+def number(
+    default: Any = MISSING,
+    *,
+    least: float | None = None,
+    above: float | None = None,
+    most: float | None = None,
+    below: float | None = None,
+) -> Any:
+    """Return a field for a number, or several, within bounds."""
+    limits = {"least": least, "above": above, "most": most, "below": below}
+    metadata = {k: v for k, v in limits.items() if v is not None}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def path_of(where: str, name: str | int) -> str:
+    """Return the path of a key: ``parts[0].overlap``."""
+    if isinstance(name, int):
+        return f"{where}[{name}]"
+    return f"{where}.{name}" if where else name
+
+
+def convert(hint: Any, value: Any, where: str, found: list[Problem], of: Field[Any]) -> Any:
+    """Return ``value`` as a field of type ``hint`` wants it; what is wrong goes to ``found``.
+
+    Args:
+        hint: type of the field.
+        value: a value of TOML, or a dataclass, or what Python has for either.
+        where: path of the field.
+        found: gets the problems.
+        of: the field, for its bounds.
+
+    Returns:
+        The value; `BAD` where it is of no use.
+    """
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        if value is None:
+            return None
+        (inner,) = (a for a in arguments if a is not type(None))
+        return convert(inner, value, where, found, of)
+    if origin is Literal:
+        if value not in arguments:
+            valid = ", ".join(str(a) for a in arguments)
+            found.append(
+                Problem(f"unknown {where.split('.')[-1]} {value!r}; valid: {valid}", where)
+            )
+            return BAD
+        return value
+    if origin is tuple:
+        return _sequence(arguments, value, where, found, of)
+    if origin is not None:
+        return _mapping(arguments[1], value, where, found, of)
+    if dataclasses.is_dataclass(hint):
+        return _table(hint, value, where, found)  # type: ignore[arg-type]
+    return _scalar(hint, value, where, found, of)
+
+
+def _sequence(
+    arguments: tuple[Any, ...], value: Any, where: str, found: list[Problem], of: Field[Any]
+) -> Any:
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        found.append(Problem(f"must be a list, not {value!r}", where))
+        return BAD
+    any_length = arguments[-1] is Ellipsis
+    if not any_length and len(value) != len(arguments):
+        found.append(Problem(f"must have {len(arguments)} values, not {len(value)}", where))
+        return BAD
+    hints = [arguments[0]] * len(value) if any_length else arguments
+    out = tuple(
+        convert(h, v, path_of(where, i), found, of)
+        for i, (h, v) in enumerate(zip(hints, value, strict=True))
+    )
+    return BAD if any(v is BAD for v in out) else out
+
+
+def _mapping(hint: Any, value: Any, where: str, found: list[Problem], of: Field[Any]) -> Any:
+    if not isinstance(value, Mapping):
+        found.append(Problem(f"must be a table of names and values, not {value!r}", where))
+        return BAD
+    out = {str(k): convert(hint, v, path_of(where, str(k)), found, of) for k, v in value.items()}
+    return BAD if any(v is BAD for v in out.values()) else out
+
+
+def _scalar(hint: Any, value: Any, where: str, found: list[Problem], of: Field[Any]) -> Any:
+    wanted = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}[hint]
+    if hint is float and isinstance(value, Real) and not isinstance(value, bool):
+        value = float(value)
+    elif hint is int and isinstance(value, Integral) and not isinstance(value, bool):
+        value = int(value)
+    elif not isinstance(value, hint):
+        found.append(Problem(f"must be {wanted}, not {value!r}", where))
+        return BAD
+    if isinstance(value, float) and not math.isfinite(value):
+        found.append(Problem(f"must be a finite number, not {value}", where))
+        return BAD
+    limits = of.metadata
+    signs = {"least": "≥", "above": ">", "most": "≤", "below": "<"}
+    fits = {
+        "least": lambda limit: value >= limit,
+        "above": lambda limit: value > limit,
+        "most": lambda limit: value <= limit,
+        "below": lambda limit: value < limit,
+    }
+    if not all(fits[k](limits[k]) for k in signs if k in limits):
+        valid = " and ".join(f"{signs[k]} {limits[k]:g}" for k in signs if k in limits)
+        found.append(Problem(f"is {value:g}, but must be {valid}", where))
+        return BAD
+    return value
+
+
+def kinds_of(base: type[Parameters]) -> dict[str, type[Parameters]]:
+    """Return the classes that may stand for ``base``, by kind; empty where there is but one."""
+    found: dict[str, type[Parameters]] = {}
+    for cls in base.__subclasses__():
+        found |= {cls.kind: cls} if cls.kind else {}
+        found |= kinds_of(cls)
+    return found
+
+
+@cache
+def _hints(cls: type[Parameters]) -> dict[str, Any]:
+    return get_type_hints(cls)
+
+
+def _table(cls: type[Parameters], value: Any, where: str, found: list[Problem]) -> Any:
+    """Return a dataclass from a table or another dataclass, checked."""
+    if isinstance(value, cls):
+        cls = type(value)
+        record: dict[str, Any] = {f.name: getattr(value, f.name) for f in fields(value)}
+    elif isinstance(value, Mapping):
+        record = dict(value)
+        kinds = kinds_of(cls)
+        if kinds:
+            kind = record.pop("kind", None)
+            if not isinstance(kind, str) or kind not in kinds:
+                what = "has no kind" if kind is None else f"unknown kind {kind!r}"
+                what += f"; valid: {', '.join(kinds)}"
+                found.append(Problem(what, path_of(where, "kind")))
+                return BAD
+            cls = kinds[kind]
+    else:
+        found.append(Problem(f"must be a table, not {value!r}", where))
+        return BAD
+    return from_record(cls, record, where, found)
+
+
+def from_record(
+    cls: type[T], record: Mapping[str, Any], where: str, found: list[Problem]
+) -> T | Bad:
+    """Return a dataclass of parameters from the keys of a table.
+
+    Args:
+        cls: the dataclass.
+        record: values by key; what is absent has its default.
+        where: path of the table.
+        found: gets what is wrong: unknown keys, wrong types, values out of range, and what the
+            fields together cannot be.
+    """
+    known_fields = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
+    for key in record:
+        if key not in known_fields:
+            what = f"unknown key; valid: {', '.join(known_fields)}"
+            found.append(Problem(what, path_of(where, key)))
+    hints = _hints(cls)  # type: ignore[arg-type]
+    values: dict[str, Any] = {}
+    for name, f in known_fields.items():
+        if name in record:
+            value = _completed(f, record[name])
+            values[name] = convert(hints[name], value, path_of(where, name), found, f)
+        elif f.default is MISSING and f.default_factory is MISSING:
+            found.append(Problem("is missing", path_of(where, name)))
+            values[name] = BAD
+    if any(v is BAD for v in values.values()):
+        return BAD
+    made = cls(**values)
+    if isinstance(made, Parameters):
+        found += made.problems(where)
+    return made
+
+
+def _completed(f: Field[Any], value: Any) -> Any:
+    """Return a table with what it leaves out from the default of its field.
+
+    A part whose camera has a default of its own keeps the rest of it where a table gives the
+    principal distance alone.
+    """
+    if not isinstance(value, Mapping) or f.default_factory is MISSING:
+        return value
+    return _merged(f.default_factory(), value)
+
+
+def _merged(default: Any, table: Mapping[str, Any]) -> Mapping[str, Any]:
+    if not isinstance(default, Parameters):
+        return table
+    record = {f.name: getattr(default, f.name) for f in fields(default)}
+    for key, value in table.items():
+        inner = isinstance(value, Mapping)
+        record[key] = _merged(record.get(key), value) if inner else value
+    return record
+
+
+def changed(value: Any, path: Sequence[str], level: Any, where: str, found: list[Problem]) -> Any:
+    """Return ``value`` with what stands at ``path`` replaced by ``level``.
+
+    Args:
+        value: a dataclass, a tuple or a mapping.
+        path: keys and numbers.
+        level: the new value.
+        where: path so far, for messages.
+        found: gets an unknown key or number.
+    """
+    if not path:
+        return level
+    key, rest = path[0], path[1:]
+    if isinstance(value, tuple):
+        if not key.isdecimal() or int(key) >= len(value):
+            valid = f"0 to {len(value) - 1}" if value else "none, it is empty"
+            found.append(Problem(f"unknown number {key!r}; valid: {valid}", where))
+            return value
+        i = int(key)
+        new = changed(value[i], rest, level, path_of(where, i), found)
+        return (*value[:i], new, *value[i + 1 :])
+    if isinstance(value, Mapping):
+        return {**value, key: changed(value.get(key), rest, level, path_of(where, key), found)}
+    names = [f.name for f in fields(value)] if dataclasses.is_dataclass(value) else []
+    if key not in names:
+        found.append(Problem(f"unknown key; valid: {known(names, most=40)}", path_of(where, key)))
+        return value
+    new = changed(getattr(value, key), rest, level, path_of(where, key), found)
+    return replace(value, **{key: new})

@@ -1,0 +1,80 @@
+"""One repetition of an experiment, whoever runs it: figures, or why there are none."""
+
+from __future__ import annotations
+
+import numbers
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .study import RESERVED, Levels, Trial
+
+DIED = "WorkerDied"
+"""What stands for the type of an error where the process that ran a repetition ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A repetition to run."""
+
+    cell: int
+    """Number of the cell among the experiment's combinations."""
+    repetition: int
+    """Counted from 0."""
+    seed: int
+    """What the trial gets."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a repetition gave."""
+
+    figures: Mapping[str, float] = field(default_factory=dict)
+    """Figures by name; none where it failed."""
+    error: str = ""
+    """Type of the error; empty where it did not fail."""
+    message: str = ""
+    """What the error says."""
+
+
+def repeat(trial: Trial, seed: int, levels: Levels) -> Outcome:
+    """Run a trial once. Whatever goes wrong in it is an outcome; only an interruption is not."""
+    try:
+        return Outcome(_figures(trial(seed, **levels), levels))
+    except (Exception, SystemExit) as error:
+        return failed(error)
+
+
+def failed(error: BaseException) -> Outcome:
+    """Return an error as an outcome."""
+    try:
+        message = str(error)
+    except Exception:
+        message = "(its message cannot be made)"
+    # What no file could hold is written as an escape.
+    message = message.encode("utf-8", "backslashreplace").decode("utf-8")
+    return Outcome(error=type(error).__name__, message=message)
+
+
+def died(how: str) -> Outcome:
+    """Return the outcome of a repetition whose process ended while it ran."""
+    return Outcome(error=DIED, message=f"the process that ran it ended{how}")
+
+
+def _figures(returned: object, levels: Levels) -> dict[str, float]:
+    """Return what a trial returned as floats."""
+    if not isinstance(returned, Mapping):
+        what = f"a trial returns a mapping of names to numbers, not {type(returned).__name__}"
+        raise TypeError(what)
+    figures = {}
+    for name, value in returned.items():
+        if not isinstance(name, str) or not name or not name.isprintable():
+            raise TypeError(f"the name of a figure is a text that is not empty, not {name!r}")
+        if name in levels or name in RESERVED:
+            taken = ", ".join([*levels, *RESERVED])
+            raise ValueError(f"a figure needs another name than {name!r}; taken: {taken}")
+        if not isinstance(value, numbers.Real | np.bool_):
+            raise TypeError(f"figure {name!r} is a number, not of type {type(value).__name__}")
+        figures[name] = float(value)
+    return figures

@@ -1,0 +1,180 @@
+"""Results of an experiment: one row for each repetition, as a table, a file or a data frame."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InputError, Problem, known
+from ..io.atomic import write_files
+from ..types import Array
+from .repetition import Outcome, Task
+from .study import Level, Levels, encoded, written
+from .summary import Summary, summarise
+
+if TYPE_CHECKING:
+    import pandas
+
+MISSING = "a data frame needs pandas: pip install 'factorgraph_adj[table]'"
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """One repetition of one cell."""
+
+    levels: Levels
+    """Level of every factor."""
+    repetition: int
+    """Counted from 0."""
+    seed: int
+    """What the trial was given: with it the repetition can be run again alone."""
+    figures: Mapping[str, float]
+    """What the trial returned; empty where it failed."""
+    error: str = ""
+    """Type of the error; empty where it did not fail."""
+    message: str = ""
+    """What the error says."""
+
+    @classmethod
+    def of(cls, levels: Levels, task: Task, outcome: Outcome) -> Repetition:
+        """Return the row of an outcome."""
+        figures, error, message = outcome.figures, outcome.error, outcome.message
+        return cls(levels, task.repetition, task.seed, figures, error, message)
+
+
+@dataclass(frozen=True)
+class Results:
+    """All repetitions of an experiment, sorted by cell and repetition."""
+
+    name: str
+    """Name of the experiment."""
+    factors: tuple[str, ...]
+    """Names of the factors."""
+    rows: tuple[Repetition, ...]
+    """Every repetition, failed ones among them."""
+
+    def __repr__(self) -> str:
+        """Say how many there are."""
+        failed = len(self.failed)
+        return f"<Results of {self.name!r}: {len(self.rows)} repetitions, {failed} failed>"
+
+    @property
+    def failed(self) -> tuple[Repetition, ...]:
+        """The repetitions that failed, with their seeds and errors."""
+        return tuple(row for row in self.rows if row.error)
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """Names of the figures, in the order in which they first appear."""
+        return tuple(dict.fromkeys(name for row in self.rows for name in row.figures))
+
+    def values(self, figure: str, /, **levels: Level) -> Array:
+        """Return a figure of every repetition at some levels, (n,) in the order of rows.
+
+        Args:
+            figure: its name.
+            **levels: levels of the cells that count; all without any.
+
+        Returns:
+            The values; NaN where a repetition failed or lacks the figure.
+
+        Raises:
+            InputError: no such figure, factor or level.
+        """
+        if figure not in self.figures:
+            what = f"unknown figure {figure!r}; known: {known(self.figures)}"
+            raise InputError(what)
+        self._check(levels)
+        want = encoded(levels)
+        return np.array(
+            [
+                row.figures.get(figure, np.nan)
+                for row in self.rows
+                if encoded({name: row.levels[name] for name in levels}) == want
+            ]
+        )
+
+    def _check(self, levels: Levels) -> None:
+        problems = []
+        for name, level in levels.items():
+            if name not in self.factors:
+                what = f"unknown factor {name!r}; known: {known(self.factors)}"
+                problems.append(Problem(what))
+                continue
+            there = {written(row.levels[name]): row.levels[name] for row in self.rows}
+            if encoded({"": level}) not in [encoded({"": other}) for other in there.values()]:
+                what = f"unknown level {level!r}; known: {known(there)}"
+                problems.append(Problem(what, f"factor {name!r}"))
+        if problems:
+            raise InputError(problems)
+
+    def table(self) -> str:
+        """Return all rows as CSV: factors, repetition, seed, figures, error, message.
+
+        Floats have all their digits (``repr``). The cell of a figure is empty where the
+        repetition failed or lacks it; ``nan`` is a figure that is not a number.
+        """
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        figures = self.figures
+        writer.writerow([*self.factors, "repetition", "seed", *figures, "error", "message"])
+        for row in self.rows:
+            writer.writerow(
+                [
+                    *(written(row.levels[name]) for name in self.factors),
+                    row.repetition,
+                    row.seed,
+                    *(repr(row.figures[name]) if name in row.figures else "" for name in figures),
+                    row.error,
+                    row.message,
+                ]
+            )
+        return text.getvalue()
+
+    def write(self, path: str | Path) -> None:
+        """Write the table to a file, all of it or nothing.
+
+        Raises:
+            InputError: the file cannot be written; what was there is left as it was.
+        """
+        path = Path(path)
+        write_files(path.parent, {path.name: self.table()})
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a data frame with the columns of `table`; NaN where a figure is missing.
+
+        Raises:
+            InputError: pandas is not installed (extra ``table``).
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise InputError(MISSING) from None
+        rows = self.rows
+        columns: dict[str, object] = {
+            name: [row.levels[name] for row in rows] for name in self.factors
+        }
+        columns["repetition"] = [row.repetition for row in rows]
+        columns["seed"] = [row.seed for row in rows]
+        columns |= {name: self.values(name) for name in self.figures}
+        columns["error"] = [row.error for row in rows]
+        columns["message"] = [row.message for row in rows]
+        return pandas.DataFrame(columns)
+
+    def summary(self, *, confidence: float = 0.95) -> Summary:
+        """Return mean, standard deviation and RMS of each figure in each cell, with intervals.
+
+        Args:
+            confidence: of each interval, between 0 and 1: the share of experiments of this kind
+                in which it holds the true value, for figures that are normally distributed.
+
+        Raises:
+            InputError: the confidence is not between 0 and 1.
+        """
+        return summarise(self, confidence)

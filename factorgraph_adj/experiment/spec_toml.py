@@ -1,0 +1,69 @@
+"""Specs read from TOML: every parameter by its name, tables for what has its own parameters.
+
+Example:
+    ::
+
+        name = "a small block"
+        [[parts]]
+        kind = "aerial"
+        strips = 2
+        [control]
+        horizontal = "perimeter"
+        vertical = "full"
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+
+from ..errors import InputError, Problem
+from .spec import Spec
+
+
+def read_spec(source: str | Path) -> Spec:
+    """Read a spec.
+
+    Args:
+        source: a file, or the TOML text itself (text with a line break or an equals sign).
+
+    Raises:
+        InputError: everything that is wrong, each with the path of its key.
+    """
+    text, where = _text(source)
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(Problem(f"is not TOML: {error}", where)) from None
+    names = [f.name for f in fields(Spec)]
+    found = [
+        Problem(f"unknown key; valid: {', '.join(names)}", key)
+        for key in document
+        if key not in names
+    ]
+    if "parts" not in document:
+        found.append(Problem("is missing: a spec has at least one part", "parts"))
+    try:
+        # Without parts the rest is checked all the same; what is said of them is in the list.
+        rest = {k: v for k, v in document.items() if k in names}
+        spec = Spec(**{"parts": None, **rest})
+    except InputError as error:
+        absent = "parts" not in document
+        found += [p for p in error.problems if not (absent and p.where == "parts")]
+    if found:
+        raise InputError(found)
+    return spec
+
+
+def _text(source: str | Path) -> tuple[str, str]:
+    """Return the TOML text and what to call it."""
+    if isinstance(source, str) and ("\n" in source or "=" in source):
+        return source, "spec"
+    path = Path(source)
+    try:
+        return path.read_text(encoding="utf-8"), path.name
+    except OSError as error:
+        raise InputError(Problem(f"cannot be read: {error.strerror}", path.name)) from None
+    except UnicodeDecodeError as error:
+        raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", path.name)) from None

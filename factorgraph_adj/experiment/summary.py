@@ -1,0 +1,205 @@
+"""Summaries of an experiment: what each cell gave on average, how it scattered, how surely."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import nan, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import stats
+
+from ..errors import InputError, known
+from ..report import layout
+from ..types import Array
+from .study import Level, Levels, encoded, key, said, written
+
+if TYPE_CHECKING:
+    from .results import Repetition, Results
+
+
+@dataclass(frozen=True)
+class FigureSummary:
+    """One figure in one cell; NaN where there are too few values.
+
+    With n values xᵢ of mean x̄ and standard deviation s, and t and χ² of n − 1 degrees of
+    freedom at probability p, α = 1 − confidence:
+
+        mean:                x̄ ± t(1 − α/2) s / √n                      (Student)
+        standard deviation:  s √((n − 1) / χ²(1 − α/2)) … s √((n − 1) / χ²(α/2))
+        RMS:                 √(Σ xᵢ² / n)
+
+    Each interval alone has the confidence, for values that are normally distributed; that of the
+    mean holds approximately for any others when n is large, that of s does not.
+    """
+
+    levels: Levels
+    """The cell."""
+    figure: str
+    """Name of the figure."""
+    n: int
+    """Values that count: finite ones."""
+    n_failed: int
+    """Failed repetitions of the cell."""
+    n_missing: int
+    """Repetitions that did not fail and have no finite value."""
+    mean: float
+    mean_interval: tuple[float, float]
+    """Lower and upper bound; NaN with less than two values."""
+    standard_deviation: float
+    """With divisor n − 1; NaN with less than two values."""
+    standard_deviation_interval: tuple[float, float]
+    """Lower and upper bound; NaN with less than two values."""
+    rms: float
+    """Root mean square: the size of a figure that is an error, bias and scatter together."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Figures of all cells; ``str`` is a table for people."""
+
+    name: str
+    """Name of the experiment."""
+    factors: tuple[str, ...]
+    """Names of the factors."""
+    confidence: float
+    """Of each interval, between 0 and 1."""
+    n_repetitions: int
+    """All repetitions, failed ones among them."""
+    n_failed: int
+    """Failed repetitions."""
+    rows: tuple[FigureSummary, ...]
+    """By figure, and in each by cell."""
+
+    def of(self, figure: str, /, **levels: Level) -> FigureSummary:
+        """Return the summary of a figure in one cell.
+
+        Args:
+            figure: its name.
+            **levels: levels that tell the cell; those of factors with one level may be left out.
+
+        Raises:
+            InputError: no such figure, or not exactly one cell has these levels.
+        """
+        every = [row for row in self.rows if row.figure == figure]
+        if not every:
+            names = dict.fromkeys(row.figure for row in self.rows)
+            raise InputError(f"unknown figure {figure!r}; known: {known(names)}")
+        unknown = [name for name in levels if name not in self.factors]
+        if unknown:
+            raise InputError(f"unknown factor {unknown[0]!r}; known: {known(self.factors)}")
+        want = encoded(levels)
+        found = [row for row in every if encoded({n: row.levels[n] for n in levels}) == want]
+        if len(found) != 1:
+            which = "no cell has" if not found else f"{len(found)} cells have"
+            listed = known(said(row.levels) for row in every)
+            raise InputError(f"{which} {said(levels)}; cells: {listed}")
+        return found[0]
+
+    def __str__(self) -> str:
+        """Return an aligned table of plain text."""
+        header = [*self.factors, "n", "failed", "missing", "mean", "from", "to"]
+        header += ["std. dev.", "from", "to", "RMS"]
+        lines = [f"{self.name}: intervals of {layout.percent(self.confidence)} confidence"]
+        if self.n_failed:
+            lines.append(f"{self.n_failed} of {self.n_repetitions} repetitions failed")
+        for figure in dict.fromkeys(row.figure for row in self.rows):
+            cells = [self._cells(row) for row in self.rows if row.figure == figure]
+            drop = {"failed", "missing"}
+            for name in list(drop):
+                if any(row[header.index(name)] != "0" for row in cells):
+                    drop.discard(name)
+            keep = [i for i, name in enumerate(header) if name not in drop]
+            lines += ["", figure]
+            lines += layout.table(
+                [header[i] for i in keep],
+                [[row[i] for i in keep] for row in cells],
+                left=len(self.factors),
+            )
+        return "\n".join(lines)
+
+    def _cells(self, row: FigureSummary) -> list[str]:
+        """Return the cells of a line; a mean is shown as far as its own scatter lets it."""
+        sigma = row.standard_deviation / sqrt(row.n) if row.n else nan
+        low, high = row.mean_interval
+        return [
+            *(written(row.levels[name]) for name in self.factors),
+            *map(str, (row.n, row.n_failed, row.n_missing)),
+            *(_shown(value, sigma) for value in (row.mean, low, high)),
+            *map(layout.short, (row.standard_deviation, *row.standard_deviation_interval)),
+            layout.short(row.rms),
+        ]
+
+
+def _shown(value: float, sigma: float) -> str:
+    return layout.with_sigma(value, sigma) if np.isfinite(value) else "–"
+
+
+def summarise(results: Results, confidence: float) -> Summary:
+    """Return the summary of results, see `Results.summary`."""
+    if isinstance(confidence, bool) or not 0 < confidence < 1:
+        raise InputError(f"confidence must be between 0 and 1, not {confidence!r}")
+    cells: dict[str, list[Repetition]] = {}
+    for row in results.rows:
+        cells.setdefault(key(row.levels), []).append(row)
+    rows = _rows(results.figures, list(cells.values()), confidence)
+    return Summary(
+        name=results.name,
+        factors=results.factors,
+        confidence=confidence,
+        n_repetitions=len(results.rows),
+        n_failed=len(results.failed),
+        rows=tuple(rows),
+    )
+
+
+def _rows(
+    figures: tuple[str, ...], cells: list[list[Repetition]], confidence: float
+) -> Iterator[FigureSummary]:
+    for figure in figures:
+        for rows in cells:
+            good = [row for row in rows if not row.error]
+            values = np.array([row.figures.get(figure, nan) for row in good])
+            values = values[np.isfinite(values)]
+            mean, s = _moments(values)
+            n = len(values)
+            yield FigureSummary(
+                levels=rows[0].levels,
+                figure=figure,
+                n=n,
+                n_failed=len(rows) - len(good),
+                n_missing=len(good) - n,
+                mean=mean,
+                mean_interval=_of_mean(mean, s, n, confidence),
+                standard_deviation=s,
+                standard_deviation_interval=_of_deviation(s, n, confidence),
+                rms=float(np.sqrt(np.mean(values**2))) if n else nan,
+            )
+
+
+def _moments(values: Array) -> tuple[float, float]:
+    """Return mean and standard deviation.
+
+    From differences to the first value: those of equal values are zero to the last bit.
+    """
+    if not values.size:
+        return nan, nan
+    off = values - values[0]
+    mean = float(values[0] + off.mean())
+    return mean, float(off.std(ddof=1)) if values.size > 1 else nan
+
+
+def _of_mean(mean: float, s: float, n: int, confidence: float) -> tuple[float, float]:
+    if n < 2:
+        return nan, nan
+    half = float(stats.t.isf((1 - confidence) / 2, n - 1)) * s / sqrt(n)
+    return mean - half, mean + half
+
+
+def _of_deviation(s: float, n: int, confidence: float) -> tuple[float, float]:
+    if n < 2:
+        return nan, nan
+    tail = (1 - confidence) / 2
+    low, high = stats.chi2.isf(tail, n - 1), stats.chi2.ppf(tail, n - 1)
+    return s * sqrt((n - 1) / float(low)), s * sqrt((n - 1) / float(high))

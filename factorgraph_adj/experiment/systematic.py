@@ -1,0 +1,189 @@
+"""Systematic errors: what an adjustment takes for granted and is not so.
+
+Some are in quantities that a network has, a refraction or the scale of a tape: the readings are
+made with the true value and the network is given the assumed one. Others are in the photo: they
+are added to the image coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from ..entities import Parameter
+from ..errors import Problem, known
+from ..network import Network
+from ..observations import SlopeDistance
+from ..types import Array
+from .generate.part import MICROMETRE, MILLIMETRE
+from .parameters import Parameters, number, path_of
+
+PPM = 1e-6
+TRUE_SCALE = "true scale"
+"""Distance meter of the readings of distances that name none."""
+
+
+@dataclass(frozen=True)
+class Systematic(Parameters):
+    """Base of the systematic errors."""
+
+    def unknown(self, plan: Network, where: str) -> list[Problem]:
+        """Return what the plan does not have."""
+        return []
+
+    def make_true(self, true: Network) -> None:
+        """Give a plan the true values that the readings are made with."""
+
+    def shift(self, camera: str, centred: Array) -> Array:
+        """Return what is added to image coordinates (n, 2) about the principal point, mm."""
+        return np.zeros_like(centred)
+
+
+@dataclass(frozen=True)
+class InImages(Systematic):
+    """Base of systematic errors of image coordinates."""
+
+    camera: str = ""
+    """Whose photos; none: all."""
+
+    def unknown(self, plan: Network, where: str) -> list[Problem]:
+        """Return what the plan does not have."""
+        if self.camera in ("", *plan.cameras):
+            return []
+        what = f"unknown camera {self.camera!r}; known: {known(plan.cameras)}"
+        return [Problem(what, path_of(where, "camera"))]
+
+
+@dataclass(frozen=True)
+class LensDistortion(InImages):
+    """Radial distortion: image points lie δ(r) farther from the principal point.
+
+    Either δ = Σ cᵢ (r/R)^(2i+1), i = 0, 1, 2 …, with ``coefficients_um`` and R = ``radius_mm``;
+    or a curve through the points of a table and (0, 0), monotone between them (PCHIP), level
+    beyond the last.
+    """
+
+    kind = "lens_distortion"
+    coefficients_um: tuple[float, ...] = ()
+    """c₀, c₁ …, µm."""
+    radius_mm: float = number(100.0, above=0)
+    """R, mm."""
+    radii_mm: tuple[float, ...] = number((), above=0)
+    """Radii of the table, mm, rising."""
+    distortion_um: tuple[float, ...] = ()
+    """Distortion at these radii, µm."""
+
+    def problems(self, where: str) -> list[Problem]:
+        """Return what the fields together cannot be."""
+        found = []
+        if bool(self.coefficients_um) == bool(self.radii_mm):
+            found.append(
+                Problem(
+                    "give either coefficients_um or radii_mm with distortion_um",
+                    path_of(where, "coefficients_um"),
+                )
+            )
+        if len(self.radii_mm) != len(self.distortion_um):
+            what = f"has {len(self.distortion_um)} values, radii_mm has {len(self.radii_mm)}"
+            found.append(Problem(what, path_of(where, "distortion_um")))
+        if any(a >= b for a, b in zip(self.radii_mm, self.radii_mm[1:], strict=False)):
+            found.append(Problem("must rise", path_of(where, "radii_mm")))
+        return found
+
+    def curve(self, r: Array) -> Array:
+        """Return δ (n,), mm, at radii r (n,), mm."""
+        if self.coefficients_um:
+            t = r / self.radius_mm
+            terms = [c * t ** (2 * i + 1) for i, c in enumerate(self.coefficients_um)]
+            return np.asarray(sum(terms) * MICROMETRE)
+        at = np.array([0.0, *self.radii_mm])
+        interpolate = PchipInterpolator(at, np.array([0.0, *self.distortion_um]))
+        return np.asarray(interpolate(np.minimum(r, at[-1])) * MICROMETRE)
+
+    def shift(self, camera: str, centred: Array) -> Array:
+        """Return what is added to image coordinates."""
+        r = np.linalg.norm(centred, axis=1)
+        part = self.curve(r) / np.where(r > 0, r, 1.0)
+        return np.asarray(centred * part[:, None])
+
+
+@dataclass(frozen=True)
+class AffineFilm(InImages):
+    """Affine deformation of the film: δx = (scale x + shear y) / edge.
+
+    ``scale_um`` is the difference of the scales of x and y, ``shear_um`` the lack of a right
+    angle between the axes, both as a displacement at ``edge_mm`` from the centre.
+    """
+
+    kind = "affine_film"
+    scale_um: float = 0.0
+    """Displacement in x at x = edge, µm."""
+    shear_um: float = 0.0
+    """Displacement in x at y = edge, µm."""
+    edge_mm: float = number(115.0, above=0)
+    """Where they are reached, mm."""
+
+    def shift(self, camera: str, centred: Array) -> Array:
+        """Return what is added to image coordinates."""
+        x = centred @ [self.scale_um, self.shear_um] * MICROMETRE / self.edge_mm
+        return np.column_stack([x, np.zeros_like(x)])
+
+
+@dataclass(frozen=True)
+class Refraction(Systematic):
+    """A coefficient of refraction that is not the assumed one."""
+
+    kind = "refraction"
+    difference: float = number(0.1, least=-2, most=2)
+    """True − assumed κ."""
+    group: str = ""
+    """Group of refraction; none: that of the network."""
+
+    def unknown(self, plan: Network, where: str) -> list[Problem]:
+        """Return what the plan does not have."""
+        if self.group in ("", *plan.refractions):
+            return []
+        what = f"unknown refraction group {self.group!r}; known: {known(plan.refractions)}"
+        return [Problem(what, path_of(where, "group"))]
+
+    def make_true(self, true: Network) -> None:
+        """Set the true coefficient."""
+        there = true.refractions.get(self.group, Parameter((0.0,), (True,), (np.inf,)))
+        value = there.values[0] + self.difference
+        true.refractions[self.group] = replace(there, values=(value,))
+
+
+@dataclass(frozen=True)
+class Tape(Systematic):
+    """Distances that are read too long: (1 + ppm·10⁻⁶) S + zero."""
+
+    kind = "tape"
+    ppm: float = 0.0
+    """Scale, 1e-6."""
+    zero_mm: float = 0.0
+    """Zero constant, mm."""
+    distance_meter: str = ""
+    """Whose distances; none: all."""
+
+    def unknown(self, plan: Network, where: str) -> list[Problem]:
+        """Return what the plan does not have."""
+        if self.distance_meter in ("", *plan.distance_meters):
+            return []
+        what = f"unknown distance meter {self.distance_meter!r}; known: "
+        return [Problem(what + known(plan.distance_meters), path_of(where, "distance_meter"))]
+
+    def make_true(self, true: Network) -> None:
+        """Set scale and zero constant."""
+        if not self.distance_meter:
+            for ident, o in true.observations.items():
+                if isinstance(o, SlopeDistance) and o.instrument is None:
+                    if TRUE_SCALE not in true.distance_meters:
+                        true.set_distance_meter(TRUE_SCALE)
+                    true.observations[ident] = replace(o, instrument=TRUE_SCALE)
+        for name, there in true.distance_meters.items():
+            if self.distance_meter in ("", name):
+                scale, zero = there.values
+                values = (scale + self.ppm * PPM, zero + self.zero_mm * MILLIMETRE)
+                true.distance_meters[name] = replace(there, values=values)

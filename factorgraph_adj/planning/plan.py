@@ -1,0 +1,145 @@
+"""What a design will give: its precision and reliability, without a reading.
+
+Covariances, redundancy numbers, smallest detectable errors and their effects depend on geometry
+and weights alone: the network is read as its given values would have it, and adjusted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..network import Network
+from ..quality.effects import shifts
+from ..quality.reliability import Reliability, check_probabilities, reliability
+from ..quality.solution import Solution
+from ..solve.batch import adjust
+from ..types import Array, Mask
+from .readings import as_planned
+from .targets import (
+    DetectableError,
+    RedundancyNumber,
+    RowTarget,
+    Shortfall,
+    Target,
+    check_targets,
+    lacking,
+    matching,
+    point_figures,
+)
+
+CHUNK = 500
+"""Observations whose effects are worked out together."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan:
+    """A design, adjusted as it was planned; σ0 = 1."""
+
+    solution: Solution
+    """Its adjustment: covariances, ellipses and so on are those to be expected."""
+    reliability: Reliability
+    """What its observations will be able to prove about themselves."""
+    targets: tuple[Target, ...]
+    """What it is to achieve."""
+
+    @property
+    def network(self) -> Network:
+        """The design, with the readings that its given values would have."""
+        return self.solution.network
+
+    @cached_property
+    def shortfalls(self) -> tuple[Shortfall, ...]:
+        """What fails the targets, the worst of each first."""
+        out: list[Shortfall] = []
+        for t in self.targets:
+            names, figures = self.figures(t)
+            lack = lacking(t, figures)
+            order = np.argsort(-lack, kind="stable")
+            out += [Shortfall(t, names[i], float(figures[i])) for i in order[lack[order] > 0]]
+        return tuple(out)
+
+    @property
+    def met(self) -> bool:
+        """Whether all targets are met."""
+        return not self.shortfalls
+
+    def figures(self, target: Target) -> tuple[list[str], Array]:
+        """Return the items of a target by name, and their figures."""
+        if isinstance(target, RowTarget):
+            return self._of_rows(target)
+        names = list(self.network.points)
+        on = matching(names, target.points)
+        points = np.flatnonzero(on)
+        blocks = self.solution.point_covariances[points]
+        horizon = horizons(self.network, names)[points]
+        return [names[i] for i in points], point_figures(target, blocks, horizon)
+
+    def _of_rows(self, target: RowTarget) -> tuple[list[str], Array]:
+        rel, equations = self.reliability, self.solution.equations
+        on = rows_like(self.solution, target.observations)
+        rows = np.flatnonzero(on)
+        labels = [equations.label(i) for i in rows.tolist()]
+        if isinstance(target, RedundancyNumber):
+            return labels, rel.redundancy_numbers[rows]
+        if isinstance(target, DetectableError):
+            return labels, rel.mdb[rows] / self.solution.observations.sigmas[rows]
+        out = np.full(len(rows), np.inf)
+        known = np.isfinite(rel.mdb[rows])
+        table = equations.unknowns["point"]
+        chosen = matching(table.names, target.points) & (table.offset >= 0)
+        columns = table.offset[chosen, None] + np.arange(3)
+        for part in np.array_split(rows[known], max(1, int(known.sum()) // CHUNK)):
+            moved = shifts(self.solution, part)[columns] * rel.mdb[part]
+            far = np.sqrt(np.sum(moved**2, axis=1)).max(axis=0, initial=0.0)
+            out[np.isin(rows, part)] = far
+        return labels, out
+
+    def __repr__(self) -> str:
+        """Say whether it meets its targets."""
+        return (
+            f"<Plan of {self.network.name!r}: {self.solution.n_observations} observations, "
+            f"redundancy {self.solution.redundancy}, {len(self.targets)} targets, "
+            f"{len(self.shortfalls)} shortfalls>"
+        )
+
+
+def plan(
+    network: Network,
+    targets: Sequence[Target] = (),
+    *,
+    alpha: float = 0.001,
+    power: float = 0.80,
+) -> Plan:
+    """Work out what a design will give.
+
+    Args:
+        network: points, photos and cameras as planned, held, weighted or free, and observations
+            with their standard deviations; observed values do not matter.
+        targets: what it is to achieve, see `factorgraph_adj.planning.targets`.
+        alpha: probability α0 of a false alarm of one test.
+        power: probability with which an error of the smallest detectable size is found.
+
+    Raises:
+        InputError: points without coordinates, photos without orientation, bad targets: all.
+        DatumError: what the observations will not determine, by name.
+    """
+    check_probabilities(alpha, power)
+    check_targets(targets, list(network.points))
+    solution = adjust(as_planned(network))
+    return Plan(solution, reliability(solution, alpha=alpha, power=power), tuple(targets))
+
+
+def horizons(network: Network, names: Sequence[str]) -> Array:
+    """Return east and north at points in the frame of the network, (n, 2, 3)."""
+    at = np.array([network.points[n].coordinates for n in names]).reshape(-1, 3)
+    return network.frame.basis(at, np.zeros((len(at), 2))).enu[:, :2]
+
+
+def rows_like(solution: Solution, patterns: Sequence[str]) -> Mask:
+    """Return which scalar observations have an id or a kind like one of some patterns, (n,)."""
+    table = solution.observations
+    return matching([o.id for o in table], patterns) | matching([o.kind for o in table], patterns)

@@ -1,0 +1,66 @@
+"""Readings as the given values of a network would have them."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from ..entities import ImageTable, Parameter
+from ..errors import InputError, Problem
+from ..experiment.simulate import measure
+from ..network import Network
+
+NO_TURN = 0.0
+"""Orientation of a set that nobody has turned yet, radians: partials do not depend on it."""
+
+
+def as_planned(network: Network) -> Network:
+    """Return the network with every reading that of its given values.
+
+    Args:
+        network: coordinates and orientations as planned; observed values do not matter.
+
+    Raises:
+        InputError: every point without coordinates and every photo without position or rotation.
+    """
+    problems = [
+        Problem("a plan needs its coordinates", f"point {name!r}")
+        for name, p in network.points.items()
+        if not np.isfinite(p.coordinates).all()
+    ]
+    problems += [
+        Problem("a plan needs its position and rotation", f"photo {name!r}")
+        for name, f in network.photos.items()
+        if f.position is None or f.rotation is None
+    ]
+    if problems:
+        raise InputError(problems)
+    plan = copy(network)
+    plan.orientations = {
+        key: p if np.isfinite(p.values).all() else _at(p, NO_TURN)
+        for key, p in network.orientations.items()
+    }
+    read = measure(plan, seed=0, noise=False)
+    return _with_names(network, read)
+
+
+def _at(parameter: Parameter, value: float) -> Parameter:
+    return replace(parameter, values=(value,))
+
+
+def _with_names(network: Network, read: Network) -> Network:
+    """Return the network that was read with its image points in their order, and their ids."""
+    photo, point, _, sigma = network.images.columns()
+    if not len(photo):
+        return read
+    of_photo, of_point, xy, _ = read.images.columns()
+    n = len(network.points)
+    order = np.argsort(of_photo * n + of_point)
+    place = np.searchsorted((of_photo * n + of_point)[order], photo * n + point)
+    images = ImageTable()
+    images.append(photo, point, xy[order][place], sigma)
+    images.ids, images.sources = dict(network.images.ids), dict(network.images.sources)
+    read.images = images
+    return read

@@ -1,0 +1,238 @@
+"""Which observations of a design can be left out while its targets are still met.
+
+The reverse of `factorgraph_adj.planning.propose`: one after another, the observation that saves
+most for what it takes from the targets. With h = A Q Aᵀ of its rows,
+
+    Q' = Q + Q Aᵀ (I − h)⁻¹ A Q
+
+so that nothing is solved anew; an observation without which something is not determined has an
+eigenvalue 1 of h, and stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..errors import InputError, Problem
+from ..network import Network
+from ..quality.rows import whitened_unit
+from ..selection import without
+from ..types import Array, Index, Mask
+from .candidates import partials
+from .plan import Plan, horizons, plan, rows_like
+from .targets import (
+    DetectableError,
+    RedundancyNumber,
+    RowTarget,
+    Target,
+    UndetectedShift,
+    limit_of,
+    matching,
+    point_figures,
+)
+
+LARGEST = 6000
+"""Scalar observations up to which this is done; all of A Q Aᵀ is held."""
+DETERMINED = 1e-6
+"""Smallest eigenvalue of I − h of what may be left out."""
+LISTED = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Spared:
+    """What can be left out."""
+
+    ids: tuple[str, ...]
+    """Ids of the observations, in the order in which they were taken out."""
+    saved: float
+    """Their cost."""
+    plan: Plan
+    """The design without them; its targets are met."""
+
+
+def spare(
+    network: Network,
+    targets: Sequence[Target],
+    *,
+    observations: Sequence[str] = ("*",),
+    cost: Mapping[str, float] | None = None,
+    alpha: float = 0.001,
+    power: float = 0.80,
+) -> Spared:
+    """Find observations that can be left out while the targets are met.
+
+    Args:
+        network: the design; see `plan`.
+        targets: what is to be achieved.
+        observations: ids or kinds, or patterns, of what may be left out: single observations,
+            not members of correlated groups.
+        cost: of observations by id; 1 for others.
+        alpha: as in `plan`.
+        power: as in `plan`.
+
+    Raises:
+        InputError: the design does not meet its targets, by item; it is too large; bad targets.
+    """
+    whole = plan(network, targets, alpha=alpha, power=power)
+    if whole.shortfalls:
+        raise InputError(
+            [Problem("fails already with everything", str(s)) for s in whole.shortfalls[:LISTED]]
+        )
+    if whole.solution.n_observations > LARGEST:
+        raise InputError(
+            f"{whole.solution.n_observations} scalar observations; up to {LARGEST} are looked at"
+        )
+    out: list[str] = []
+    prices = dict(cost or {})
+    search = _Search(whole, targets, observations)
+    while True:
+        best = search.best(prices)
+        if best is None:
+            break
+        # What was predicted is checked by a plan of its own before it counts.
+        found = plan(without(network, [*out, best]), targets, alpha=alpha, power=power)
+        search.take(best, leave=not found.met)
+        if found.met:
+            out.append(best)
+            whole = found
+    return Spared(tuple(out), sum(prices.get(i, 1.0) for i in out), whole)
+
+
+class _Search:
+    """Q of a design from which observations are taken."""
+
+    def __init__(self, design: Plan, targets: Sequence[Target], may_go: Sequence[str]) -> None:
+        solution = design.solution
+        self.design, self.targets = design, targets
+        equations = solution.equations
+        a: csr_array = partials(solution.normal().system)
+        n = equations.n_rows
+        self.a = np.asarray(a.todense())
+        self.qa = solution.cofactor_times(np.asarray(self.a.T.copy()))
+        self.h = self.a @ self.qa
+        self.present = np.ones(n, dtype=bool)
+        clustered = {int(r) for c in equations.clusters for r in c.rows}
+        on = rows_like(solution, may_go)
+        rows: dict[str, list[int]] = {}
+        for i, o in enumerate(solution.observations):
+            if on[i] and i not in clustered and o.id in _own_ids(design.network, o.id):
+                rows.setdefault(o.id, []).append(i)
+        self.rows = {k: np.array(v, dtype=np.intp) for k, v in rows.items()}
+        single = np.array([len(whitened_unit(equations, i)[0]) == 1 for i in range(n)])
+        self.single: Mask = single
+        self.asked: dict[Target, Mask] = {
+            t: rows_like(solution, t.observations) & single
+            for t in targets
+            if isinstance(t, RowTarget)
+        }
+        self.points: dict[Target, Index] = {
+            t: np.flatnonzero(matching(list(equations.unknowns["point"].names), t.points))
+            for t in targets
+            if not isinstance(t, RedundancyNumber | DetectableError)
+        }
+        self.sigma = solution.observations.sigmas
+        self.delta0 = design.reliability.delta0
+        table = equations.unknowns["point"]
+        self.names = list(table.names)
+        self.offset = table.offset
+        self.free = np.asarray(equations.unknowns.free)
+        self.horizon = horizons(design.network, self.names)
+        self.blocks = solution.point_covariances.copy()
+
+    def best(self, prices: Mapping[str, float]) -> str | None:
+        """Return what saves most for what it takes, of what may go."""
+        chosen, value = None, 0.0
+        for ident, rows in self.rows.items():
+            loss = self._loss(rows)
+            if loss is None:
+                continue
+            worth = prices.get(ident, 1.0) / (loss + 1e-9)
+            if worth > value:
+                chosen, value = ident, worth
+        return chosen
+
+    def _change(self, rows: Index) -> tuple[Array, Array] | None:
+        left = np.eye(len(rows)) - self.h[np.ix_(rows, rows)]
+        values, vectors = np.linalg.eigh(0.5 * (left + left.T))
+        if values[0] < DETERMINED:
+            return None
+        return self.h[:, rows], (vectors / values) @ vectors.T
+
+    def _loss(self, rows: Index) -> float | None:
+        """Return how much nearer all figures come to their limits; none where one passes it."""
+        change = self._change(rows)
+        if change is None:
+            return None
+        g, inverse = change
+        lever = np.einsum("nk,kl,nl->n", g, inverse, g)
+        r = 1.0 - np.diag(self.h) - lever
+        present = self.present.copy()
+        present[rows] = False
+        total = 0.0
+        for t in self.targets:
+            found = self._ratios(t, rows, inverse, r, present)
+            if len(found) and found.max() > 1.0 - 1e-9:
+                return None
+            total += float(found.sum())
+        return total
+
+    def _ratios(self, t: Target, rows: Index, inverse: Array, r: Array, present: Mask) -> Array:
+        """Return figures over limits, or limits over figures, of all items without some rows."""
+        if isinstance(t, RowTarget):
+            on = np.flatnonzero(self.asked[t] & present)
+            safe = np.maximum(r[on], 1e-12)
+            if isinstance(t, RedundancyNumber):
+                return np.asarray(t.at_least / safe)
+            if isinstance(t, DetectableError):
+                return np.asarray(self.delta0 / np.sqrt(safe) / t.at_most)
+            return self._shifts(t, on, rows, inverse, safe)
+        points = self.points[t]
+        blocks = self.blocks[points] + self._growth(points, rows, inverse)
+        return np.asarray(point_figures(t, blocks, self.horizon[points]) / limit_of(t))
+
+    def _of_points(self, points: Index, rows: Index) -> Array:
+        """Return Q Aᵀ of coordinates and rows, zero where held, (n, 3, k)."""
+        columns = np.where(self.offset[points, None] >= 0, self.offset[points, None], 0)
+        columns = columns + np.arange(3)
+        on = (self.offset[points, None] >= 0) & self.free[columns]
+        return np.asarray(np.where(on[:, :, None], self.qa[columns][:, :, rows], 0.0))
+
+    def _growth(self, points: Index, rows: Index, inverse: Array) -> Array:
+        g = self._of_points(points, rows)
+        return np.asarray(np.einsum("pik,kl,pjl->pij", g, inverse, g))
+
+    def _shifts(
+        self, t: UndetectedShift, on: Index, rows: Index, inverse: Array, r: Array
+    ) -> Array:
+        points = self.points[t]
+        points = points[self.offset[points] >= 0]
+        if not len(points) or not len(on):
+            return np.zeros(0)
+        moved = self._of_points(points, on)
+        moved = moved + self._of_points(points, rows) @ inverse @ self.h[np.ix_(rows, on)]
+        far = np.sqrt(np.sum(moved**2, axis=1)).max(axis=0)
+        return np.asarray(far * self.delta0 / np.sqrt(r) / t.at_most)
+
+    def take(self, ident: str, *, leave: bool) -> None:
+        """Take an observation out, or leave it for good."""
+        rows = self.rows.pop(ident)
+        if leave:
+            return
+        change = self._change(rows)
+        assert change is not None
+        _, inverse = change
+        every = np.arange(len(self.names))
+        self.blocks = self.blocks + self._growth(every, rows, inverse)
+        self.qa = self.qa + self.qa[:, rows] @ inverse @ self.h[rows]
+        self.h = self.a @ self.qa
+        self.present[rows] = False
+
+
+def _own_ids(network: Network, ident: str) -> tuple[str, ...]:
+    """Return the id where it is that of an observation, not of a weighted unknown."""
+    image = "/" in ident and ident.split("/")[0] in network.photos
+    return (ident,) if image or ident in network.observations else ()
