@@ -73,7 +73,7 @@ def difference(a: Solution, b: Solution) -> Difference:
         if not free.any():
             continue
         qa = np.sqrt(np.maximum(np.diag(a.variable_covariance((kind, name))), 0.0))
-        moved = _between(a, b, kind, name)
+        moved = between(a, b, kind, name)
         estimates = max(estimates, float(np.max(np.abs(moved[free]) / qb[free])))
         sigmas = max(sigmas, float(np.max(np.abs(qa[free] / qb[free] - 1.0))))
     return Difference(estimates, sigmas)
@@ -93,7 +93,7 @@ def deviations(solution: Solution, kind: str, name: str) -> tuple[Mask, Array]:
     return sigma * np.sqrt(weight) > NOTHING, sigma
 
 
-def _between(a: Solution, b: Solution, kind: str, name: str) -> Array:
+def between(a: Solution, b: Solution, kind: str, name: str) -> Array:
     va, vb = (s.state[kind][s.number(kind, name)] for s in (a, b))
     if kind == "pose":
         ra, rb = va[:9].reshape(3, 3), vb[:9].reshape(3, 3)
