@@ -2,7 +2,7 @@
 
 python examples/gallery_1_distances.py [--plot FILE]
 
-Two pillars are known, four points are new. Every line was measured with σ = 2 mm + 2 ppm.
+Two pillars are known, four points are new. The readings are simulated with σ = 2 mm + 2 ppm.
 """
 
 import argparse

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,9 @@ import pytest
 from factorgraph_adj.cli import main
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+README = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
+SHOWN = dict(re.findall(r"^\| \[(gallery_\S+\.py)\].*\| `(.*)` \|$", README, re.MULTILINE))
+"""A line of the output of each script of the gallery, as the README shows it."""
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 PROJECTS = sorted(EXAMPLES.glob("*/project.toml"))
 
@@ -31,9 +35,22 @@ def run(script: Path, *arguments: str) -> str:
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
-def test_every_script_runs_and_prints_something(script: Path, tmp_path: Path) -> None:
+def test_every_script_runs_and_prints_what_the_readme_shows(script: Path, tmp_path: Path) -> None:
     arguments = [str(tmp_path)] if script.stem.startswith("make_") else []
-    assert run(script, *arguments).strip()
+    printed = " ".join(run(script, *arguments).split())
+    assert printed
+    if script.stem.startswith("gallery_"):
+        assert " ".join(SHOWN[script.name].split()) in printed
+
+
+def test_the_gallery_is_short_and_its_pictures_are_there() -> None:
+    gallery = [p for p in SCRIPTS if p.stem.startswith("gallery_")]
+    assert len(gallery) == len(SHOWN) == 8
+    for script in gallery:
+        assert len(script.read_text(encoding="utf-8").splitlines()) < 80
+    pictures = re.findall(r"!\[[^]]+\]\((examples/pictures/[^)]+)\)", README)
+    assert len(pictures) >= 8
+    assert all((EXAMPLES.parent / p).is_file() for p in pictures)
 
 
 @pytest.mark.parametrize("project", PROJECTS, ids=lambda p: p.parent.name)

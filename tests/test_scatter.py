@@ -252,7 +252,6 @@ def scatter(name: str) -> Scatter:
 
 
 def _free(solution: fga.Solution, variable: tuple[VariableKind, str]) -> Mask:
-    kind, name = variable
     return np.diag(solution.variable_covariance(variable)) > 0
 
 

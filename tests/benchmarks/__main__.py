@@ -9,6 +9,7 @@ latency   one arriving observation in such networks, and in photos over them, ag
           and naive iSAM2 (half an hour: iSAM2 takes minutes to load 10 000 points)
 runs      2 000 repetitions of the industry block in 1 and 2 processes and on a local Dask cluster
           (extra ``cluster``), then killed half-way and resumed (half an hour)
+proposals 1 000 candidates for the industry block, against planning anew with each of them
 equality  every test network arriving one by one in four orders, with removals, against the batch
 
 Quality: reliability of every observation (with e1, e2, e12) and the covariance of every point;
@@ -208,6 +209,19 @@ def soak(cores: set[int]) -> None:
     subprocess.run(command, env=env, check=True, preexec_fn=lambda: os.sched_setaffinity(0, cores))
 
 
+def proposals(cores: set[int], rounds: int) -> None:
+    """Print how long it takes to look at candidates."""
+    found = launch(cores, "proposals", str(rounds))
+    if found is not None:
+        together, anew = (statistics.median(found[k]) for k in ("round", "anew"))
+        n = found["candidates"]
+        print(
+            f"{n} candidates: a round {together:.2f} s, anew {n * anew:.0f} s "
+            f"({found['ratio']:.0f} times), lack differs by {found['difference']:.0e}; {found['steps']} steps "
+            f"{found['whole']:.1f} s"
+        )
+
+
 def main() -> None:
     """Run what the command line asks for."""
     benchmarks: dict[str, Callable[[set[int], int], None]] = {
@@ -218,6 +232,7 @@ def main() -> None:
         "soak": lambda cores, _: soak(cores),
         "runs": lambda cores, _: study.benchmark(cores),
         "latency": lambda cores, _: latency(cores),
+        "proposals": proposals,
         "equality": lambda cores, _: equality(cores),
     }
     parser = argparse.ArgumentParser(
