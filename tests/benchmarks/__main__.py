@@ -217,8 +217,8 @@ def proposals(cores: set[int], rounds: int) -> None:
         n = found["candidates"]
         print(
             f"{n} candidates: a round {together:.2f} s, anew {n * anew:.0f} s "
-            f"({found['ratio']:.0f} times), lack differs by {found['difference']:.0e}; {found['steps']} steps "
-            f"{found['whole']:.1f} s"
+            f"({found['ratio']:.0f} times), lack differs by {found['difference']:.0e}; "
+            f"{found['steps']} steps {found['whole']:.1f} s"
         )
 
 
