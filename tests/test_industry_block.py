@@ -22,6 +22,12 @@ from factorgraph_adj.experiment.industry_block import (
     SIDE,
     simulate_industry_block,
 )
+from factorgraph_adj.experiment.tables_1981 import (
+    INDUSTRY_CASES,
+    IndustryCase,
+    IndustryFigures,
+    industry_figures,
+)
 from factorgraph_adj.models.image import depth
 from factorgraph_adj.network import Network
 from factorgraph_adj.observations import SlopeDistance
@@ -32,8 +38,6 @@ from factorgraph_adj.types import Array
 CONFIDENCE = 0.999
 REPETITIONS = 200
 CASE_SEEDS = 20
-PLAN_95 = float(np.sqrt(stats.chi2.ppf(0.95, 2)))
-"""Semi-axis of the 95 % ellipse in standard deviations, 2.45."""
 SPREAD = ("P10", "P61", "P14", "P36", "P58")
 """Free points all over the floor, for joint covariances."""
 MM = 1e-3
@@ -264,24 +268,7 @@ def test_impossible_blocks_are_refused(options: dict[str, int]) -> None:
 # -- table 2 ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Case:
-    """One line of table 2 over several seeds, millimetres."""
-
-    discrepancy: float
-    """RMS of adjusted minus taped distances."""
-    sigma: float
-    """Mean standard deviation of the coordinates."""
-    semi_major: float
-    """Mean semi-major axis of the 95 % error ellipse in plan."""
-
-
-CASES = {
-    "a": {},
-    "b": {"photos": 4, "terrestrial": False, "self_calibration": False},
-    "c": {"photos": 4, "terrestrial": False},
-    "d": {"terrestrial": False},
-}
+Table = dict[IndustryCase, IndustryFigures]
 
 
 def _distances(network: Network) -> list[SlopeDistance]:
@@ -289,30 +276,12 @@ def _distances(network: Network) -> list[SlopeDistance]:
 
 
 @pytest.fixture(scope="module")
-def table() -> dict[str, Case]:
+def table() -> Table:
     """Return the cases of table 2; the seeds are the same for all of them."""
-    table = {}
-    for name, options in CASES.items():
-        discrepancies, sigmas, axes = [], [], []
-        for seed in range(CASE_SEEDS):
-            solution = adjust(simulate_industry_block(seed, **options).network)
-            assert solution.converged
-            for o in _distances(simulate_industry_block(seed).network):
-                length = np.linalg.norm(solution.point(o.target) - solution.point(o.station))
-                discrepancies.append(length - o.value)
-            for point in solution.network.points:
-                cofactor = solution.covariance(point)
-                sigmas.append(np.sqrt(np.diag(cofactor)))
-                axes.append(PLAN_95 * np.sqrt(np.linalg.eigvalsh(cofactor[:2, :2])[-1]))
-        table[name] = Case(
-            float(np.sqrt(np.mean(np.square(discrepancies)))) / MM,
-            float(np.mean(sigmas)) / MM,
-            float(np.mean(axes)) / MM,
-        )
-    return table
+    return {case: industry_figures(case, seeds=CASE_SEEDS) for case in INDUSTRY_CASES}
 
 
-def test_semi_major_axes_are_those_of_table_2(table: dict[str, Case]) -> None:
+def test_semi_major_axes_are_those_of_table_2(table: Table) -> None:
     """1.6, 3.3, 3.3 and 2.7 mm in the paper.
 
     The layout is a simulation with the paper's extent, photos and precisions, not its
@@ -323,7 +292,7 @@ def test_semi_major_axes_are_those_of_table_2(table: dict[str, Case]) -> None:
         assert table[case].semi_major == pytest.approx(axis, rel=0.1)
 
 
-def test_each_step_of_table_2_improves_the_distances(table: dict[str, Case]) -> None:
+def test_each_step_of_table_2_improves_the_distances(table: Table) -> None:
     """B → c by 1.14 and c → d by 1.30 in the paper, where √(7/4) = 1.32 was to be expected.
 
     Here within a tenth of these factors. The combined adjustment is far better than any
@@ -339,7 +308,7 @@ def test_each_step_of_table_2_improves_the_distances(table: dict[str, Case]) -> 
 
 
 def test_discrepancies_without_distances_are_as_large_as_the_covariance_says(
-    table: dict[str, Case],
+    table: Table,
 ) -> None:
     """RMS of the discrepancies ≈ √2 · mean σ where the model is right (c and d).
 
@@ -355,7 +324,7 @@ def test_discrepancies_without_distances_are_as_large_as_the_covariance_says(
     assert ratio["b"] > ratio["c"]
 
 
-def test_terrestrial_measurements_halve_the_standard_deviations(table: dict[str, Case]) -> None:
+def test_terrestrial_measurements_halve_the_standard_deviations(table: Table) -> None:
     """Table 2: mean σ 0.8 mm with and 1.7 mm without them."""
     assert table["a"].sigma < 0.8
     assert table["a"].sigma / table["b"].sigma < 0.8 / 1.7
