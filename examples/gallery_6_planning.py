@@ -75,4 +75,5 @@ for target in TARGETS:
 if options.plot:
     from factorgraph_adj.report.plots import plot_network
 
-    plot_network(proposal.plan.solution).savefig(options.plot, dpi=150)
+    plot_network(proposal.plan.solution, view="south").savefig(options.plot, dpi=150)
+    print(f"{options.plot}: the design as proposed, from the south, with its ellipses of 95 %")

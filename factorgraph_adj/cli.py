@@ -264,7 +264,12 @@ def _verdict(found: Found) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    project = read(options.project)
+    try:
+        project = read(options.project)
+    except InputError as error:
+        _complain(error.problems)
+        _hint_at_plan(options.project, len(error.problems))
+        return BAD_INPUT
     _checked(project)
     network = project.network
     print(
@@ -273,6 +278,19 @@ def _check(options: argparse.Namespace) -> int:
         f"{len(network.observations)} other observations"
     )
     return FINE
+
+
+def _hint_at_plan(name: str, n_problems: int) -> None:
+    """Say that a design needs no readings, where it is them that are missing."""
+    try:
+        read(name, readings=False)
+    except InputError as error:
+        if len(error.problems) >= n_problems:
+            return
+    print(
+        "If nothing is measured yet: a design needs no readings for `factorgraph-adj plan`.",
+        file=sys.stderr,
+    )
 
 
 def _complain(problems: Sequence[Problem]) -> None:

@@ -10,7 +10,16 @@ import pytest
 from scipy import stats
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.disturbances import DropOut, Errors, GrossError, readings_of
+from factorgraph_adj.experiment.determined import undetermined_points
+from factorgraph_adj.experiment.disturbances import (
+    DROPPED,
+    GROSS,
+    DropOut,
+    Errors,
+    GrossError,
+    add_gross_errors,
+    readings_of,
+)
 from factorgraph_adj.experiment.generate.additions import (
     Additions,
     Astronomic,
@@ -24,7 +33,7 @@ from factorgraph_adj.experiment.generate.aerial import Aerial
 from factorgraph_adj.experiment.generate.close_range import CloseRange
 from factorgraph_adj.experiment.generate.control import Control
 from factorgraph_adj.experiment.generate.instruments import DistanceMeter, TotalStation
-from factorgraph_adj.experiment.generate.part import Part
+from factorgraph_adj.experiment.generate.part import Part, Scene
 from factorgraph_adj.experiment.generate.patterns import (
     corners,
     nearest_lines,
@@ -50,12 +59,15 @@ from factorgraph_adj.experiment.parameters import kinds_of
 from factorgraph_adj.experiment.simulate import SimulatedNetwork
 from factorgraph_adj.experiment.spec import Approximate, Earth, Spec, design, simulate
 from factorgraph_adj.experiment.systematic import AffineFilm, LensDistortion, Refraction, Tape
-from factorgraph_adj.observations import ControlPoint
+from factorgraph_adj.frames import LocalFrame, TopocentricFrame
+from factorgraph_adj.graph.variables import ORDER
+from factorgraph_adj.observations import OBSERVATIONS, ControlPoint, Direction, HeightDifference
 
 CONFIDENCE = 0.999
 NEARLY = Approximate(points=0.1, centres=0.1, attitudes_deg=0.2)
 MICROMETRE, PPM = 1e-3, 1e-6
 SMALL = Aerial(strips=2, photos_per_strip=5, points_per_photo=25)
+GROSS_OF_20_SIGMA = GrossError(count=3, times_sigma=20.0)
 SEEDS = range(4)
 """Generators are judged by four simulations together. The image points of all of them share a
 stream of noise: the one of seed 1 is rare, 3.5 σ in the first 600 rows."""
@@ -234,6 +246,14 @@ def test_corners_are_the_corners_and_spread_points_keep_apart() -> None:
     assert {tuple(p) for p in xy[five]} == {(0, 0), (0, 4), (4, 0), (4, 4), (2, 2)}
 
 
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6, 9, 12])
+def test_lines_round_a_ring_are_at_most_every_pair_once(n: int) -> None:
+    """The diagonals of an even ring among them, which are half as many as its places."""
+    every = round_lines(n, 100)
+    assert len(every) == len({frozenset(line) for line in every}) == n * (n - 1) // 2
+    assert not any(i == j for i, j in every)
+
+
 @pytest.mark.parametrize("count", [0, 1, 6, 12, 20, 24])
 def test_lines_round_a_ring_are_as_many_as_asked_for_and_all_different(count: int) -> None:
     lines = round_lines(12, count)
@@ -278,6 +298,37 @@ def test_control_is_given_by_pattern_and_held_or_weighted(
                 for p in network.points.values()]  # fmt: skip
     assert sum("xy" in a for a in axes) == horizontal
     assert sum("z" in a for a in axes) == vertical
+
+
+# -- streams of random numbers --------------------------------------------------------------------
+
+
+def test_geometry_has_no_stream_of_random_numbers_that_errors_have() -> None:
+    """Neither noise, approximate values, weighted unknowns, gross errors nor drop-outs."""
+    seed = 5
+    errors = [(seed, kind) for kind in range(len(OBSERVATIONS) + 1 + len(ORDER))]
+    errors += [(seed, tag, i) for tag in (GROSS, DROPPED) for i in range(20)]
+    first = [np.random.default_rng(words).random() for words in errors]
+    for number in range(20):
+        scene = Scene(fga.Network(), seed, number=number)
+        first += [scene.rng(stream).random() for stream in (0, 1, 2, *range(100, 110))]
+    assert len(set(first)) == len(first)
+
+
+def test_the_geometry_of_a_part_does_not_go_with_the_noise_of_its_readings() -> None:
+    """Of 3 × 40 pairs: |correlation| of independent numbers is below 0.3 to 99.9 %."""
+    part = Aerial(strips=2, photos_per_strip=3, points_per_photo=12, camera=Camera(c_mm=100.0))
+    meter = DistanceMeter(sigma_mm=1.0, ppm=0.0)
+    spec = Spec(parts=(part, Distances(between="nearest", count=3, distance_meter=meter)))
+    scatter, noise = [], []
+    for seed in range(40):
+        varied = spec.varied({"seed": seed})
+        plan, read = design(varied), simulate(varied).network
+        at = np.array(plan.photos["1/1"].position) - [0.0, 0.0, part.height]
+        scatter.append(at / (0.03 * part.base[0]))
+        noise.append([o.value - plan.observations[i].value for i, o in read.observations.items()])
+    together = np.corrcoef(np.ravel(scatter), np.ravel(noise))[0, 1]
+    assert abs(together) < 0.3
 
 
 # -- disturbances ---------------------------------------------------------------------------------
@@ -333,6 +384,30 @@ def test_a_gross_error_stands_in_its_reading_and_nowhere_else() -> None:
     assert found["3", ""] == pytest.approx(-20 * 2e-3, abs=1e-9)
     recorded = simulate(replace(spec, errors=Errors(gross=gross)), seed=2).gross_errors
     assert recorded == pytest.approx(found, abs=1e-9)
+
+
+@pytest.mark.parametrize("frame", [LocalFrame(), TopocentricFrame(0.8, 0.1, 400.0)])
+@pytest.mark.parametrize("axes", ["enu", "u", "en"])
+def test_a_gross_error_moves_a_point_known_in_e_n_u_along_its_axis(
+    axes: str, frame: LocalFrame | TopocentricFrame
+) -> None:
+    network = fga.Network(frame=frame)
+    network.add_point("P", (10.0, 20.0, 30.0))
+    given = ControlPoint("P", (10.0, 20.0, 30.0), axes=axes, sigma=(0.01,) * len(axes), id="P")
+    network.add(given)
+    component = axes[-1] if len(axes) > 1 else ""
+    gross = GrossError(ids=("P",), component=component, times_sigma=10.0)
+    sizes = add_gross_errors(network, Errors(gross=(gross,)), seed=1)
+    assert sizes == {("P", component): pytest.approx(0.1)}
+    moved = np.subtract(network.observations["P"].value, given.value)  # type: ignore[attr-defined]
+    enu = frame.basis(np.array([given.value]), np.zeros((1, 2))).enu[0]
+    assert enu @ moved == pytest.approx(0.1 * np.eye(3)["enu".index(axes[-1])], abs=1e-12)
+
+
+def test_gross_errors_of_photos_alone_are_multiples_of_their_standard_deviation() -> None:
+    spec = Spec(parts=(SMALL,), control=Control(), errors=Errors(gross=(GROSS_OF_20_SIGMA,)))
+    sizes = simulate(spec).gross_errors
+    assert np.abs(list(sizes.values())) == pytest.approx([0.1] * 3)
 
 
 def test_drawn_gross_errors_are_as_many_and_of_the_kind_asked_for() -> None:
@@ -439,6 +514,20 @@ def test_the_distortion_of_a_lens_is_added_along_the_radius() -> None:
         assert d[0] * at[1] - d[1] * at[0] == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.parametrize("error", [DISTORTION, AffineFilm(scale_um=15.0, edge_mm=18.0)])
+def test_errors_of_lens_and_film_are_about_the_true_principal_point(
+    error: LensDistortion | AffineFilm,
+) -> None:
+    """That of a weighted camera is drawn, here 1 mm off, which changes no reading."""
+    weighted = replace(CALIBRATED.camera, free=("x0", "y0"), sigma={"x0": 1.0, "y0": 1.0})
+    spec, held = (
+        Spec(parts=(replace(CALIBRATED, camera=c),)) for c in (weighted, CALIBRATED.camera)
+    )
+    assert differences(spec, Errors(systematic=(error,))) == pytest.approx(
+        differences(held, Errors(systematic=(error,))), abs=1e-12
+    )
+
+
 def test_a_tabulated_curve_goes_through_its_points_and_is_level_beyond() -> None:
     curve = LensDistortion(radii_mm=(50.0, 80.0, 110.0), distortion_um=(4.0, 9.0, -9.0)).curve
     at = np.array([0.0, 50.0, 80.0, 110.0, 150.0])
@@ -518,6 +607,74 @@ def test_points_that_lose_all_but_one_ray_go_with_it() -> None:
     assert rays[free].min() >= 2
     assert len(simulated.network.points) < len(simulated.truth.points)
     assert solution.converged
+
+
+@pytest.mark.parametrize(
+    "control",
+    [
+        Control("corners", "full"),
+        Control("perimeter", "full", sigma_horizontal_mm=5.0, sigma_vertical_mm=5.0),
+    ],
+    ids=["held", "weighted"],
+)
+@pytest.mark.parametrize("probability", [0.1, 0.3])
+def test_a_known_height_alone_does_not_keep_a_point(control: Control, probability: float) -> None:
+    """With a ray it does: two image coordinates for X and Y."""
+    spec = Spec(parts=(SMALL,), control=control, errors=Errors(drop_outs=(DropOut(probability),)))
+    single = 0
+    for seed in range(6):
+        simulated, solution = adjusted(spec, seed=seed)
+        assert solution.converged
+        network = simulated.network
+        rays = np.bincount(network.images.columns()[1], minlength=len(network.points))
+        known = {o.point for o in network.observations.values() if "x" in o.axes}  # type: ignore[attr-defined]
+        bare = [n for n, k in zip(network.points, rays.tolist(), strict=True) if k == 0]
+        assert all(n in known or network.points[n].fixed[0] for n in bare)
+        single += np.count_nonzero(rays == 1)
+    assert single > 0
+
+
+def test_points_that_only_a_lost_point_determined_go_too() -> None:
+    """A levelling line: without the first difference, none of the others says anything."""
+    network = fga.Network()
+    for i, fixed in enumerate(("xyz", "xy", "xy")):
+        network.add_point(f"P{i}", (100.0 * i, 0.0, 0.0), fixed=fixed)
+    network.add_point("Q", (0.0, 50.0, 0.0))
+    network.add(HeightDifference("P0", "P1", 0.0, sigma=1e-3, id="a"))
+    network.add(HeightDifference("P1", "Q", 0.0, sigma=1e-3, id="b"))
+    assert undetermined_points(network) == ["P2", "Q"]
+    left = fga.without(network, (), points=["P2", "Q"])
+    assert undetermined_points(left) == []
+    assert undetermined_points(fga.without(left, ["a"])) == ["P1"]
+
+
+@pytest.mark.parametrize(
+    ("sights", "lost"),
+    [
+        ([("A", "P"), ("B", "P")], ["P"]),
+        ([("A", "P"), ("A", "B"), ("B", "P")], ["P"]),
+        ([("A", "P"), ("A", "B"), ("B", "P"), ("B", "A")], []),
+        ([("P", "A"), ("P", "B")], ["P"]),
+        ([("P", "A"), ("P", "B"), ("P", "C")], []),
+    ],
+)
+def test_the_orientation_of_a_set_takes_up_one_of_its_directions(
+    sights: list[tuple[str, str]], lost: list[str]
+) -> None:
+    network = fga.Network()
+    for name, xy in {"A": (0, 0), "B": (90, 10), "C": (20, 80), "P": (60, 70)}.items():
+        network.add_point(name, (*xy, 0.0), fixed="z" if name == "P" else "xyz")
+    network.add(*(Direction(a, b, 0.0, sigma=1e-5) for a, b in sights))
+    assert undetermined_points(network) == lost
+
+
+def test_gross_errors_are_those_of_readings_that_are_left() -> None:
+    """A point that loses all rays but one takes a gross error of that with it."""
+    gross = GrossError(count=40, observations="image", size=0.1)
+    spec = Spec(parts=(SMALL,), errors=Errors(gross=(gross,), drop_outs=(DropOut(0.6),)))
+    simulated = simulate(spec, seed=1)
+    assert 0 < len(simulated.gross_errors) < 40
+    assert set(simulated.gross_errors) <= set(readings_of(simulated.network))
 
 
 def test_approximate_values_are_off_by_as_much_as_asked_for() -> None:

@@ -45,7 +45,7 @@ def isp() -> Summary:
 def test_terrestrial_observations_replace_control_of_the_isp_block(isp: Summary, case: str) -> None:
     """With four control points left, errors come down to less than 2.2 times those of full control.
 
-    Reduced control alone has 3 times these errors in X and Y, 50 times in Z. What the adjustment
+    Reduced control alone has 3 times these errors in X and Y, 60 times in Z. What the adjustment
     itself says of the precision falls by the same.
     """
     for prefix in ("", "sigma_"):

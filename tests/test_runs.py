@@ -43,6 +43,7 @@ PINNED = (110541168522967, 147240792056152)
 PRINTED = """\
 heights: intervals of 95 % confidence
 1 of 6 repetitions failed
+  1 × DatumError: no datum (first with seed 2, layout = none)
 
 height
   layout  n  failed  mean   from    to  std. dev.   from    to   RMS
@@ -75,6 +76,11 @@ def client() -> Iterator[object]:
         distributed.Client(cluster) as made,
     ):
         yield made
+
+
+def environment() -> dict[str, str]:
+    """Return the environment of a script that imports what the tests import."""
+    return os.environ | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path])}
 
 
 def lines(path: Path) -> list[dict[str, object]]:
@@ -192,7 +198,7 @@ if __name__ == "__main__":
 def test_a_killed_run_resumes(tmp_path):
     out, script = tmp_path / "study.jsonl", tmp_path / "study.py"
     script.write_text(STUDY, encoding="utf-8")
-    env = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+    env = environment()
     process = subprocess.Popen([sys.executable, str(script), str(out)], env=env)
     try:
         end = time.monotonic() + LONGEST
@@ -289,8 +295,15 @@ def test_files_that_are_no_results_are_refused(tmp_path):
     with pytest.raises(InputError) as raised:
         run(NORMAL, 1, out=out)
     assert [problem.where[-2:] for problem in raised.value.problems] == [":2", ":3"]
-    with pytest.raises(InputError, match="cannot be opened"):
-        run(NORMAL, 1, out=tmp_path / "none" / "study.jsonl")
+    with pytest.raises(InputError, match="its folder cannot be made"):
+        run(NORMAL, 1, out=out / "study.jsonl")
+
+
+def test_the_folder_of_a_file_is_made_as_that_of_a_table_is(tmp_path):
+    out = tmp_path / "none" / "yet" / "study.jsonl"
+    run(NORMAL, 1, out=out).write(tmp_path / "nor" / "this" / "study.csv")
+    assert len(lines(out)) == 3
+    assert (tmp_path / "nor" / "this" / "study.csv").exists()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no locks of files there")
@@ -387,6 +400,29 @@ def test_a_trial_that_cannot_be_sent_is_refused():
             run(experiment, 1, processes=2)
 
 
+def test_a_trial_that_other_processes_do_not_find_is_refused_as_one_that_cannot_be_sent(tmp_path):
+    """A function under the guard of a script is inside something too: processes skip that."""
+    script = tmp_path / "study.py"
+    script.write_text(
+        "import sys\nfrom factorgraph_adj.experiment.runs import Experiment, run\n"
+        'if __name__ == "__main__":\n'
+        "    def local(seed):\n        return {'x': 1.0}\n"
+        "    run(Experiment('x', local), 4, processes=2)\n",
+        encoding="utf-8",
+    )
+    ran = subprocess.run(
+        [sys.executable, str(script)],
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=LONGEST,
+    )
+    last = ran.stderr.splitlines()[-1]
+    assert "InputError: trial: cannot be sent to other processes" in last
+    assert "not a lambda or a function inside another" in last
+
+
 def test_a_cluster_is_not_given_a_trial_that_cannot_be_sent(client):
     with pytest.raises(InputError, match="not a lambda"):
         run(Experiment("x", lambda seed: {"x": 1.0}), 1, client=client)
@@ -400,7 +436,7 @@ def test_a_script_without_its_guard_is_told_so(tmp_path):
     )
     ran = subprocess.run(
         [sys.executable, str(script), str(tmp_path / "out")],
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parent)},
+        env=environment(),
         capture_output=True,
         text=True,
         check=False,
@@ -627,6 +663,29 @@ def test_a_summary_reads_as_a_table():
     rows.append(Repetition({"layout": "none"}, 2, 2, {}, "DatumError", "no datum"))
     text = str(Results("heights", ("layout",), tuple(rows)).summary())
     assert text == PRINTED
+
+
+def test_a_summary_says_why_repetitions_failed():
+    """Each message once with the seed of the first; three of them, long ones cut."""
+    messages = ["a", "b", "a", "c\nd", "e", "f", "x" * 500]
+    rows = [Repetition({}, k, 10 + k, {}, "Oops", m) for k, m in enumerate(messages)]
+    summary = Results("bad", (), tuple(rows)).summary()
+    assert [(f.message, f.n, f.seed) for f in summary.failures[:2]] == [("a", 2, 10), ("b", 1, 11)]
+    assert str(summary).splitlines() == [
+        "bad: intervals of 95 % confidence",
+        "7 of 7 repetitions failed",
+        "  2 × Oops: a (first with seed 10)",
+        "  1 × Oops: b (first with seed 11)",
+        "  1 × Oops: c d (first with seed 13)",
+        "  … and 3 other messages",
+    ]
+    (last,) = str(Results("bad", (), (rows[-1],)).summary()).splitlines()[2:]
+    assert last == f"  1 × Oops: {'x' * 199}… (first with seed 16)"
+
+
+def test_a_trial_that_returns_nothing_is_named_in_the_summary():
+    text = str(run(Experiment("bad", lambda seed: None), 2).summary())
+    assert "2 × TypeError: a trial returns a mapping of names to numbers, not NoneType" in text
 
 
 # -- a real one -----------------------------------------------------------------------------------

@@ -52,6 +52,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("options",),
     ("cli_stream", "cli_plan"),
     ("cli",),
+    ("__main__",),
 )
 """From the bottom up; the longest entry that a module's name starts with is its place. Modules
 of one entry may import one another, those of two entries of a line may not."""

@@ -9,17 +9,19 @@ import numpy as np
 
 from ..entities import ImageTable, Parameter
 from ..errors import Problem, known
-from ..graph.equations import compile_network
+from ..graph.equations import compile_rows
 from ..network import Network
 from ..observations import OBSERVATIONS, ControlPoint, Observation, SlopeDistance
 from ..selection import without
 from ..types import Array
+from .determined import undetermined_points
 from .parameters import Parameters, number, path_of
-from .simulate import Seed, measure, with_value
+from .simulate import Seed, measure, moves, with_value
 from .systematic import InImages, Systematic
 
 GROSS, DROPPED = 1000, 1001
-"""Streams of the seed; the ones below are those of measuring."""
+"""Streams of the seed; the ones below are those of measuring and of approximate values, and
+`GEOMETRY` is that of geometry."""
 
 Reading = tuple[str, str]
 """Id of an observation and name of its component; empty where it has one only."""
@@ -200,7 +202,7 @@ def read(plan: Network, true: Network, errors: Errors, *, seed: Seed) -> Network
     network.distance_meters = _assumed(
         plan.distance_meters, true.distance_meters, network.distance_meters
     )
-    _deform(network, errors)
+    _deform(network, true, errors)
     return network
 
 
@@ -215,15 +217,18 @@ def _assumed(
     return found
 
 
-def _deform(network: Network, errors: Errors) -> None:
-    """Add the systematic errors of image coordinates to a network."""
+def _deform(network: Network, true: Network, errors: Errors) -> None:
+    """Add the systematic errors of image coordinates to a network.
+
+    They are about the true principal point: that of a weighted camera in ``network`` is drawn.
+    """
     acting = [s for s in errors.systematic if isinstance(s, InImages)]
     if not acting:
         return
     photo, _, xy, _ = network.images.columns()
     camera_of = [f.camera for f in network.photos.values()]
     moved = xy.copy()
-    for name, camera in network.cameras.items():
+    for name, camera in true.cameras.items():
         rows = np.flatnonzero([camera_of[i] == name for i in photo.tolist()])
         centred = xy[rows] - camera.values[1:3]
         for s in acting:
@@ -271,8 +276,11 @@ def add_gross_errors(network: Network, errors: Errors, *, seed: Seed) -> dict[Re
 
 def _shifted(network: Network, o: Observation, component: str, size: float) -> Observation:
     """Return an observation with an error in one component."""
-    value = np.atleast_1d(np.array(getattr(o, "value"), dtype=float))  # noqa: B009
     axes = tuple(o.axes) if isinstance(o, ControlPoint) else o.components
+    if moves(o):
+        value = np.zeros(len(axes))
+    else:
+        value = np.atleast_1d(np.array(getattr(o, "value"), dtype=float))  # noqa: B009
     value[axes.index(component) if component else 0] += size
     return with_value(network, o, value.tolist())
 
@@ -285,7 +293,7 @@ def _sigmas(network: Network) -> dict[Reading, float]:
         found[ident, "x"], found[ident, "y"] = s
     only = network.copy()
     only.images = ImageTable()
-    equations = compile_network(only)
+    equations = compile_rows(only)  # photos may have been all there is
     for block in equations.weighted_at(equations.unknowns.start()).blocks:
         for i, ident in enumerate(block.ids):
             for j in range(block.dimension):
@@ -300,7 +308,8 @@ def drop(
 ) -> tuple[Network, tuple[str, ...]]:
     """Lose observations; return the network without them, and their ids.
 
-    Points that keep a single image ray and no other observation, or none at all, go too.
+    Points that nothing determines any more go too, see `undetermined_points`, with all their
+    observations; so do those that only they had determined.
     """
     if not errors.drop_outs:
         return network, ()
@@ -313,19 +322,6 @@ def drop(
             if d.takes(kind) and draw < d.probability and ident not in safe:
                 lost[ident] = None
     left = without(network, lost)
-    lone = _lone_points(left)
-    if lone:
+    while lone := undetermined_points(left):
         left = without(left, (), points=lone)
     return left, tuple(lost)
-
-
-def _lone_points(network: Network) -> list[str]:
-    """Return free points that nothing but one image ray, or nothing, determines."""
-    _, point, _, _ = network.images.columns()
-    rays = np.bincount(point, minlength=len(network.points))
-    joined = {name for o in network.observations.values() for name in o.names()}
-    return [
-        name
-        for (name, p), n in zip(network.points.items(), rays.tolist(), strict=True)
-        if n < 2 and name not in joined and not any(p.fixed)
-    ]

@@ -31,7 +31,7 @@ def open_file(path: str | Path, experiment: Experiment) -> tuple[Journal, Done]:
     nothing else; one of the computer may lose what its system had not written to the disk yet.
 
     Args:
-        path: the file; it may be absent or empty.
+        path: the file; it may be absent or empty. Its folder is made if it is not there.
         experiment: what is to go there.
 
     Returns:
@@ -44,6 +44,11 @@ def open_file(path: str | Path, experiment: Experiment) -> tuple[Journal, Done]:
     path = Path(path)
     header = _header(experiment)
     if not path.exists() or (path.is_file() and path.stat().st_size == 0):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            what = f"its folder cannot be made: {error.strerror}"
+            raise InputError(Problem(what, str(path))) from None
         return Journal.create(path, header, durable=False), {}
     journal, there, lines, _ = Journal.open(path, durable=False)
     try:

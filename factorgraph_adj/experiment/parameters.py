@@ -55,10 +55,8 @@ def number(
 
 
 def path_of(where: str, name: str | int) -> str:
-    """Return the path of a key: ``parts[0].overlap``."""
-    if isinstance(name, int):
-        return f"{where}[{name}]"
-    return f"{where}.{name}" if where else name
+    """Return the path of a key: ``parts.0.overlap``, as `Spec.varied` takes it."""
+    return f"{where}.{name}" if where else str(name)
 
 
 def convert(hint: Any, value: Any, where: str, found: list[Problem], of: Field[Any]) -> Any:
@@ -83,9 +81,8 @@ def convert(hint: Any, value: Any, where: str, found: list[Problem], of: Field[A
     if origin is Literal:
         if value not in arguments:
             valid = ", ".join(str(a) for a in arguments)
-            found.append(
-                Problem(f"unknown {where.split('.')[-1]} {value!r}; valid: {valid}", where)
-            )
+            name = next(key for key in reversed(where.split(".")) if not key.isdecimal())
+            found.append(Problem(f"unknown {name} {value!r}; valid: {valid}", where))
             return BAD
         return value
     if origin is tuple:
@@ -264,7 +261,15 @@ def changed(value: Any, path: Sequence[str], level: Any, where: str, found: list
         return (*value[:i], new, *value[i + 1 :])
     if isinstance(value, Mapping):
         return {**value, key: changed(value.get(key), rest, level, path_of(where, key), found)}
-    names = [f.name for f in fields(value)] if dataclasses.is_dataclass(value) else []
+    if not dataclasses.is_dataclass(value) or isinstance(value, type):
+        if value is None:
+            what = f"is not there, so it has no {key!r} to change; give all of it at once, as "
+            what += f"{{{where!r}: {{{'.'.join(path)!r}: {level!r}}}}}, or put it into the spec"
+        else:
+            what = f"is {value!r}, which has no {key!r}"
+        found.append(Problem(what, where))
+        return value
+    names = [f.name for f in fields(value)]
     if key not in names:
         found.append(Problem(f"unknown key; valid: {known(names, most=40)}", path_of(where, key)))
         return value

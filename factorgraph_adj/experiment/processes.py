@@ -17,9 +17,9 @@ from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
-from ..errors import InputError
+from ..errors import InputError, Problem
 from .blas import one_thread_for_children, use_one_blas_thread
-from .repetition import Outcome, Task, died, failed, repeat
+from .repetition import Outcome, Task, died, failed, not_sent, repeat
 from .study import Levels, Trial
 
 AHEAD = 4
@@ -104,7 +104,7 @@ class _Worker:
         if isinstance(said, Outcome):
             return self.pending.popleft(), said
         if said:
-            raise InputError(f"worker processes cannot import the trial: {said}")
+            raise InputError(Problem(not_sent(said), "trial"))
         self.began = True
         return None
 

@@ -57,6 +57,14 @@ def failed(error: BaseException) -> Outcome:
     return Outcome(error=type(error).__name__, message=message)
 
 
+def not_sent(why: object) -> str:
+    """Say that other processes cannot have a trial."""
+    return (
+        f"cannot be sent to other processes ({why}): it must be a function of a module, not a "
+        "lambda or a function inside another, nor defined under `if __name__ == '__main__':`"
+    )
+
+
 def died(how: str) -> Outcome:
     """Return the outcome of a repetition whose process ended while it ran."""
     return Outcome(error=DIED, message=f"the process that ran it ended{how}")

@@ -20,7 +20,7 @@ from .blas import one_blas_thread
 from .cluster import is_client, on_cluster
 from .finished import Done, open_file, record
 from .processes import in_processes
-from .repetition import Outcome, Task, repeat
+from .repetition import Outcome, Task, not_sent, repeat
 from .results import Repetition, Results
 from .study import Experiment, Levels, Trial
 
@@ -54,11 +54,17 @@ def run(
     with more levels or repetitions it adds those. A failed repetition is a result too: it has
     its seed, the type of its error and what that says.
 
+    The file knows the names of experiment and trial, the seed, and the levels of each repetition:
+    another name, trial or seed is refused. It does not know the code of the trial, nor specs and
+    other files that the trial reads: after a change of these give another ``out``, or results of
+    both stand side by side.
+
     Args:
         experiment: what is repeated.
         repetitions: number of repetitions of each cell. More in the file stay there and are
             left out of the results.
-        out: file of finished repetitions (JSON Lines); none keeps them in memory only.
+        out: file of finished repetitions (JSON Lines), its folder made if it is not there; none
+            keeps them in memory only.
         processes: processes of this machine, each with one BLAS thread. With 1 the trial runs in
             this process; a trial that ends its process is then the end of this one too.
         client: client of a Dask cluster to compute on instead (extra ``cluster``), best with
@@ -147,10 +153,6 @@ def _check(
         try:
             pickle.dumps(experiment.trial)
         except Exception as error:
-            what = (
-                f"cannot be sent to other processes ({error}): it must be a function of a module, "
-                "not a lambda or a function inside another"
-            )
-            problems.append(Problem(what, f"trial {experiment.trial_name()}"))
+            problems.append(Problem(not_sent(error), f"trial {experiment.trial_name()}"))
     if problems:
         raise InputError(problems)

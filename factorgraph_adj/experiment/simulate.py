@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -153,6 +153,7 @@ def disturb(
         centres: the same of free projection centres, metres.
         attitudes: the same of free attitudes about each axis, radians.
     """
+    # After the streams of noise, before those of weighted unknowns: no stream is two things.
     rng = np.random.default_rng([seed, len(OBSERVATIONS)])
     moved = copy(network)
     tables = compile_network(network).unknowns.tables
@@ -272,9 +273,14 @@ def _observed_truly(equations: Equations, block: Block, state: State) -> Block:
     return block
 
 
+def moves(o: Observation) -> TypeGuard[ControlPoint]:
+    """Return whether an observation is a point known in e, n, u: with its axes it is moved."""
+    return isinstance(o, ControlPoint) and set(o.axes) <= set("enu")
+
+
 def with_value(plan: Network, o: Observation, value: list[float]) -> Observation:
     """Return an observation with another value, angles wrapped; in e, n, u: moved by it."""
-    if isinstance(o, ControlPoint) and set(o.axes) <= set("enu"):
+    if moves(o):
         at = np.array(o.value, dtype=float)
         enu = plan.frame.basis(at[None], np.zeros((1, 2))).enu[0]
         at = at + np.array(value) @ enu[["enu".index(a) for a in o.axes]]

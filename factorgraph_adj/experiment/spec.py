@@ -12,6 +12,7 @@ Example:
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, get_type_hints
@@ -23,7 +24,7 @@ from ..errors import InputError, Problem
 from ..frames import Frame, LocalFrame, TopocentricFrame
 from ..network import Network
 from ..observations import ControlPoint
-from .disturbances import Errors, add_gross_errors, drop, read, true_plan
+from .disturbances import Errors, add_gross_errors, drop, read, readings_of, true_plan
 from .generate import additions, aerial, close_range, published, terrestrial
 from .generate.control import Control
 from .generate.part import Part, Scene
@@ -31,6 +32,8 @@ from .parameters import BAD, Parameters, changed, convert, number, path_of
 from .simulate import Seed, SimulatedNetwork, Truth, disturb, measure
 from .write_parameters import to_toml
 
+INDEX = re.compile(r"\[(\d+)\]")
+"""A number of a path, as Python writes it."""
 MODULES_OF_PARTS = (aerial, close_range, terrestrial, additions, published)
 """Where the kinds of parts are defined: importing them makes them known."""
 
@@ -132,7 +135,8 @@ class Spec:
 
         Args:
             levels: values by path, such as ``{"parts.0.strips": 4, "errors.gross.0.size": 0.1}``;
-                all are changed before the spec is checked.
+                all are changed before the spec is checked. ``parts[0].strips`` is the same path.
+                What the spec does not have is given as a whole: ``{"control": Control()}``.
 
         Raises:
             InputError: unknown keys, and what is wrong with the values, all at once.
@@ -140,7 +144,7 @@ class Spec:
         found: list[Problem] = []
         record = {f.name: getattr(self, f.name) for f in fields(self)}
         for path, level in levels.items():
-            key, *rest = path.split(".")
+            key, *rest = INDEX.sub(r".\1", path).split(".")
             if key not in record:
                 found.append(Problem(f"unknown key; valid: {', '.join(record)}", key))
                 continue
@@ -154,7 +158,10 @@ class Spec:
         return made
 
     def to_toml(self) -> str:
-        """Return the spec as TOML, which `read_spec` reads as an equal spec."""
+        """Return the spec as TOML, which `read_spec` reads as an equal spec.
+
+        Keys that are not set are there as comments.
+        """
         return to_toml(self)
 
 
@@ -183,14 +190,17 @@ def simulate(spec: Spec, *, seed: Seed | None = None) -> SimulatedNetwork:
         The network with approximate values, its truth, the gross errors in it and what was lost.
 
     Raises:
-        InputError: as `design`.
+        InputError: as `design`; a seed that is no whole number ≥ 0.
     """
-    seed = spec.seed if seed is None else seed
+    seed = spec.seed if seed is None else _checked(seed)
     plan = _plan(spec)
     true = true_plan(plan, spec.errors)
     network = read(plan, true, spec.errors, seed=seed)
     gross = add_gross_errors(network, spec.errors, seed=seed)
     network, dropped = drop(network, spec.errors, gross, seed=seed)
+    # A point that nothing determines any more may take a gross error with it.
+    left = readings_of(network) if dropped else gross
+    gross = {reading: size for reading, size in gross.items() if reading in left}
     by = spec.approximate
     network = disturb(
         network,
@@ -200,6 +210,13 @@ def simulate(spec: Spec, *, seed: Seed | None = None) -> SimulatedNetwork:
         attitudes=float(np.deg2rad(by.attitudes_deg)),
     )
     return SimulatedNetwork(network, Truth.of(true), gross, dropped)
+
+
+def _checked(seed: object) -> Seed:
+    """Return a seed; InputError where it is none."""
+    if isinstance(seed, int | np.integer) and not isinstance(seed, bool) and seed >= 0:
+        return int(seed)
+    raise InputError(Problem(f"must be a whole number ≥ 0, not {seed!r}", "seed"))
 
 
 def _plan(spec: Spec) -> Network:
@@ -217,7 +234,7 @@ def _plan(spec: Spec) -> Network:
         except InputError as error:
             scene.failed.add(i)
             found += [
-                p if p.where.startswith(scene.where) else Problem(str(p), scene.where)
+                p if f"{p.where}.".startswith(f"{scene.where}.") else Problem(str(p), scene.where)
                 for p in error.problems
             ]
         # A part that failed has no points, or later ones would be counted wrongly.

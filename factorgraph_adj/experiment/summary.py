@@ -18,6 +18,11 @@ from .study import Level, Levels, encoded, key, said, written
 if TYPE_CHECKING:
     from .results import Repetition, Results
 
+SHOWN = 3
+"""Messages of failed repetitions that a table shows."""
+LONGEST = 200
+"""Characters of a message that it shows."""
+
 
 @dataclass(frozen=True)
 class FigureSummary:
@@ -56,6 +61,22 @@ class FigureSummary:
 
 
 @dataclass(frozen=True)
+class Failure:
+    """Why repetitions failed: all those with one message."""
+
+    error: str
+    """Type of the error."""
+    message: str
+    """What it says."""
+    n: int
+    """Repetitions that failed so."""
+    seed: int
+    """Seed of the first of them."""
+    levels: Levels
+    """Its cell."""
+
+
+@dataclass(frozen=True)
 class Summary:
     """Figures of all cells; ``str`` is a table for people."""
 
@@ -71,6 +92,8 @@ class Summary:
     """Failed repetitions."""
     rows: tuple[FigureSummary, ...]
     """By figure, and in each by cell."""
+    failures: tuple[Failure, ...] = ()
+    """Why repetitions failed, in the order in which it happened first."""
 
     def of(self, figure: str, /, **levels: Level) -> FigureSummary:
         """Return the summary of a figure in one cell.
@@ -104,6 +127,9 @@ class Summary:
         lines = [f"{self.name}: intervals of {layout.percent(self.confidence)} confidence"]
         if self.n_failed:
             lines.append(f"{self.n_failed} of {self.n_repetitions} repetitions failed")
+            lines += [f"  {_why(f)}" for f in self.failures[:SHOWN]]
+            if len(self.failures) > SHOWN:
+                lines.append(f"  … and {len(self.failures) - SHOWN} other messages")
         for figure in dict.fromkeys(row.figure for row in self.rows):
             cells = [self._cells(row) for row in self.rows if row.figure == figure]
             drop = {"failed", "missing"}
@@ -132,6 +158,16 @@ class Summary:
         ]
 
 
+def _why(failure: Failure) -> str:
+    """Return a failure as a line; of a long message its beginning."""
+    message = " ".join(failure.message.split())
+    if len(message) > LONGEST:
+        message = message[: LONGEST - 1] + "…"
+    where = f", {said(failure.levels)}" if failure.levels else ""
+    what = f"{failure.error}: {message}" if message else failure.error
+    return f"{failure.n} × {what} (first with seed {failure.seed}{where})"
+
+
 def _shown(value: float, sigma: float) -> str:
     return layout.with_sigma(value, sigma) if np.isfinite(value) else "–"
 
@@ -151,6 +187,18 @@ def summarise(results: Results, confidence: float) -> Summary:
         n_repetitions=len(results.rows),
         n_failed=len(results.failed),
         rows=tuple(rows),
+        failures=_failures(results.failed),
+    )
+
+
+def _failures(failed: tuple[Repetition, ...]) -> tuple[Failure, ...]:
+    """Return the messages of failed repetitions, each once."""
+    same: dict[tuple[str, str], list[Repetition]] = {}
+    for row in failed:
+        same.setdefault((row.error, row.message), []).append(row)
+    return tuple(
+        Failure(error, message, len(rows), rows[0].seed, rows[0].levels)
+        for (error, message), rows in same.items()
     )
 
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from ..entities import Parameter
+from ..entities import REFRACTION_OF_THE_NETWORK, Parameter
 from ..errors import Problem, known
 from ..network import Network
-from ..observations import SlopeDistance
+from ..observations import SlopeDistance, VerticalAngle
 from ..types import Array
 from .generate.part import MICROMETRE, MILLIMETRE
 from .parameters import Parameters, number, path_of
@@ -29,9 +29,26 @@ TRUE_SCALE = "true scale"
 class Systematic(Parameters):
     """Base of the systematic errors."""
 
+    @property
+    def is_zero(self) -> bool:
+        """Whether its size is zero."""
+        raise NotImplementedError
+
     def unknown(self, plan: Network, where: str) -> list[Problem]:
-        """Return what the plan does not have."""
-        return []
+        """Return what the plan does not have, readings that it acts on above all."""
+        problems = self._not_there(plan, where)
+        if problems or self.is_zero:
+            return problems
+        without = self._without_readings(plan)
+        return [Problem(f"changes no reading: {without}", where)] if without else []
+
+    def _not_there(self, plan: Network, where: str) -> list[Problem]:
+        """Return what it names and the plan does not have."""
+        raise NotImplementedError
+
+    def _without_readings(self, plan: Network) -> str:
+        """Return why it changes no reading of the plan; empty where it changes some."""
+        raise NotImplementedError
 
     def make_true(self, true: Network) -> None:
         """Give a plan the true values that the readings are made with."""
@@ -48,12 +65,21 @@ class InImages(Systematic):
     camera: str = ""
     """Whose photos; none: all."""
 
-    def unknown(self, plan: Network, where: str) -> list[Problem]:
+    def _not_there(self, plan: Network, where: str) -> list[Problem]:
         """Return what the plan does not have."""
         if self.camera in ("", *plan.cameras):
             return []
         what = f"unknown camera {self.camera!r}; known: {known(plan.cameras)}"
         return [Problem(what, path_of(where, "camera"))]
+
+    def _without_readings(self, plan: Network) -> str:
+        """Say that there are no image points."""
+        photo, _, _, _ = plan.images.columns()
+        cameras = np.array([f.camera for f in plan.photos.values()])
+        if photo.size and (not self.camera or np.any(cameras[photo] == self.camera)):
+            return ""
+        whose = f"camera {self.camera!r}" if self.camera else "the network"
+        return f"{whose} has no image points"
 
 
 @dataclass(frozen=True)
@@ -92,6 +118,11 @@ class LensDistortion(InImages):
             found.append(Problem("must rise", path_of(where, "radii_mm")))
         return found
 
+    @property
+    def is_zero(self) -> bool:
+        """Whether its size is zero."""
+        return not any((*self.coefficients_um, *self.distortion_um))
+
     def curve(self, r: Array) -> Array:
         """Return δ (n,), mm, at radii r (n,), mm."""
         if self.coefficients_um:
@@ -125,6 +156,11 @@ class AffineFilm(InImages):
     edge_mm: float = number(115.0, above=0)
     """Where they are reached, mm."""
 
+    @property
+    def is_zero(self) -> bool:
+        """Whether its size is zero."""
+        return self.scale_um == self.shear_um == 0.0
+
     def shift(self, camera: str, centred: Array) -> Array:
         """Return what is added to image coordinates."""
         x = centred @ [self.scale_um, self.shear_um] * MICROMETRE / self.edge_mm
@@ -141,12 +177,26 @@ class Refraction(Systematic):
     group: str = ""
     """Group of refraction; none: that of the network."""
 
-    def unknown(self, plan: Network, where: str) -> list[Problem]:
+    @property
+    def is_zero(self) -> bool:
+        """Whether its size is zero."""
+        return self.difference == 0.0
+
+    def _not_there(self, plan: Network, where: str) -> list[Problem]:
         """Return what the plan does not have."""
         if self.group in ("", *plan.refractions):
             return []
         what = f"unknown refraction group {self.group!r}; known: {known(plan.refractions)}"
         return [Problem(what, path_of(where, "group"))]
+
+    def _without_readings(self, plan: Network) -> str:
+        """Say that there are no zenith and no vertical angles."""
+        for o in plan.observations.values():
+            if isinstance(o, VerticalAngle):
+                group = REFRACTION_OF_THE_NETWORK if o.refraction is None else o.refraction
+                if group == self.group:
+                    return ""
+        return "the network has no zenith and no vertical angles of this group"
 
     def make_true(self, true: Network) -> None:
         """Set the true coefficient."""
@@ -167,12 +217,25 @@ class Tape(Systematic):
     distance_meter: str = ""
     """Whose distances; none: all."""
 
-    def unknown(self, plan: Network, where: str) -> list[Problem]:
+    @property
+    def is_zero(self) -> bool:
+        """Whether its size is zero."""
+        return self.ppm == self.zero_mm == 0.0
+
+    def _not_there(self, plan: Network, where: str) -> list[Problem]:
         """Return what the plan does not have."""
         if self.distance_meter in ("", *plan.distance_meters):
             return []
         what = f"unknown distance meter {self.distance_meter!r}; known: "
         return [Problem(what + known(plan.distance_meters), path_of(where, "distance_meter"))]
+
+    def _without_readings(self, plan: Network) -> str:
+        """Say that there are no distances."""
+        for o in plan.observations.values():
+            if isinstance(o, SlopeDistance) and self.distance_meter in ("", o.instrument):
+                return ""
+        whose = f"distance meter {self.distance_meter!r}" if self.distance_meter else "the network"
+        return f"{whose} has no distances"
 
     def make_true(self, true: Network) -> None:
         """Set scale and zero constant."""

@@ -16,7 +16,10 @@ BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def to_toml(value: Any) -> str:
-    """Return a dataclass of parameters as TOML, defaults too: what is written stays as it is."""
+    """Return a dataclass of parameters as TOML, defaults too: what is written stays as it is.
+
+    TOML has no word for what is not set; such keys are comments, so that they are seen.
+    """
     return "\n".join(_table(value, "")).strip() + "\n"
 
 
@@ -32,14 +35,18 @@ def _table(value: Any, path: str) -> Iterator[str]:
     for key, inner in items:
         if _is_table(inner) or (isinstance(inner, tuple) and any(map(_is_table, inner))):
             tables.append((key, inner))
-        elif inner is not None:
+        elif inner is None:
+            yield f"# {_key(key)} = …  (not set)"
+        else:
             yield f"{_key(key)} = {value_text(inner)}"
     for key, inner in tables:
         name = f"{path}.{_key(key)}" if path else _key(key)
         if isinstance(inner, tuple):
             for one in inner:
                 yield from ("", f"[[{name}]]", *_table(one, name))
-        elif not isinstance(inner, Mapping) or inner:
+        elif isinstance(inner, Mapping) and not inner:
+            yield from ("", f"# [{name}]  (empty)")
+        else:
             yield from ("", f"[{name}]", *_table(inner, name))
 
 

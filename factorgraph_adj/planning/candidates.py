@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -12,12 +13,16 @@ from ..additions import add_entities
 from ..entities import Camera, Photo, Point
 from ..errors import InputError, Problem
 from ..graph.equations import Equations, compile_network
+from ..graph.variables import calibration_name
 from ..incremental.units import identity, named
 from ..network import Network
-from ..observations import AnyObservation, Correlated
+from ..observations import AnyObservation, Correlated, Observation
 from ..solve.linear import LinearSystem
 from ..types import Array, Index
 from .readings import as_planned
+
+Named: TypeAlias = tuple[str, str]
+"""What an entity is (point, photo, camera), and its name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +30,8 @@ class Candidate:
     """Observations that are made together or not at all, with what they need.
 
     A station is a candidate with all its sights, and its point if that is new; a photo one with
-    all its image points.
+    all its image points. It is complete by itself: its observations determine what it brings. One
+    observation, point, photo or camera may stand without a tuple.
     """
 
     name: str
@@ -41,14 +47,91 @@ class Candidate:
     cameras: tuple[Camera, ...] = ()
     """New cameras."""
 
+    def __post_init__(self) -> None:
+        """Take single things as tuples of one."""
+        for field in ("observations", "points", "photos", "cameras"):
+            given: Any = getattr(self, field)
+            single = isinstance(given, str) or not isinstance(given, Iterable)
+            object.__setattr__(self, field, (given,) if single else tuple(given))
+
+    @property
+    def single(self) -> Iterator[Observation]:
+        """Its observations, those of groups one by one."""
+        for item in self.observations:
+            yield from item.observations if isinstance(item, Correlated) else (item,)
+
     @property
     def ids(self) -> list[str]:
         """Ids of its observations."""
-        out = []
-        for item in self.observations:
-            for o in item.observations if isinstance(item, Correlated) else (item,):
-                out.append(identity(o) or "")
-        return out
+        return [identity(o) or "" for o in self.single]
+
+    @property
+    def brings(self) -> set[Named]:
+        """Its points, photos and cameras."""
+        kinds = (("point", self.points), ("photo", self.photos), ("camera", self.cameras))
+        return {(kind, item.name) for kind, items in kinds for item in items}
+
+    @property
+    def needs(self) -> set[Named]:
+        """Points, photos and cameras that it names and does not bring."""
+        out: set[Named] = {("camera", f.camera) for f in self.photos}
+        for o in self.single:
+            for field in ("station", "target", "target2", "point", "photo"):
+                name = getattr(o, field, None)
+                if isinstance(name, str):
+                    out.add(("photo" if field == "photo" else "point", name))
+        return out - self.brings
+
+
+def as_candidates(given: Any) -> list[Candidate]:
+    """Return candidates whose observations have ids; one alone is taken as such.
+
+    Raises:
+        InputError: what is none.
+    """
+    if isinstance(given, Candidate):
+        given = (given,)
+    try:
+        every = list(given)
+    except TypeError:
+        raise InputError(f"candidates must be a sequence of Candidate, not {given!r}") from None
+    problems = [
+        Problem(f"is no Candidate: {c!r}", f"candidate {n}")
+        for n, c in enumerate(every, 1)
+        if not isinstance(c, Candidate)
+    ]
+    problems += [
+        Problem(f"is no observation: {o!r}", f"candidate {c.name!r}")
+        for c in every
+        if isinstance(c, Candidate)
+        for o in c.single
+        if not isinstance(o, Observation)
+    ]
+    if problems:
+        raise InputError(problems)
+    return identified(every)
+
+
+def dependent(candidates: Sequence[Candidate], network: Network) -> list[Problem]:
+    """Return which candidates name what only another one brings.
+
+    Args:
+        candidates: they.
+        network: the design.
+    """
+    there = {("point", n) for n in network.points}
+    there |= {("photo", n) for n in network.photos} | {("camera", n) for n in network.cameras}
+    bringer = {what: c.name for c in reversed(candidates) for what in c.brings}
+    return [
+        Problem(
+            f"it needs {kind} {name!r}, which candidate {bringer[kind, name]!r} brings; "
+            "candidates must be complete by themselves: join the two into one",
+            f"candidate {c.name!r}",
+        )
+        for c in candidates
+        for kind, name in sorted(c.needs - there)
+        if (kind, name) in bringer
+    ]
 
 
 def identified(candidates: Sequence[Candidate]) -> list[Candidate]:
@@ -76,24 +159,34 @@ def _identified(item: AnyObservation, ident: str) -> AnyObservation:
 def with_candidates(network: Network, candidates: Sequence[Candidate]) -> Network:
     """Return the network with candidates in it.
 
+    The datum of a free network stays that of the network: where none of its points is flagged,
+    all are, and those of candidates are not.
+
     Raises:
         InputError: everything that is wrong with them: equal names, costs that are none, ids that
             there are already, unknown points and photos; by candidate.
     """
     problems: list[Problem] = []
     names: set[str] = set()
-    out = network.copy()
+    free = network.datum == "free"
+    out = _flagged(network) if free else network.copy()
     for c in candidates:
         where = f"candidate {c.name!r}"
         if c.name in names:
             problems.append(Problem("there are two of this name", where))
         names.add(c.name)
-        if not (np.isfinite(c.cost) and c.cost > 0):
+        if isinstance(c.cost, bool) or not isinstance(c.cost, int | float | np.number):
+            problems.append(Problem(f"its cost must be a number, not {c.cost!r}", where))
+        elif not (np.isfinite(c.cost) and c.cost > 0):
             problems.append(Problem(f"its cost must be greater than zero, not {c.cost}", where))
         if not c.observations:
             problems.append(Problem("it has no observations", where))
-        found = add_entities(out, points=c.points, photos=c.photos, cameras=c.cameras)
+        points = [replace(p, datum=False) if free and isinstance(p, Point) else p for p in c.points]
+        found = add_entities(out, points=points, photos=c.photos, cameras=c.cameras)
         for item in c.observations:
+            if not isinstance(item, Observation | Correlated):
+                found.append(Problem(f"is no observation: {item!r}", "observations"))
+                continue
             try:
                 out.add(item)
             except InputError as error:
@@ -101,6 +194,17 @@ def with_candidates(network: Network, candidates: Sequence[Candidate]) -> Networ
         problems += [Problem(p.what, f"{where}, {p.where}") for p in found]
     if problems:
         raise InputError(problems)
+    return out
+
+
+def _flagged(network: Network) -> Network:
+    """Return a free network whose datum points are flagged."""
+    out = network.copy()
+    if not any(p.datum for p in out.points.values()):
+        # Held ones would have no part in the datum either.
+        for name, p in out.points.items():
+            if not all(p.fixed):
+                out.points[name] = replace(p, datum=True)
     return out
 
 
@@ -160,26 +264,33 @@ def linearise(design: Equations, network: Network, candidates: Sequence[Candidat
 
 
 def _owners(equations: Equations, candidates: Sequence[Candidate]) -> Index:
-    """Return the number of the candidate that brings each row, −1 for the design's, (n_rows,)."""
+    """Return the number of the candidate that brings each row, −1 for the design's, (n_rows,).
+
+    Rows of one variable that has no row of its own by id, weights, are those of the candidate
+    that brings the variable.
+    """
     owner = np.full(equations.n_rows, -1, dtype=np.intp)
-    weighted: dict[tuple[str, str], int] = {}
+    bringer: dict[tuple[str, str], int] = {}
+    network = equations.network
     for n, c in enumerate(candidates):
         for rows in equations.find(c.ids):
             owner[rows] = n
-        weighted |= {("point", p.name): n for p in c.points}
-        weighted |= {("pose", f.name): n for f in c.photos}
-        weighted |= {("calibration", k.name): n for k in c.cameras}
-    if weighted:
+        bringer |= {("point", p.name): n for p in c.points}
+        bringer |= {("calibration", k.name): n for k in c.cameras if not k.per_photo}
+        for f in c.photos:
+            bringer["pose", f.name] = n
+            if network.cameras[f.camera].per_photo:
+                bringer["calibration", calibration_name(network, f.name)] = n
+    if bringer:
         for block in equations.blocks:
             if len(block.variables) > 1:
                 continue
             ((kind, index),) = block.variables
             names = equations.unknowns[kind].names
-            for i, number in enumerate(index.tolist()):
-                n = weighted.get((kind, names[number]), -1)
-                first = block.first_row + i * block.dimension
-                if n >= 0 and block.ids[i].startswith(f"{kind} "):
-                    owner[first : first + block.dimension] = n
+            of = np.array([bringer.get((kind, name), -1) for name in names], dtype=np.intp)
+            rows = block.first_row + np.arange(len(index) * block.dimension)
+            brought = np.repeat(of[index], block.dimension)
+            owner[rows] = np.where(owner[rows] < 0, brought, owner[rows])
     return owner
 
 

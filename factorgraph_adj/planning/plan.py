@@ -12,12 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
+from ..errors import AdjustmentError, InputError, Problem
 from ..network import Network
 from ..quality.effects import shifts
 from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..quality.solution import Solution
 from ..solve.batch import adjust
 from ..types import Array, Mask
+from .patterns import matching
 from .readings import as_planned
 from .targets import (
     DetectableError,
@@ -25,9 +27,10 @@ from .targets import (
     RowTarget,
     Shortfall,
     Target,
-    check_targets,
+    as_targets,
     lacking,
-    matching,
+    limit_problems,
+    observation_problems,
     point_figures,
 )
 
@@ -66,6 +69,11 @@ class Plan:
     def met(self) -> bool:
         """Whether all targets are met."""
         return not self.shortfalls
+
+    @cached_property
+    def lack(self) -> float:
+        """How far it is from its targets: the sum of the logarithms of figure and limit."""
+        return sum(float(lacking(t, self.figures(t)[1]).sum()) for t in self.targets)
 
     def figures(self, target: Target) -> tuple[list[str], Array]:
         """Return the items of a target by name, and their figures."""
@@ -109,7 +117,7 @@ class Plan:
 
 def plan(
     network: Network,
-    targets: Sequence[Target] = (),
+    targets: Sequence[Target] | Target = (),
     *,
     alpha: float = 0.001,
     power: float = 0.80,
@@ -124,12 +132,45 @@ def plan(
         power: probability with which an error of the smallest detectable size is found.
 
     Raises:
-        InputError: points without coordinates, photos without orientation, bad targets: all.
+        InputError: points without coordinates, photos without orientation, bad targets, targets
+            that name nothing: all.
         DatumError: what the observations will not determine, by name.
     """
+    wanted = as_targets(targets)
+    problems = limit_problems(wanted, list(network.points))
+    found = realised(network, wanted, problems, alpha=alpha, power=power)
+    problems += observation_problems(wanted, found.solution.equations)
+    if problems:
+        raise InputError(problems)
+    return found
+
+
+def realised(
+    network: Network,
+    targets: Sequence[Target],
+    problems: Sequence[Problem] = (),
+    *,
+    alpha: float,
+    power: float,
+) -> Plan:
+    """Return the plan of a network for targets that were looked at before.
+
+    Args:
+        network: as for `plan`.
+        targets: they.
+        problems: what is known to be wrong, told with what is wrong with the network.
+        alpha: as for `plan`.
+        power: as for `plan`.
+    """
     check_probabilities(alpha, power)
-    check_targets(targets, list(network.points))
-    solution = adjust(as_planned(network))
+    try:
+        solution = adjust(as_planned(network))
+    except InputError as error:
+        raise InputError([*problems, *error.problems]) from None
+    except AdjustmentError:
+        if problems:
+            raise InputError(problems) from None
+        raise
     return Plan(solution, reliability(solution, alpha=alpha, power=power), tuple(targets))
 
 

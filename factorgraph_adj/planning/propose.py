@@ -5,41 +5,55 @@ the logarithm of figure and limit), divided by its cost, with the covariances br
 for each candidate by `factorgraph_adj.planning.covariances`, not solved anew. Then what turned
 out superfluous is left out, and single and pairs of candidates are exchanged for cheaper ones.
 Each proposal is checked by a plan of its own.
+
+Where a choice leads nowhere it starts again: with an eye on observations of the design that the
+choice made fail, or else without the candidate that stands in the way, one whose own observations
+fail or the last. Not found are candidates that only together determine a new point.
+
+In a free network rows B that notice a motion G of its datum, BG ≠ 0, would take its defect away:
+Q' is then not Q of the inner constraints brought up to date, and the candidate is refused.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import DatumError, InputError, Problem
+from ..graph.equations import compile_network
 from ..network import Network
-from ..quality.rows import whitened_unit
-from ..types import Array, Index, Mask
-from .candidates import Candidate, Linearised, identified, linearise, partials, with_candidates
-from .covariances import Covariances, PointItems, RowItems, Told, Watched, told
-from .plan import Plan, horizons, plan, rows_like
+from .candidates import (
+    Candidate,
+    as_candidates,
+    dependent,
+    with_candidates,
+)
+from .plan import Plan, realised
+from .readings import as_planned
+from .search import Search
 from .targets import (
-    RowTarget,
+    RedundancyNumber,
     Shortfall,
     Target,
     UndetectedShift,
+    as_targets,
     for_points,
     lacking,
-    matching,
+    limit_problems,
+    observation_problems,
 )
 
-MET = 1e-9
-"""Lack that is rounding."""
 MOST_CHECKS = 10
 """Plans until a proposal has met its targets."""
-MOST_PAIRS = 12
-"""Candidates of a proposal up to which pairs of them are exchanged,"""
-MOST_FOR_PAIRS = 60
-"""and candidates that there are."""
+MOST_STARTS = 12
+"""Times that a proposal starts again after a choice that leads nowhere."""
+MOST_PRUNED = 40
+"""Candidates of a proposal of several rounds up to which each is tried without, by a plan."""
+NOTICED = 1e-6
+"""BG of whitened rows and motions, relative to the largest of B and of G, from which a motion is
+noticed: what the datum takes for one goes unnoticed to 1e-7."""
 LISTED = 12
 """Shortfalls that a message lists."""
 
@@ -51,14 +65,14 @@ class Step:
     candidate: Candidate
     """It."""
     gain: float
-    """How much nearer it brought the targets."""
+    """How much nearer it brought the targets; negative where its own observations fail more."""
     lack: float
-    """How far they are after it; 0: met."""
+    """How far a plan with it and those before is from them; 0: met."""
     cost: float
     """Cumulative cost."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Proposal:
     """What to add to a design."""
 
@@ -79,19 +93,40 @@ class Proposal:
         """Names of the candidates."""
         return tuple(s.candidate.name for s in self.steps)
 
+    def __repr__(self) -> str:
+        """Say how many candidates, and what they cost."""
+        return f"<Proposal: {len(self.steps)} candidates, cost {self.cost:g}>"
+
+    def __str__(self) -> str:
+        """Tabulate the steps."""
+        if not self.steps:
+            return "All targets are met: nothing has to be added."
+        width = max(9, *(len(n) for n in self.names))
+        lines = [f"{'candidate':{width}}      cost  together      gain      lack"]
+        lines += [
+            f"{s.candidate.name:{width}}{s.candidate.cost:10g}{s.cost:10g}{s.gain:10.3f}{s.lack:10.3f}"
+            for s in self.steps
+        ]
+        return "\n".join(lines)
+
 
 def propose(
     network: Network,
     candidates: Iterable[Candidate],
-    targets: Sequence[Target],
+    targets: Sequence[Target] | Target,
     *,
     alpha: float = 0.001,
     power: float = 0.80,
 ) -> Proposal:
     """Propose the cheapest additions that make a design meet its targets.
 
+    Candidates must be complete by themselves: those that only together determine a new point are
+    not found. Undetected shifts need not become smaller by more observations, so that with such
+    targets a choice may be missed.
+
     Args:
-        network: the design, determined by its own observations; see `plan`.
+        network: the design, determined by its own observations; see `plan`. The datum points of
+            a free network stay those of the design.
         candidates: what could be added, each with a cost.
         targets: what is to be achieved; of the points of the design, and of all observations,
             those of candidates among them.
@@ -99,42 +134,146 @@ def propose(
         power: as in `plan`.
 
     Raises:
-        InputError: bad candidates or targets; targets that all candidates together do not meet,
-            by item.
+        InputError: no targets; bad candidates or targets; candidates that need another one, do
+            not determine what they bring, or determine the datum of a free network; targets that
+            all candidates together do not meet, by item; no choice was found.
         DatumError: the design itself is not determined.
     """
-    before = plan(network, targets, alpha=alpha, power=power)
+    wanted = as_targets(targets)
+    problems = limit_problems(wanted, list(network.points))
+    if not wanted:
+        problems.append(Problem("there are no targets: what is to be achieved?"))
+    try:
+        every = as_candidates(candidates)
+        needy = dependent(every, network)
+        problems += needy
+        # What depends on another candidate is told as such, not as unknown.
+        lost = {p.where for p in needy}
+        alone = [c for c in every if f"candidate {c.name!r}" not in lost]
+        whole = with_candidates(network, alone)
+    except InputError as error:
+        raise InputError([*problems, *error.problems]) from None
+    planner = _Planner(network, alpha, power)
+    before = planner(wanted, (), problems)
+    problems += _unlike(wanted, before, whole)
+    if problems:
+        raise InputError(problems)
     # Stations and other points that come with candidates are no targets themselves.
-    targets = tuple(for_points(t, list(network.points)) for t in targets)
-    before = Plan(before.solution, before.reliability, targets)
-    every = identified(list(candidates))
-    whole = with_candidates(network, every)
+    wanted = tuple(for_points(t, list(network.points)) for t in wanted)
+    before = Plan(before.solution, before.reliability, wanted)
     if before.met:
         return Proposal((), before, before)
-    _refuse_unreachable(before, plan(whole, targets, alpha=alpha, power=power))
-    design, chosen = before, []  # type: ignore[var-annotated]
-    for _ in range(MOST_CHECKS):
-        left = [c for c in every if c.name not in {s.name for s in chosen}]
-        search = _Search.of(design, left, targets)
-        picked = search.cheapest()
-        chosen += [left[n] for n in picked]
-        design = plan(with_candidates(network, chosen), targets, alpha=alpha, power=power)
-        if design.met or not picked:
-            break
+    _refuse_datum_changes(before, every)
+    try:
+        best = planner(wanted, every)
+    except DatumError as error:
+        raise _undetermined(error, before, every) from None
+    _refuse_unreachable(before, best)
+    chosen, design = _choose(planner, before, every)
     if not design.met:
-        raise InputError(
-            [
-                Problem("no choice of candidates was found that meets it", str(s))
-                for s in design.shortfalls[:LISTED]
-            ]
+        why = (
+            "no choice of candidates was found that meets it (candidates that only together "
+            "determine a new point, or meet a target only together, are not found)"
         )
-    return Proposal(_ordered(before, chosen, targets), design, before)
+        raise InputError([Problem(why, str(s)) for s in design.shortfalls[:LISTED]])
+    return Proposal(_steps(planner, before, _ordered(before, chosen), design), design, before)
+
+
+@dataclass(frozen=True, eq=False)
+class _Planner:
+    """Plans of a design with candidates."""
+
+    network: Network
+    alpha: float
+    power: float
+
+    def __call__(
+        self,
+        targets: Sequence[Target],
+        chosen: Sequence[Candidate],
+        problems: Sequence[Problem] = (),
+    ) -> Plan:
+        """Plan the design with some candidates."""
+        network = with_candidates(self.network, chosen)
+        return realised(network, targets, problems, alpha=self.alpha, power=self.power)
+
+
+def _unlike(targets: Sequence[Target], design: Plan, whole: Network) -> list[Problem]:
+    """Return patterns that neither the design nor a candidate has."""
+    equations = design.solution.equations
+    problems = observation_problems(targets, equations)
+    if problems:
+        problems = observation_problems(targets, equations, compile_network(as_planned(whole)))
+    return problems
+
+
+def _undetermined(error: DatumError, before: Plan, candidates: Sequence[Candidate]) -> Exception:
+    """Return what names the candidates that do not determine what they bring."""
+    kinds = {"pose": "photo", "calibration": "camera"}
+    named = {(kinds.get(kind, kind), name.split("@")[0]) for kind, name in error.unknowns}
+    search = Search.of(before, candidates, before.targets)
+    problems = []
+    for n, c in enumerate(candidates):
+        lost = c.brings if search.told(n, search.known) is None else c.brings & named
+        if lost:
+            what = ", ".join(f"{kind} {name!r}" for kind, name in sorted(lost))
+            problems.append(
+                Problem(
+                    f"its observations do not determine what it brings ({what}); candidates must "
+                    "be complete by themselves",
+                    f"candidate {c.name!r}",
+                )
+            )
+    return InputError(problems) if problems else error
+
+
+def _refuse_datum_changes(before: Plan, candidates: Sequence[Candidate]) -> None:
+    """Raise the candidates that notice what the datum of a free network leaves open."""
+    if before.solution.datum is None:
+        return
+    motions = before.solution.datum.motions
+    search = Search.of(before, candidates, before.targets)
+    design = np.full(len(search.start.q), -1, dtype=np.intp)
+    places = search.place[search.linear.column]
+    design[places[places >= 0]] = np.flatnonzero(places >= 0)
+    problems = []
+    for n, c in enumerate(candidates):
+        found = search.told(n, search.known)
+        if found is None:
+            continue
+        g = motions[design[found.at]]
+        # By the largest row: what is left of others may be rounding.
+        size = np.abs(search.linear.rows[n].a).max() * np.abs(motions).max(axis=0)
+        noticed = np.abs(found.b @ g) > NOTICED * size
+        if noticed.any():
+            problems.append(
+                Problem(
+                    "it determines position, orientation or scale of a free network, which its "
+                    "datum leaves open, and so would change the figures of all points: make it "
+                    "part of the design, or leave it out",
+                    f"candidate {c.name!r}",
+                )
+            )
+    if problems:
+        raise InputError(problems)
 
 
 def _refuse_unreachable(before: Plan, best: Plan) -> None:
-    """Raise what fails the targets with all candidates, and is the design's own."""
+    """Raise what fails the targets with all candidates, and is the design's own.
+
+    Only what more observations cannot make worse: neither undetected shifts, nor redundancy
+    numbers of correlated observations, which are no quadratic forms.
+    """
+    equations = best.solution.equations
+    correlated = {equations.label(int(i)) for c in equations.clusters for i in c.rows}
     own = {s.item for s in before.shortfalls}
-    hopeless = [s for s in best.shortfalls if s.item in own]
+    hopeless = [
+        s
+        for s in best.shortfalls
+        if s.item in own
+        and not isinstance(s.target, UndetectedShift)
+        and not (isinstance(s.target, RedundancyNumber) and s.item in correlated)
+    ]
     if hopeless:
         raise InputError(
             [
@@ -148,234 +287,100 @@ def _of(s: Shortfall) -> str:
     return str(s).removeprefix(f"{s.item}: ")
 
 
-def _ordered(
-    before: Plan, chosen: Sequence[Candidate], targets: Sequence[Target]
-) -> tuple[Step, ...]:
-    """Return the steps of what was chosen, by gain for cost."""
-    search = _Search.of(before, list(chosen), targets)
+def _choose(
+    planner: _Planner, before: Plan, every: Sequence[Candidate]
+) -> tuple[list[Candidate], Plan]:
+    """Return a choice that meets the targets, and its plan; the nearest one where none does."""
+    design_rows = _labels(before)
+    left_out: set[str] = set()
+    watched: set[str] = set()
+    nearest: tuple[list[Candidate], Plan] = [], before
+    for _ in range(MOST_STARTS):
+        among = [c for c in every if c.name not in left_out]
+        chosen, design = _attempt(planner, before, among, watched)
+        if design.met:
+            return chosen, design
+        if design.lack < nearest[1].lack:
+            nearest = chosen, design
+        if not chosen:
+            break
+        spoilt = {s.item for s in design.shortfalls} & design_rows
+        spoilt -= watched | {s.item for s in before.shortfalls}
+        if spoilt:
+            watched |= spoilt
+        else:
+            left_out.add(_in_the_way(design, chosen).name)
+    return nearest
+
+
+def _labels(design: Plan) -> set[str]:
+    equations = design.solution.equations
+    return {equations.label(i) for i in range(equations.n_rows)}
+
+
+def _attempt(
+    planner: _Planner, before: Plan, among: Sequence[Candidate], watched: set[str]
+) -> tuple[list[Candidate], Plan]:
+    """Return what is chosen round by round, and its plan."""
+    design, chosen, rounds = before, [], 0  # type: ignore[var-annotated]
+    for rounds in range(1, MOST_CHECKS + 1):  # noqa: B007
+        taken = {c.name for c in chosen}
+        left = [c for c in among if c.name not in taken]
+        search = Search.of(design, left, before.targets, watched)
+        picked = search.cheapest()
+        chosen += [left[n] for n in picked]
+        if picked:
+            design = planner(before.targets, chosen)
+        if design.met or not picked:
+            break
+    if design.met and rounds > 1 and len(chosen) <= MOST_PRUNED:
+        # What an earlier round chose may be superfluous beside what a later one did.
+        for c in sorted(chosen, key=lambda c: -c.cost):
+            rest = [other for other in chosen if other is not c]
+            found = planner(before.targets, rest)
+            if found.met:
+                chosen, design = rest, found
+    return chosen, design
+
+
+def _in_the_way(design: Plan, chosen: Sequence[Candidate]) -> Candidate:
+    """Return the candidate whose own observations fail most, otherwise the last."""
+    equations = design.solution.equations
+    failing = {s.item: float(lacking(s.target, np.array([s.figure]))[0]) for s in design.shortfalls}
+    lack = [
+        sum(failing.get(equations.label(int(i)), 0.0) for r in equations.find(c.ids) for i in r)
+        for c in chosen
+    ]
+    return chosen[int(np.argmax(lack))] if max(lack) > 0 else chosen[-1]
+
+
+def _ordered(before: Plan, chosen: Sequence[Candidate]) -> list[Candidate]:
+    """Return what was chosen by gain for cost."""
+    search = Search.of(before, list(chosen), before.targets)
     state, known = search.start.copy(), search.known.copy()
-    left, lack, cost = list(range(len(chosen))), search.start.lack(), 0.0
-    steps = []
+    left, out = list(range(len(chosen))), []  # type: ignore[var-annotated]
     while left:
         best = search.best(state, known, left)
-        n = left[0] if best is None else best
-        known = search.take(state, known, n)
-        after, cost = state.lack(), cost + chosen[n].cost
-        steps.append(Step(chosen[n], lack - after, after, cost))
-        lack = after
-        left.remove(n)
-    return tuple(steps)
-
-
-class _Search:
-    """Choosing among candidates."""
-
-    def __init__(
-        self,
-        start: Covariances,
-        known: Mask,
-        place: Index,
-        candidates: Sequence[Candidate],
-        linear: Linearised,
-    ) -> None:
-        self.start, self.known, self.place = start, known, place
-        self.costs = np.array([c.cost for c in candidates])
-        self.linear = linear
-        self._told: dict[tuple[int, bytes], Told | None] = {}
-
-    @classmethod
-    def of(
-        cls, design: Plan, candidates: Sequence[Candidate], targets: Sequence[Target]
-    ) -> _Search:
-        """Look at a design: Q of all that candidates touch and targets ask for."""
-        solution = design.solution
-        equations = solution.equations
-        network = with_candidates(design.network, candidates)
-        linear = linearise(equations, network, candidates)
-        point = linear.equations.unknowns["point"]
-        names = list(point.names)
-        wanted = [np.zeros(0, dtype=np.intp)]
-        wanted += [r.columns for r in linear.rows]
-        failing = _failing_rows(design, targets)
-        a = partials(solution.normal().system)
-        left, right, weight = _watched_rows(design, a, failing)
-        for matrix in (left, right):
-            wanted.append(linear.column[np.flatnonzero(np.abs(matrix).sum(axis=0))])
-        for t in targets:
-            if not isinstance(t, RowTarget) or isinstance(t, UndetectedShift):
-                on = matching(names, t.points) & (point.offset >= 0)
-                wanted.append((point.offset[on, None] + np.arange(3)).ravel())
-        columns = np.unique(np.concatenate(wanted))
-        n_columns = linear.equations.unknowns.n_columns
-        place = np.full(n_columns, -1, dtype=np.intp)
-        place[columns] = np.arange(len(columns))
-        known = np.zeros(n_columns, dtype=bool)
-        known[linear.column] = True
-        back = np.full(n_columns, -1, dtype=np.intp)
-        back[linear.column] = np.arange(len(linear.column))
-        own = np.flatnonzero(known[columns])
-        unit = np.zeros((equations.unknowns.n_columns, len(own)))
-        unit[back[columns[own]], np.arange(len(own))] = 1.0
-        q = np.zeros((len(columns), len(columns)))
-        if len(own):
-            q[np.ix_(own, own)] = solution.cofactor_times(unit)[back[columns[own]]]
-        spread = np.zeros((2, len(failing), len(columns)))
-        spread[:, :, own] = np.stack([left, right])[:, :, back[columns[own]]]
-        sigmas = solution.observations.sigmas
-        watched = Watched(spread[0], spread[1], weight, sigmas[failing], design.reliability.delta0)
-        items: list[PointItems | RowItems] = []
-        for t in targets:
-            if isinstance(t, RowTarget):
-                rows = np.flatnonzero(rows_like(solution, t.observations)[failing])
-                on = np.zeros(len(names), dtype=bool)
-                if isinstance(t, UndetectedShift):
-                    on = matching(names, t.points) & (point.offset >= 0)
-                items.append(RowItems(t, rows, _places(point.offset[on], place)))
-            else:
-                # Points that come with candidates are asked for once they are there.
-                there = [n in design.network.points for n in names]
-                on = matching(names, t.points) & np.array(there, dtype=bool)
-                where = np.flatnonzero(on)
-                horizon = horizons(network, [names[i] for i in where])
-                items.append(PointItems(t, _places(point.offset[where], place), horizon))
-        return cls(Covariances(q, watched, items), known, place, candidates, linear)
-
-    def told(self, n: int, known: Mask) -> Told | None:
-        """Return what a candidate tells beside what is known."""
-        columns = self.linear.rows[n].columns
-        key = n, known[columns].tobytes()
-        if key not in self._told:
-            self._told[key] = told(self.linear.rows[n], self.place, known)
-        return self._told[key]
-
-    def take(self, state: Covariances, known: Mask, n: int) -> Mask:
-        """Add a candidate; return what is known with it."""
-        found = self.told(n, known)
-        assert found is not None
-        state.add(found)
-        out = known.copy()
-        out[self.linear.rows[n].columns] = True
-        return out
-
-    def best(
-        self, state: Covariances, known: Mask, among: Sequence[int], budget: float = np.inf
-    ) -> int | None:
-        """Return the candidate with the largest gain for its cost; none where none gains."""
-        lack = state.lack()
-        best, value = None, 0.0
-        for n in among:
-            if self.costs[n] > budget:
-                continue
-            found = self.told(n, known)
-            if found is None:
-                continue
-            gain = (lack - state.lack(state.change(found))) / self.costs[n]
-            if gain > value * (1 + 1e-12) + MET:
-                best, value = n, gain
-        return best
-
-    def greedy(
-        self, taken: Sequence[int], among: Sequence[int], budget: float = np.inf
-    ) -> list[int] | None:
-        """Return what completes some candidates; none where nothing does within a budget."""
-        state, known = self.start.copy(), self.known
-        for n in taken:
-            if self.told(n, known) is None:
-                return None
-            known = self.take(state, known, n)
-        left, out = list(among), []
-        while state.lack() > MET:
-            best = self.best(state, known, left, budget)
-            if best is None:
-                return None
-            n = best
-            known = self.take(state, known, n)
-            budget -= float(self.costs[n])
-            left.remove(n)
-            out.append(n)
-        return out
-
-    def cheapest(self) -> list[int]:
-        """Return candidates that meet the targets, as cheap as found; all that gain if none do."""
-        everything = range(len(self.costs))
-        chosen = self.greedy((), everything)
-        if chosen is None:
-            return self._all_that_gain()
-        while True:
-            better = self._without_superfluous(chosen)
-            better = self._exchanged(better)
-            if sum(self.costs[better]) >= sum(self.costs[chosen]) - MET and len(better) >= len(
-                chosen
-            ):
-                return better
-            chosen = better
-
-    def _all_that_gain(self) -> list[int]:
-        state, known = self.start.copy(), self.known
-        left, out = list(range(len(self.costs))), []
-        while (n := self.best(state, known, left)) is not None:
-            known = self.take(state, known, n)
-            left.remove(n)
-            out.append(n)
-        return out
-
-    def _without_superfluous(self, chosen: list[int]) -> list[int]:
-        for n in sorted(chosen, key=lambda i: -self.costs[i]):
-            rest = [i for i in chosen if i != n]
-            if self.greedy(rest, ()) is not None:
-                chosen = rest
-        return chosen
-
-    def _exchanged(self, chosen: list[int]) -> list[int]:
-        """Return a cheaper choice with one or two exchanged, if there is one."""
-        pairs = len(chosen) <= MOST_PAIRS and len(self.costs) <= MOST_FOR_PAIRS
-        for size in (1, 2) if pairs else (1,):
-            for out in combinations(chosen, size):
-                rest = [i for i in chosen if i not in out]
-                others = [i for i in range(len(self.costs)) if i not in chosen]
-                saved = float(self.costs[list(out)].sum()) * (1 - 1e-9)
-                found = self.greedy(rest, others, saved)
-                if found is not None:
-                    return self._without_superfluous([*rest, *found])
-        return chosen
-
-
-def _places(offset: Index, place: Index) -> Index:
-    """Return the places of the coordinates of points, −1 where held, (m, 3)."""
-    columns = np.where(offset[:, None] >= 0, offset[:, None] + np.arange(3), 0)
-    return np.where(offset[:, None] >= 0, place[columns], -1)
-
-
-def _failing_rows(design: Plan, targets: Sequence[Target]) -> Index:
-    """Return the observations that fail a target."""
-    out = np.zeros(design.solution.n_observations, dtype=bool)
-    for t in targets:
-        if isinstance(t, RowTarget):
-            rows = np.flatnonzero(rows_like(design.solution, t.observations))
-            out[rows[lacking(t, design.figures(t)[1]) > 0]] = True
-    return np.flatnonzero(out)
-
-
-def _watched_rows(design: Plan, a: object, rows: Index) -> tuple[Array, Array, Array]:
-    """Return A_i, AᵀPe_i and P_ii of observations, (k, n_columns) twice and (k,)."""
-    equations = design.solution.equations
-    n = equations.unknowns.n_columns
-    left, right = np.zeros((len(rows), n)), np.zeros((len(rows), n))
-    weight = np.zeros(len(rows))
-    for j, row in enumerate(rows.tolist()):
-        at, values = whitened_unit(equations, row)
-        part = np.asarray(a[at].todense())  # type: ignore[index]
-        right[j] = values @ part
-        weight[j] = values @ values
-        # A of the observation itself: W⁻¹ of its group's whitened rows.
-        whitener = np.stack([_unit(equations, int(i), at) for i in at], axis=1)
-        left[j] = np.linalg.solve(whitener, part)[at.tolist().index(row)]
-    return left, right, weight
-
-
-def _unit(equations: object, row: int, at: Index) -> Array:
-    """Return the column of a group's whitener that belongs to a row."""
-    where, values = whitened_unit(equations, row)  # type: ignore[arg-type]
-    out = np.zeros(len(at))
-    out[np.searchsorted(at, where)] = values
+        if best is None:
+            # What gains nothing was chosen for observations of other candidates.
+            best = next((n for n in left if search.told(n, known) is not None), None)
+        if best is None:
+            return out + [chosen[n] for n in left]
+        known = search.take(state, known, best)
+        left.remove(best)
+        out.append(chosen[best])
     return out
+
+
+def _steps(
+    planner: _Planner, before: Plan, chosen: Sequence[Candidate], last: Plan
+) -> tuple[Step, ...]:
+    """Return the steps, each with a plan of its own."""
+    steps: list[Step] = []
+    lack, cost = before.lack, 0.0
+    for n, c in enumerate(chosen, 1):
+        found = last if n == len(chosen) else planner(before.targets, chosen[:n])
+        cost += c.cost
+        steps.append(Step(c, lack - found.lack, found.lack, cost))
+        lack = found.lack
+    return tuple(steps)

@@ -1,7 +1,8 @@
 """Which observations of a design can be left out while its targets are still met.
 
 The reverse of `factorgraph_adj.planning.propose`: one after another, the observation that saves
-most for what it takes from the targets. With h = A Q Aᵀ of its rows,
+most for what it takes from the targets (the sum over all items of figure and limit, with it and
+without). With h = A Q Aᵀ of its rows,
 
     Q' = Q + Q Aᵀ (I − h)⁻¹ A Q
 
@@ -13,25 +14,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..network import Network
 from ..quality.rows import whitened_unit
 from ..selection import without
 from ..types import Array, Index, Mask
 from .candidates import partials
-from .plan import Plan, horizons, plan, rows_like
+from .patterns import matching, patterns_of, unlike
+from .plan import Plan, horizons, plan, realised, rows_like
 from .targets import (
     DetectableError,
     RedundancyNumber,
     RowTarget,
     Target,
     UndetectedShift,
+    as_targets,
     limit_of,
-    matching,
+    names_of,
     point_figures,
 )
 
@@ -39,10 +43,12 @@ LARGEST = 6000
 """Scalar observations up to which this is done; all of A Q Aᵀ is held."""
 DETERMINED = 1e-6
 """Smallest eigenvalue of I − h of what may be left out."""
+NOTHING = 1e-9
+"""Loss that is rounding."""
 LISTED = 12
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Spared:
     """What can be left out."""
 
@@ -53,12 +59,23 @@ class Spared:
     plan: Plan
     """The design without them; its targets are met."""
 
+    def __repr__(self) -> str:
+        """Say how many, and what they cost."""
+        return f"<Spared: {len(self.ids)} observations, cost {self.saved:g}>"
+
+    def __str__(self) -> str:
+        """List them."""
+        if not self.ids:
+            return "Nothing can be left out."
+        lines = [f"{len(self.ids)} observations can be left out, cost {self.saved:g}:"]
+        return "\n".join([*lines, *(f"  {i}" for i in self.ids)])
+
 
 def spare(
     network: Network,
-    targets: Sequence[Target],
+    targets: Sequence[Target] | Target,
     *,
-    observations: Sequence[str] = ("*",),
+    observations: Sequence[str] | str = ("*",),
     cost: Mapping[str, float] | None = None,
     alpha: float = 0.001,
     power: float = 0.80,
@@ -70,14 +87,24 @@ def spare(
         targets: what is to be achieved.
         observations: ids or kinds, or patterns, of what may be left out: single observations,
             not members of correlated groups.
-        cost: of observations by id; 1 for others.
+        cost: of observations by id, greater than zero; 1 for others.
         alpha: as in `plan`.
         power: as in `plan`.
 
     Raises:
-        InputError: the design does not meet its targets, by item; it is too large; bad targets.
+        InputError: the design does not meet its targets, by item; it is too large; there are no
+            targets, or bad ones; bad costs; patterns that no observation has.
     """
-    whole = plan(network, targets, alpha=alpha, power=power)
+    wanted = as_targets(targets)
+    if not wanted:
+        raise InputError("there are no targets: what is to remain?")
+    may_go, prices = patterns_of(observations), dict(cost or {})
+    whole = plan(network, wanted, alpha=alpha, power=power)
+    names = names_of(whole.solution.equations)
+    problems = [Problem(what, "observations") for what in unlike("observation", may_go, names)]
+    problems += _wrong_prices(prices, [o.id for o in whole.solution.observations])
+    if problems:
+        raise InputError(problems)
     if whole.shortfalls:
         raise InputError(
             [Problem("fails already with everything", str(s)) for s in whole.shortfalls[:LISTED]]
@@ -87,19 +114,40 @@ def spare(
             f"{whole.solution.n_observations} scalar observations; up to {LARGEST} are looked at"
         )
     out: list[str] = []
-    prices = dict(cost or {})
-    search = _Search(whole, targets, observations)
+    search = _Search(whole, wanted, may_go)
+    if not search.rows:
+        raise InputError(
+            Problem(
+                "they are weighted unknowns or members of correlated groups, which stay",
+                f"observations {', '.join(may_go)}",
+            )
+        )
     while True:
         best = search.best(prices)
         if best is None:
             break
         # What was predicted is checked by a plan of its own before it counts.
-        found = plan(without(network, [*out, best]), targets, alpha=alpha, power=power)
+        found = realised(without(network, [*out, best]), wanted, alpha=alpha, power=power)
         search.take(best, leave=not found.met)
         if found.met:
             out.append(best)
             whole = found
     return Spared(tuple(out), sum(prices.get(i, 1.0) for i in out), whole)
+
+
+def _wrong_prices(prices: Mapping[str, Any], ids: Sequence[str]) -> list[Problem]:
+    there = dict.fromkeys(ids)
+    problems = []
+    for ident, price in prices.items():
+        wrong = []
+        if ident not in there:
+            wrong.append(f"no observation has this id; there are: {known(there)}")
+        if isinstance(price, bool) or not isinstance(price, int | float | np.number):
+            wrong.append(f"it must be a number, not {price!r}")
+        elif not (np.isfinite(price) and price > 0):
+            wrong.append(f"it must be greater than zero, not {price}")
+        problems += [Problem(what, f"cost of {ident!r}") for what in wrong]
+    return problems
 
 
 class _Search:
@@ -119,7 +167,9 @@ class _Search:
         on = rows_like(solution, may_go)
         rows: dict[str, list[int]] = {}
         for i, o in enumerate(solution.observations):
-            if on[i] and i not in clustered and o.id in _own_ids(design.network, o.id):
+            # Not weighted unknowns: those are no observations.
+            own = o.kind == "image" or o.id in design.network.observations
+            if on[i] and i not in clustered and own:
                 rows.setdefault(o.id, []).append(i)
         self.rows = {k: np.array(v, dtype=np.intp) for k, v in rows.items()}
         single = np.array([len(whitened_unit(equations, i)[0]) == 1 for i in range(n)])
@@ -146,11 +196,12 @@ class _Search:
     def best(self, prices: Mapping[str, float]) -> str | None:
         """Return what saves most for what it takes, of what may go."""
         chosen, value = None, 0.0
+        before = self._figures()
         for ident, rows in self.rows.items():
-            loss = self._loss(rows)
+            loss = self._loss(rows, before)
             if loss is None:
                 continue
-            worth = prices.get(ident, 1.0) / (loss + 1e-9)
+            worth = prices.get(ident, 1.0) / (max(loss, 0.0) + NOTHING)
             if worth > value:
                 chosen, value = ident, worth
         return chosen
@@ -162,7 +213,18 @@ class _Search:
             return None
         return self.h[:, rows], (vectors / values) @ vectors.T
 
-    def _loss(self, rows: Index) -> float | None:
+    def _figures(self) -> dict[Target, Array]:
+        """Return figures over limits as they are, of all scalar observations or points."""
+        none = np.zeros(0, dtype=np.intp)
+        r = 1.0 - np.diag(self.h)
+        out = {}
+        for t in self.targets:
+            items, found = self._ratios(t, none, np.zeros((0, 0)), r, self.present)
+            out[t] = np.zeros(max(len(self.present), len(self.names)))
+            out[t][items] = found
+        return out
+
+    def _loss(self, rows: Index, before: Mapping[Target, Array]) -> float | None:
         """Return how much nearer all figures come to their limits; none where one passes it."""
         change = self._change(rows)
         if change is None:
@@ -174,25 +236,28 @@ class _Search:
         present[rows] = False
         total = 0.0
         for t in self.targets:
-            found = self._ratios(t, rows, inverse, r, present)
+            items, found = self._ratios(t, rows, inverse, r, present)
             if len(found) and found.max() > 1.0 - 1e-9:
                 return None
-            total += float(found.sum())
+            # Of what remains: an observation that goes takes its own figure along.
+            total += float((found - before[t][items]).sum())
         return total
 
-    def _ratios(self, t: Target, rows: Index, inverse: Array, r: Array, present: Mask) -> Array:
-        """Return figures over limits, or limits over figures, of all items without some rows."""
+    def _ratios(
+        self, t: Target, rows: Index, inverse: Array, r: Array, present: Mask
+    ) -> tuple[Index, Array]:
+        """Return figures over limits, or limits over figures, without some rows, and of what."""
         if isinstance(t, RowTarget):
             on = np.flatnonzero(self.asked[t] & present)
             safe = np.maximum(r[on], 1e-12)
             if isinstance(t, RedundancyNumber):
-                return np.asarray(t.at_least / safe)
+                return on, np.asarray(t.at_least / safe)
             if isinstance(t, DetectableError):
-                return np.asarray(self.delta0 / np.sqrt(safe) / t.at_most)
+                return on, np.asarray(self.delta0 / np.sqrt(safe) / t.at_most)
             return self._shifts(t, on, rows, inverse, safe)
         points = self.points[t]
         blocks = self.blocks[points] + self._growth(points, rows, inverse)
-        return np.asarray(point_figures(t, blocks, self.horizon[points]) / limit_of(t))
+        return points, np.asarray(point_figures(t, blocks, self.horizon[points]) / limit_of(t))
 
     def _of_points(self, points: Index, rows: Index) -> Array:
         """Return Q Aᵀ of coordinates and rows, zero where held, (n, 3, k)."""
@@ -207,15 +272,15 @@ class _Search:
 
     def _shifts(
         self, t: UndetectedShift, on: Index, rows: Index, inverse: Array, r: Array
-    ) -> Array:
+    ) -> tuple[Index, Array]:
         points = self.points[t]
         points = points[self.offset[points] >= 0]
         if not len(points) or not len(on):
-            return np.zeros(0)
+            return on[:0], np.zeros(0)
         moved = self._of_points(points, on)
         moved = moved + self._of_points(points, rows) @ inverse @ self.h[np.ix_(rows, on)]
         far = np.sqrt(np.sum(moved**2, axis=1)).max(axis=0)
-        return np.asarray(far * self.delta0 / np.sqrt(r) / t.at_most)
+        return on, np.asarray(far * self.delta0 / np.sqrt(r) / t.at_most)
 
     def take(self, ident: str, *, leave: bool) -> None:
         """Take an observation out, or leave it for good."""
@@ -230,9 +295,3 @@ class _Search:
         self.qa = self.qa + self.qa[:, rows] @ inverse @ self.h[rows]
         self.h = self.a @ self.qa
         self.present[rows] = False
-
-
-def _own_ids(network: Network, ident: str) -> tuple[str, ...]:
-    """Return the id where it is that of an observation, not of a weighted unknown."""
-    image = "/" in ident and ident.split("/")[0] in network.photos
-    return (ident,) if image or ident in network.observations else ()

@@ -7,22 +7,37 @@ figures of different kinds can be added up.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
-from glob import escape
-from typing import Literal, TypeAlias
+from numbers import Real
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ..errors import InputError, Problem
-from ..quality.ellipses import FLAT, confidence_factor
-from ..types import Array, Mask
+from ..errors import InputError, Problem, known
+from ..graph.equations import Equations
+from ..quality.ellipses import confidence_factor
+from ..types import Array
+from .patterns import Name, matching, patterns_of, unlike
 
 LEAST = 1e-6
 """Redundancy number below which nothing controls an observation."""
 MOST = 1e9
 """Figure of what is not controlled at all, relative to its limit."""
+MET = 1e-9
+"""Logarithm of figure and limit that is rounding: the limit is met."""
+FLAT = 1e-10
+"""Variance of an axis relative to the largest that is rounding: the axis has no part in a region.
+
+Points that carry the datum of a free network have flat covariances by an S-transformation, whose
+subtractions leave about 1e-13; an axis that is there is not 1e-5 of the largest.
+"""
+
+
+def _settle(target: object) -> None:
+    for field in ("points", "observations"):
+        if hasattr(target, field):
+            object.__setattr__(target, field, patterns_of(getattr(target, field)))
 
 
 @dataclass(frozen=True)
@@ -38,6 +53,10 @@ class SemiAxis:
     dimension: Literal[2, 3] = 2
     """Ellipse in the horizon, or ellipsoid."""
 
+    def __post_init__(self) -> None:
+        """Take a string as one pattern."""
+        _settle(self)
+
 
 @dataclass(frozen=True)
 class PointPrecision:
@@ -50,15 +69,23 @@ class PointPrecision:
     axes: str = "xyz"
     """Which coordinates."""
 
+    def __post_init__(self) -> None:
+        """Take a string as one pattern."""
+        _settle(self)
+
 
 @dataclass(frozen=True)
 class RedundancyNumber:
     """No redundancy number is smaller."""
 
     at_least: float
-    """From 0 to 1."""
+    """From 1e-6 to less than 1."""
     observations: tuple[str, ...] = ("*",)
     """Ids or kinds, or patterns; weighted unknowns by names such as ``point P1 x``."""
+
+    def __post_init__(self) -> None:
+        """Take a string as one pattern."""
+        _settle(self)
 
 
 @dataclass(frozen=True)
@@ -70,10 +97,18 @@ class DetectableError:
     observations: tuple[str, ...] = ("*",)
     """Ids or kinds, or patterns."""
 
+    def __post_init__(self) -> None:
+        """Take a string as one pattern."""
+        _settle(self)
+
 
 @dataclass(frozen=True)
 class UndetectedShift:
-    """No error that may stay undetected moves a point by more: √(∇x² + ∇y² + ∇z²)."""
+    """No error that may stay undetected moves a point by more: √(∇x² + ∇y² + ∇z²).
+
+    Observations do not always improve it: one that ties a point to another carries the errors of
+    observations of that one to the point.
+    """
 
     at_most: float
     """Metres."""
@@ -81,6 +116,10 @@ class UndetectedShift:
     """Names, or patterns."""
     observations: tuple[str, ...] = ("*",)
     """Ids or kinds, or patterns, of the observations that may be wrong."""
+
+    def __post_init__(self) -> None:
+        """Take a string as one pattern."""
+        _settle(self)
 
 
 PointTarget: TypeAlias = SemiAxis | PointPrecision
@@ -110,12 +149,22 @@ class Shortfall:
     def __str__(self) -> str:
         """Say what fails, and by how much."""
         limit, sign = limit_of(self.target), "<" if at_least(self.target) else ">"
-        return f"{self.item}: {describe(self.target)} {short(self.figure)} {sign} {short(limit)}"
+        figure, bound = apart(self.figure, limit)
+        return f"{self.item}: {describe(self.target)} {figure} {sign} {bound}"
 
 
-def short(value: float) -> str:
+def short(value: float, digits: int = 3) -> str:
     """Return a figure in three digits, rounding errors as zero."""
-    return f"{value if abs(value) > 1e-12 else 0.0:.3g}"
+    return f"{value if abs(value) > 1e-12 else 0.0:.{digits}g}"
+
+
+def apart(figure: float, limit: float) -> tuple[str, str]:
+    """Return a figure and its limit in three digits, or as many as tell them apart."""
+    for digits in range(3, 17):
+        a, b = short(figure, digits), short(limit, digits)
+        if a != b:
+            break
+    return a, b
 
 
 def limit_of(target: Target) -> float:
@@ -132,7 +181,8 @@ def describe(target: Target) -> str:
     """Return what the figures of a target are."""
     if isinstance(target, SemiAxis):
         region = "ellipse" if target.dimension == 2 else "ellipsoid"
-        return f"{100 * target.confidence:g} % semi-axis of the {region} (m)"
+        shown = f"{100 * target.confidence:g} %" if 0 < target.confidence < 1 else "confidence"
+        return f"{shown} semi-axis of the {region} (m)"
     if isinstance(target, PointPrecision):
         return f"largest σ of {target.axes} (m)"
     if isinstance(target, RedundancyNumber):
@@ -142,39 +192,117 @@ def describe(target: Target) -> str:
     return "shift by an undetected error (m)"
 
 
-def check_targets(targets: Iterable[Target], points: Sequence[str]) -> None:
-    """Check limits and names.
+def as_targets(given: Any) -> tuple[Target, ...]:
+    """Return targets as a tuple; one alone is taken as such.
+
+    Raises:
+        InputError: what is none.
+    """
+    if isinstance(given, get_args(Target)):
+        return (given,)
+    valid = f"valid: {', '.join(c.__name__ for c in TARGETS.values())}, with a limit"
+    try:
+        wanted = tuple(given)
+    except TypeError:
+        raise InputError(f"targets must be a sequence of targets, not {given!r}; {valid}") from None
+    problems = [
+        Problem(f"is no target: {t!r}; {valid}", f"target {n}")
+        for n, t in enumerate(wanted, 1)
+        if not isinstance(t, get_args(Target))
+    ]
+    if problems:
+        raise InputError(problems)
+    return wanted
+
+
+def limit_problems(targets: Sequence[Target], points: Sequence[str]) -> list[Problem]:
+    """Return what is wrong with limits, and patterns that no point has."""
+    problems = []
+    for n, t in enumerate(targets, 1):
+        wrong: list[str] = []
+        limit = limit_of(t)
+        if not _number(limit):
+            wrong.append(f"its limit must be a number, not {limit!r}")
+        elif isinstance(t, RedundancyNumber):
+            if not LEAST <= limit < 1:
+                wrong.append(
+                    f"redundancy numbers lie between 0 and 1, and what has less than {LEAST:g} "
+                    f"counts as not controlled: the limit must lie in [{LEAST:g}, 1), not {limit}"
+                )
+        elif not (np.isfinite(limit) and limit > 0):
+            wrong.append(f"its limit must be greater than zero, not {limit}")
+        if isinstance(t, SemiAxis):
+            if not _number(t.confidence) or not 0 < t.confidence < 1:
+                wrong.append(
+                    f"the confidence must be a probability between 0 and 1, not {t.confidence!r}"
+                )
+            if isinstance(t.dimension, bool) or t.dimension not in (2, 3):
+                wrong.append(f"the dimension must be 2 or 3, not {t.dimension!r}")
+        if isinstance(t, PointPrecision):
+            axes = isinstance(t.axes, str) and t.axes and set(t.axes) <= set("xyz")
+            if not axes:
+                wrong.append(f"axes are letters of xyz, not {t.axes!r}")
+        if not isinstance(t, RedundancyNumber | DetectableError):
+            wrong += unlike("point", t.points, points)
+        problems += [Problem(what, _where(n, t)) for what in wrong]
+    return problems
+
+
+def check_targets(targets: Sequence[Target], points: Sequence[str]) -> None:
+    """Check limits and names of points.
 
     Raises:
         InputError: every limit that nothing can meet, every pattern that no point has.
     """
-    problems = []
-    for n, t in enumerate(targets):
-        where = f"target {n + 1}, {describe(t)}"
-        limit = limit_of(t)
-        if not (np.isfinite(limit) and limit > 0):
-            problems.append(Problem(f"its limit must be greater than zero, not {limit}", where))
-        if isinstance(t, RedundancyNumber) and not 0 < limit < 1:
-            problems.append(Problem(f"redundancy numbers lie between 0 and 1, not {limit}", where))
-        if isinstance(t, SemiAxis) and not 0 < t.confidence < 1:
-            problems.append(
-                Problem(f"the confidence must lie in (0, 1), not {t.confidence}", where)
-            )
-        if isinstance(t, PointPrecision) and not (t.axes and set(t.axes) <= set("xyz")):
-            problems.append(Problem(f"axes are letters of xyz, not {t.axes!r}", where))
-        if not isinstance(t, RedundancyNumber | DetectableError):
-            problems += [
-                Problem(f"no point is named like {p!r}", where)
-                for p in t.points
-                if not any(fnmatchcase(name, p) for name in points)
-            ]
+    problems = limit_problems(targets, points)
     if problems:
         raise InputError(problems)
 
 
-def matching(names: Sequence[str], patterns: Sequence[str]) -> Mask:
-    """Return which names are like one of some patterns, (n,)."""
-    return np.array([any(fnmatchcase(n, p) for p in patterns) for n in names], dtype=bool)
+def observation_problems(
+    targets: Sequence[Target], equations: Equations, also: Equations | None = None
+) -> list[Problem]:
+    """Return patterns that no observation has, and targets for points that cannot move.
+
+    Args:
+        targets: they.
+        equations: of the design.
+        also: of the design with all that may be added to it.
+    """
+    names, problems = names_of(also or equations), []
+    table = equations.unknowns["point"]
+    for n, t in enumerate(targets, 1):
+        if isinstance(t, RowTarget):
+            problems += [
+                Problem(what, _where(n, t)) for what in unlike("observation", t.observations, names)
+            ]
+        if isinstance(t, UndetectedShift):
+            on = matching(table.names, t.points)
+            if on.any() and not np.any(on & (table.offset >= 0)):
+                held = [n for n, o in zip(table.names, on, strict=True) if o]
+                problems.append(
+                    Problem(
+                        f"all its points are held, nothing moves them: {known(held)}", _where(n, t)
+                    )
+                )
+    return problems
+
+
+def names_of(equations: Equations) -> list[str]:
+    """Return all kinds of observations, and then all ids."""
+    kinds = dict.fromkeys(b.kind for b in equations.blocks)
+    return [*kinds, *(i for b in equations.blocks for i in b.ids)]
+
+
+def _where(n: int, target: Target) -> str:
+    try:
+        return f"target {n}, {describe(target)}"
+    except (TypeError, ValueError):
+        return f"target {n}, {type(target).__name__}"
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def for_points(target: Target, names: Sequence[str]) -> Target:
@@ -182,9 +310,7 @@ def for_points(target: Target, names: Sequence[str]) -> Target:
     if isinstance(target, RedundancyNumber | DetectableError):
         return target
     chosen = matching(names, target.points)
-    return replace(
-        target, points=tuple(escape(n) for n, on in zip(names, chosen, strict=True) if on)
-    )
+    return replace(target, points=tuple(Name(n) for n, on in zip(names, chosen, strict=True) if on))
 
 
 def point_figures(target: PointTarget, blocks: Array, horizon: Array) -> Array:
@@ -211,12 +337,16 @@ def point_figures(target: PointTarget, blocks: Array, horizon: Array) -> Array:
 def lacking(target: Target, figures: Array) -> Array:
     """Return how far figures are from their target: log of figure and limit, 0 where they meet it.
 
+    What is nearer than 1e-9 meets it: covariances are no better.
+
     Args:
         target: what is asked.
         figures: (n,); infinite, or 0, where nothing controls an item.
     """
     limit = limit_of(target)
     if at_least(target):
-        return np.asarray(np.maximum(np.log(limit / np.maximum(figures, LEAST)), 0.0))
-    ratio = np.where(np.isfinite(figures), figures / limit, MOST)
-    return np.asarray(np.maximum(np.log(np.clip(ratio, 1e-300, MOST)), 0.0))
+        far = np.log(limit / np.maximum(figures, LEAST))
+    else:
+        ratio = np.where(np.isfinite(figures), figures / limit, MOST)
+        far = np.log(np.clip(ratio, 1e-300, MOST))
+    return np.asarray(np.where(far > MET, far, 0.0))

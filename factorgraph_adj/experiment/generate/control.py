@@ -53,6 +53,9 @@ class Control(Parameters):
             if named != bool(getattr(self, f"{axis}_points")):
                 what = f"goes with {axis} = 'named', which needs it"
                 found.append(Problem(what, path_of(where, f"{axis}_points")))
+            if named and getattr(self, f"{axis}_count") is not None:
+                what = f"goes with a pattern, not with {axis} = 'named', which takes all of a list"
+                found.append(Problem(what, path_of(where, f"{axis}_count")))
         return found
 
     def apply(self, scene: Scene, where: str) -> list[Problem]:
@@ -63,19 +66,36 @@ class Control(Parameters):
         names = [n for p in self.parts or range(len(scene.points)) for n in scene.points[p]]
         names = list(dict.fromkeys(names))
         if not names:
-            return []
+            what = "these parts have no points; valid: those that bring points of their own"
+            return [Problem(what, path_of(where, "parts"))]
+        problems = self._outside(names, where)
         xy = scene.coordinates(names)[:, :2]
         axes: dict[str, dict[str, float]] = {}
         for kind, axis, sigma in (
             ("horizontal", "xy", self.sigma_horizontal_mm),
             ("vertical", "z", self.sigma_vertical_mm),
         ):
-            for name in self._chosen(kind, names, xy):
+            for name in self._chosen(kind, names, xy, where, problems):
                 axes.setdefault(name, {})[axis] = sigma * MILLIMETRE
+        if problems:
+            return problems
         for name in names:
             if name in axes:
                 _make_control(scene.plan, name, axes[name])
         return []
+
+    def _outside(self, names: list[str], where: str) -> list[Problem]:
+        """Return the named points that are in other parts."""
+        valid = set(names)
+        return [
+            Problem(
+                f"point {name!r} is not in these parts; known: {known(names)}",
+                path_of(where, f"{axis}_points"),
+            )
+            for axis in ("horizontal", "vertical")
+            for name in getattr(self, f"{axis}_points")
+            if name not in valid
+        ]
 
     def _problems(self, scene: Scene, where: str) -> list[Problem]:
         n = len(scene.points)
@@ -93,20 +113,25 @@ class Control(Parameters):
             ]
         return found
 
-    def _chosen(self, kind: str, names: list[str], xy: Array) -> list[str]:
-        """Return the names of the control points of one kind."""
+    def _chosen(
+        self, kind: str, names: list[str], xy: Array, where: str, problems: list[Problem]
+    ) -> list[str]:
+        """Return the names of the control points of one kind; what is wrong goes to problems."""
         pattern: Pattern = getattr(self, kind)
-        if pattern == "none":
-            return []
         if pattern == "named":
             return list(getattr(self, f"{kind}_points"))
         at_corners = corners(xy)
-        number_of = {
-            "full": lambda: list(range(len(names))),
-            "perimeter": lambda: sorted({*perimeter(xy), *at_corners}),
-            "corners": lambda: at_corners,
-        }[pattern]()
+        number_of: list[int] = []
+        if pattern == "full":
+            number_of = list(range(len(names)))
+        elif pattern == "perimeter":
+            number_of = sorted({*perimeter(xy), *at_corners})
+        elif pattern == "corners":
+            number_of = at_corners
         count: int | None = getattr(self, f"{kind}_count")
+        if count is not None and count > len(number_of):
+            what = f"is {count}, but {pattern!r} has {len(number_of)} points; valid: up to that"
+            problems.append(Problem(what, path_of(where, f"{kind}_count")))
         if count is not None and count < len(number_of):
             first = [number_of.index(i) for i in at_corners]
             number_of = [number_of[i] for i in spread(xy[number_of], count, first)]

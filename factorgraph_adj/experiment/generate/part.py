@@ -16,6 +16,9 @@ MILLIMETRE = 1e-3
 """In metres."""
 MICROMETRE = 1e-3
 """In millimetres, the unit of image coordinates."""
+GEOMETRY = 2000
+"""Tag of the streams of geometry. numpy pads seeds with zeros, [s, p, 0] is [s, p]: without a tag
+that is no other stream's, the first stream of part p is the noise of the p-th kind."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ class Scene:
 
     def rng(self, stream: int) -> np.random.Generator:
         """Return a stream of random numbers of the part."""
-        return np.random.default_rng([self.seed, self.number, stream])
+        return np.random.default_rng([self.seed, GEOMETRY, self.number, stream])
 
     def fail(self, key: str, what: str) -> None:
         """Raise InputError about a key of the part."""

@@ -80,12 +80,13 @@ def spread(xy: Array, count: int, first: list[int]) -> list[int]:
 def round_lines(n: int, count: int) -> list[tuple[int, int]]:
     """Return ``count`` lines along a ring of n places, evenly spread.
 
-    Lines join neighbours; beyond n of them also every second place, then every third.
+    Lines join neighbours; beyond n of them also every second place, then every third. No pair is
+    joined twice: there are n (n − 1) / 2 at most.
     """
     lines: dict[tuple[int, int], None] = {}
-    for step in range(1, (n + 1) // 2 + 1):
-        ring = [(i, (i + step) % n) for i in range(n)]
-        ring = [p for p in ring if p[0] != p[1] and p[::-1] not in lines and p not in lines]
+    for step in range(1, n // 2 + 1):
+        # Half-way round, the lines of the second half are those of the first, reversed.
+        ring = [(i, (i + step) % n) for i in range(n // 2 if 2 * step == n else n)]
         missing = count - len(lines)
         chosen = (
             ring

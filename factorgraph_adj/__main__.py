@@ -1,0 +1,8 @@
+"""``python -m factorgraph_adj`` is the command ``factorgraph-adj``."""
+
+import sys
+
+from .cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,72 @@
+"""Patterns for names of points and observations.
+
+``*`` stands for any characters and ``?`` for one; all others, brackets among them, for themselves.
+A string alone is one pattern.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import known
+from ..types import Mask
+
+
+class Name(str):
+    """A name as it is, not a pattern."""
+
+    __slots__ = ()
+
+
+def patterns_of(given: Any) -> tuple[str, ...]:
+    """Return patterns as a tuple; a string is one of them."""
+    if isinstance(given, str):
+        return (given,)
+    try:
+        return tuple(given)
+    except TypeError:
+        return (given,)
+
+
+def matching(names: Sequence[str], patterns: Sequence[str]) -> Mask:
+    """Return which names are like one of some patterns, (n,)."""
+    exact: Collection[str] = {str(p) for p in patterns if _literal(p)}
+    parts = [
+        "".join({"*": ".*", "?": "."}.get(c, re.escape(c)) for c in p)
+        for p in patterns
+        if not _literal(p)
+    ]
+    like = re.compile("|".join(parts), re.DOTALL) if parts else None
+    return np.array(
+        [n in exact or (like is not None and like.fullmatch(n) is not None) for n in names],
+        dtype=bool,
+    )
+
+
+def _literal(pattern: str) -> bool:
+    return isinstance(pattern, Name) or not ("*" in pattern or "?" in pattern)
+
+
+def unlike(what: str, patterns: Sequence[Any], names: Sequence[str]) -> list[str]:
+    """Return what is wrong with patterns: there are none, or nothing has such a name.
+
+    Args:
+        what: "point" or "observation".
+        patterns: they.
+        names: that there are; kinds of observations first.
+    """
+    there = f"; there are: {known(names)}"
+    if not patterns:
+        return [f"it names no {what}s; '*' stands for all" + there]
+    wrong = []
+    like = "has an id or kind" if what == "observation" else "is named"
+    for p in patterns:
+        if not isinstance(p, str):
+            wrong.append(f"names of {what}s are strings, not {p!r}")
+        elif not matching(names, (p,)).any():
+            wrong.append(f"no {what} {like} like {str(p)!r}" + there)
+    return wrong

@@ -1,0 +1,258 @@
+"""Choosing among candidates by what they gain for their cost, without a plan for each."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from ..quality.rows import whitened_unit
+from ..types import Array, Index, Mask
+from .candidates import Candidate, Linearised, linearise, partials, with_candidates
+from .covariances import Covariances, PointItems, RowItems, Told, Watched, told
+from .patterns import matching
+from .plan import Plan, horizons, rows_like
+from .targets import (
+    MET,
+    RowTarget,
+    Target,
+    UndetectedShift,
+    lacking,
+)
+
+MOST_PAIRS = 12
+"""Candidates of a proposal up to which pairs of them are exchanged,"""
+MOST_FOR_PAIRS = 60
+"""and candidates that there are."""
+
+
+class Search:
+    """Choosing among candidates."""
+
+    def __init__(
+        self,
+        start: Covariances,
+        known: Mask,
+        place: Index,
+        candidates: Sequence[Candidate],
+        linear: Linearised,
+    ) -> None:
+        self.start, self.known, self.place = start, known, place
+        self.costs = np.array([c.cost for c in candidates])
+        self.linear = linear
+        self._told: dict[tuple[int, bytes], Told | None] = {}
+
+    @classmethod
+    def of(
+        cls,
+        design: Plan,
+        candidates: Sequence[Candidate],
+        targets: Sequence[Target],
+        watched: Collection[str] = (),
+    ) -> Search:
+        """Look at a design: Q of all that candidates touch and targets ask for.
+
+        Args:
+            design: it.
+            candidates: what can be chosen.
+            targets: what is asked.
+            watched: labels of observations to be looked at though they meet their targets;
+                those that fail are anyway.
+        """
+        solution = design.solution
+        equations = solution.equations
+        network = with_candidates(design.network, candidates)
+        linear = linearise(equations, network, candidates)
+        point = linear.equations.unknowns["point"]
+        names = list(point.names)
+        wanted = [np.zeros(0, dtype=np.intp)]
+        wanted += [r.columns for r in linear.rows]
+        failing = _failing_rows(design, targets, watched)
+        a = partials(solution.normal().system)
+        left, right, weight = _watched_rows(design, a, failing)
+        for matrix in (left, right):
+            wanted.append(linear.column[np.flatnonzero(np.abs(matrix).sum(axis=0))])
+        for t in targets:
+            if not isinstance(t, RowTarget) or isinstance(t, UndetectedShift):
+                on = matching(names, t.points) & (point.offset >= 0)
+                wanted.append((point.offset[on, None] + np.arange(3)).ravel())
+        columns = np.unique(np.concatenate(wanted))
+        n_columns = linear.equations.unknowns.n_columns
+        place = np.full(n_columns, -1, dtype=np.intp)
+        place[columns] = np.arange(len(columns))
+        known = np.zeros(n_columns, dtype=bool)
+        known[linear.column] = True
+        back = np.full(n_columns, -1, dtype=np.intp)
+        back[linear.column] = np.arange(len(linear.column))
+        own = np.flatnonzero(known[columns])
+        unit = np.zeros((equations.unknowns.n_columns, len(own)))
+        unit[back[columns[own]], np.arange(len(own))] = 1.0
+        q = np.zeros((len(columns), len(columns)))
+        if len(own):
+            q[np.ix_(own, own)] = solution.cofactor_times(unit)[back[columns[own]]]
+        spread = np.zeros((2, len(failing), len(columns)))
+        spread[:, :, own] = np.stack([left, right])[:, :, back[columns[own]]]
+        sigmas = solution.observations.sigmas
+        rows_watched = Watched(
+            spread[0], spread[1], weight, sigmas[failing], design.reliability.delta0
+        )
+        items: list[PointItems | RowItems] = []
+        for t in targets:
+            if isinstance(t, RowTarget):
+                rows = np.flatnonzero(rows_like(solution, t.observations)[failing])
+                on = np.zeros(len(names), dtype=bool)
+                if isinstance(t, UndetectedShift):
+                    on = matching(names, t.points) & (point.offset >= 0)
+                items.append(RowItems(t, rows, _places(point.offset[on], place)))
+            else:
+                # Points that come with candidates are asked for once they are there.
+                there = [n in design.network.points for n in names]
+                on = matching(names, t.points) & np.array(there, dtype=bool)
+                where = np.flatnonzero(on)
+                horizon = horizons(network, [names[i] for i in where])
+                items.append(PointItems(t, _places(point.offset[where], place), horizon))
+        return cls(Covariances(q, rows_watched, items), known, place, candidates, linear)
+
+    def told(self, n: int, known: Mask) -> Told | None:
+        """Return what a candidate tells beside what is known."""
+        columns = self.linear.rows[n].columns
+        key = n, known[columns].tobytes()
+        if key not in self._told:
+            self._told[key] = told(self.linear.rows[n], self.place, known)
+        return self._told[key]
+
+    def take(self, state: Covariances, known: Mask, n: int) -> Mask:
+        """Add a candidate; return what is known with it."""
+        found = self.told(n, known)
+        assert found is not None
+        state.add(found)
+        out = known.copy()
+        out[self.linear.rows[n].columns] = True
+        return out
+
+    def best(
+        self, state: Covariances, known: Mask, among: Sequence[int], budget: float = np.inf
+    ) -> int | None:
+        """Return the candidate with the largest gain for its cost; none where none gains."""
+        lack = state.lack()
+        best, value = None, 0.0
+        for n in among:
+            if self.costs[n] > budget:
+                continue
+            found = self.told(n, known)
+            if found is None:
+                continue
+            gain = lack - state.lack(state.change(found))
+            # Costs are in any unit: they only say which one of those that gain.
+            if gain > MET and gain / self.costs[n] > value * (1 + 1e-12):
+                best, value = n, gain / self.costs[n]
+        return best
+
+    def greedy(
+        self, taken: Sequence[int], among: Sequence[int], budget: float = np.inf
+    ) -> list[int] | None:
+        """Return what completes some candidates; none where nothing does within a budget."""
+        state, known = self.start.copy(), self.known
+        for n in taken:
+            if self.told(n, known) is None:
+                return None
+            known = self.take(state, known, n)
+        left, out = list(among), []
+        while state.lack() > MET:
+            best = self.best(state, known, left, budget)
+            if best is None:
+                return None
+            n = best
+            known = self.take(state, known, n)
+            budget -= float(self.costs[n])
+            left.remove(n)
+            out.append(n)
+        return out
+
+    def cheapest(self) -> list[int]:
+        """Return candidates that meet the targets, as cheap as found; all that gain if none do."""
+        everything = range(len(self.costs))
+        chosen = self.greedy((), everything)
+        if chosen is None:
+            return self._all_that_gain()
+        while True:
+            better = self._without_superfluous(chosen)
+            better = self._exchanged(better)
+            no_cheaper = sum(self.costs[better]) >= sum(self.costs[chosen]) * (1 - 1e-9)
+            if no_cheaper and len(better) >= len(chosen):
+                return better
+            chosen = better
+
+    def _all_that_gain(self) -> list[int]:
+        state, known = self.start.copy(), self.known
+        left, out = list(range(len(self.costs))), []
+        while (n := self.best(state, known, left)) is not None:
+            known = self.take(state, known, n)
+            left.remove(n)
+            out.append(n)
+        return out
+
+    def _without_superfluous(self, chosen: list[int]) -> list[int]:
+        for n in sorted(chosen, key=lambda i: -self.costs[i]):
+            rest = [i for i in chosen if i != n]
+            if self.greedy(rest, ()) is not None:
+                chosen = rest
+        return chosen
+
+    def _exchanged(self, chosen: list[int]) -> list[int]:
+        """Return a cheaper choice with one or two exchanged, if there is one."""
+        pairs = len(chosen) <= MOST_PAIRS and len(self.costs) <= MOST_FOR_PAIRS
+        for size in (1, 2) if pairs else (1,):
+            for out in combinations(chosen, size):
+                rest = [i for i in chosen if i not in out]
+                others = [i for i in range(len(self.costs)) if i not in chosen]
+                saved = float(self.costs[list(out)].sum()) * (1 - 1e-9)
+                found = self.greedy(rest, others, saved)
+                if found is not None:
+                    return self._without_superfluous([*rest, *found])
+        return chosen
+
+
+def _places(offset: Index, place: Index) -> Index:
+    """Return the places of the coordinates of points, −1 where held, (m, 3)."""
+    columns = np.where(offset[:, None] >= 0, offset[:, None] + np.arange(3), 0)
+    return np.where(offset[:, None] >= 0, place[columns], -1)
+
+
+def _failing_rows(design: Plan, targets: Sequence[Target], watched: Collection[str] = ()) -> Index:
+    """Return the observations that fail a target, and those to be watched."""
+    out = np.zeros(design.solution.n_observations, dtype=bool)
+    for t in targets:
+        if isinstance(t, RowTarget):
+            rows = np.flatnonzero(rows_like(design.solution, t.observations))
+            out[rows[lacking(t, design.figures(t)[1]) > 0]] = True
+    if watched:
+        label = design.solution.equations.label
+        out |= np.array([label(i) in watched for i in range(len(out))], dtype=bool)
+    return np.flatnonzero(out)
+
+
+def _watched_rows(design: Plan, a: object, rows: Index) -> tuple[Array, Array, Array]:
+    """Return A_i, AᵀPe_i and P_ii of observations, (k, n_columns) twice and (k,)."""
+    equations = design.solution.equations
+    n = equations.unknowns.n_columns
+    left, right = np.zeros((len(rows), n)), np.zeros((len(rows), n))
+    weight = np.zeros(len(rows))
+    for j, row in enumerate(rows.tolist()):
+        at, values = whitened_unit(equations, row)
+        part = np.asarray(a[at].todense())  # type: ignore[index]
+        right[j] = values @ part
+        weight[j] = values @ values
+        # A of the observation itself: W⁻¹ of its group's whitened rows.
+        whitener = np.stack([_unit(equations, int(i), at) for i in at], axis=1)
+        left[j] = np.linalg.solve(whitener, part)[at.tolist().index(row)]
+    return left, right, weight
+
+
+def _unit(equations: object, row: int, at: Index) -> Array:
+    """Return the column of a group's whitener that belongs to a row."""
+    where, values = whitened_unit(equations, row)  # type: ignore[arg-type]
+    out = np.zeros(len(at))
+    out[np.searchsorted(at, where)] = values
+    return out
