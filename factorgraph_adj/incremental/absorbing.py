@@ -77,6 +77,8 @@ class Absorbing:
     """Keys of waiting units that the last search left out."""
     _depth: int
     _starting_over: bool
+    _most_split: float
+    """Units that reached no solution together, while they are tried in parts; else infinite."""
 
     def _take_over(self, network: Network) -> None:
         self._book.network = self._engine.network = network
@@ -376,12 +378,17 @@ class Absorbing:
             for verdict in self._absorb(ready, test=policy != "accept").verdicts:
                 told.setdefault(verdict.id, []).append(verdict)
         arrival = _arrival(units, told)
-        for some in self._fewer(found):
-            waits_on = [u for u in some if u.ids[0] in book.pool]
-            for unit in waits_on:
-                book.retries.forget(unit.ids[0])
-            beside = self._absorb(waits_on, test=policy != "accept")
-            arrival = joined(arrival, _entered_beside(beside, given))
+        # Fewer each time, or it would not end; and nothing helps where there was no minimum before.
+        most, self._most_split = self._most_split, len(found)
+        try:
+            for some in self._fewer(found) if before.kept and len(found) < most else ():
+                waits_on = [u for u in some if u.ids[0] in book.pool]
+                for unit in waits_on:
+                    book.retries.forget(unit.ids[0])
+                beside = self._absorb(waits_on, test=policy != "accept")
+                arrival = joined(arrival, _entered_beside(beside, given))
+        finally:
+            self._most_split = most
         return arrival
 
     def _fewer(self, found: Sequence[Unit]) -> list[list[Unit]]:
