@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
 from small_block import CENTRES, FOCAL, box
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli import main
 from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.experiment.el_hakim_1986 import aerial_1986_plan, close_range_1986_plan
 from factorgraph_adj.experiment.industry_block import industry_block_plan
@@ -786,87 +784,3 @@ def test_bad_costs_and_patterns_of_what_may_go_are_told_all_at_once() -> None:
         fga.spare(network, [PointPrecision(2e-3, axes="z")], observations=())
     found = fga.spare(network, PointPrecision(2e-3, axes="z"), observations="p0")
     assert found.ids == ("p0",)
-
-
-# -- commands ----------------------------------------------------------------------------------
-
-POINTS = """name,x,y,z,fixed
-A,0,0,0,xyz
-B,100,0,0,xyz
-P1,40,60,5,
-P2,70,50,8,
-"""
-OBSERVATIONS = """kind,station,target,sigma_mm
-slope_distance,A,P1,1
-slope_distance,B,P1,1
-height_difference,A,P1,1
-slope_distance,A,P2,1
-slope_distance,B,P2,1
-height_difference,B,P2,1
-"""
-WISHES = """
-[[target]]
-kind = "semi_axis"
-at_most = 0.0022
-[[candidate]]
-name = "set-up C"
-cost = 5
-points = [{name = "C", x = 50, y = 120, z = 0}]
-observations = [
-  {kind = "slope_distance", station = "C", target = "A", sigma_mm = 1.0},
-  {kind = "slope_distance", station = "C", target = "B", sigma_mm = 1.0},
-  {kind = "slope_distance", station = "C", target = "P1", sigma_mm = 1.0},
-  {kind = "slope_distance", station = "C", target = "P2", sigma_mm = 1.0},
-  {kind = "height_difference", station = "A", target = "C", sigma_mm = 1.0},
-]
-[files]
-candidates = "more.csv"
-"""
-MORE = """candidate,cost,kind,station,target,sigma_mm
-tape,2,slope_distance,P1,P2,0.5
-level,3,height_difference,B,P1,1
-level,3,height_difference,P1,P2,1
-"""
-
-
-@pytest.fixture
-def dam(tmp_path: Path) -> Path:
-    (tmp_path / "project.toml").write_text(
-        'name = "dam"\n[files]\npoints = "points.csv"\nobservations = "observations.csv"\n'
-    )
-    (tmp_path / "points.csv").write_text(POINTS)
-    (tmp_path / "observations.csv").write_text(OBSERVATIONS)
-    (tmp_path / "wishes.toml").write_text(WISHES)
-    (tmp_path / "more.csv").write_text(MORE)
-    return tmp_path
-
-
-def test_the_command_plans_without_readings(dam: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["plan", str(dam), "--targets", str(dam / "wishes.toml")]) == 1
-    out = capsys.readouterr().out
-    assert "6 observations, 6 unknowns, redundancy 0" in out
-    assert "2 fail" in out
-    assert main(["adjust", str(dam)]) == 2, "an adjustment needs them"
-
-
-def test_the_command_proposes(dam: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code = main(["propose", str(dam), str(dam / "wishes.toml")])
-    out = capsys.readouterr().out
-    assert code == 0, out
-    assert "To be added, cost" in out
-    assert ": met" in out
-
-
-def test_the_command_tells_everything_that_is_wrong_with_a_file(
-    dam: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (dam / "wishes.toml").write_text(
-        '[[target]]\nkind = "beauty"\n[[target]]\nkind = "semi_axis"\nat_mots = 1\n'
-        '[[candidate]]\nname = "x"\nobservations = [{kind = "slope_distance", station = "A"}]\n'
-        '[files]\ncandidates = "more.csv"\n'
-    )
-    (dam / "more.csv").write_text(MORE.replace("level,3,height_difference,P1", "level,4,height,P1"))
-    assert main(["propose", str(dam), str(dam / "wishes.toml")]) == 2
-    err = capsys.readouterr().err
-    for part in ("'beauty'", "'at_mots'", "at_most is missing", "target is missing", "more.csv:4"):
-        assert part in err

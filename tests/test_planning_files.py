@@ -394,3 +394,72 @@ def test_the_gallery_draws_its_pictures_with_a_title(
         assert f"\n{file}: " in capsys.readouterr().out
     if name == "gallery_6_planning":
         assert "up" in axes.get_ylabel()
+
+
+# -- a whole file --------------------------------------------------------------------------------
+
+WISHES = """
+[[target]]
+kind = "semi_axis"
+at_most = 0.0022
+[[candidate]]
+name = "set-up C"
+cost = 5
+points = [{name = "C", x = 50, y = 120, z = 0}]
+observations = [
+  {kind = "slope_distance", station = "C", target = "A", sigma_mm = 1.0},
+  {kind = "slope_distance", station = "C", target = "B", sigma_mm = 1.0},
+  {kind = "slope_distance", station = "C", target = "P1", sigma_mm = 1.0},
+  {kind = "slope_distance", station = "C", target = "P2", sigma_mm = 1.0},
+  {kind = "height_difference", station = "A", target = "C", sigma_mm = 1.0},
+]
+[files]
+candidates = "more.csv"
+"""
+MORE = """candidate,cost,kind,station,target,sigma_mm
+tape,2,slope_distance,P1,P2,0.5
+level,3,height_difference,B,P1,1
+level,3,height_difference,P1,P2,1
+"""
+
+
+@pytest.fixture
+def wished(dam: Path) -> Path:
+    (dam / "wishes.toml").write_text(WISHES)
+    (dam / "more.csv").write_text(MORE)
+    return dam
+
+
+def test_the_command_plans_without_readings(
+    wished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plan", str(wished), "--targets", str(wished / "wishes.toml")]) == 1
+    out = capsys.readouterr().out
+    assert "6 observations, 6 unknowns, redundancy 0" in out
+    assert "2 fail" in out
+    assert main(["adjust", str(wished)]) == 2, "an adjustment needs them"
+
+
+def test_the_command_proposes(wished: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = main(["propose", str(wished), str(wished / "wishes.toml")])
+    out = capsys.readouterr().out
+    assert code == 0, out
+    assert "To be added, cost" in out
+    assert ": met" in out
+
+
+def test_the_command_tells_everything_that_is_wrong_with_a_file(
+    wished: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (wished / "wishes.toml").write_text(
+        '[[target]]\nkind = "beauty"\n[[target]]\nkind = "semi_axis"\nat_mots = 1\n'
+        '[[candidate]]\nname = "x"\nobservations = [{kind = "slope_distance", station = "A"}]\n'
+        '[files]\ncandidates = "more.csv"\n'
+    )
+    (wished / "more.csv").write_text(
+        MORE.replace("level,3,height_difference,P1", "level,4,height,P1")
+    )
+    assert main(["propose", str(wished), str(wished / "wishes.toml")]) == 2
+    err = capsys.readouterr().err
+    for part in ("'beauty'", "'at_mots'", "at_most is missing", "target is missing", "more.csv:4"):
+        assert part in err
