@@ -15,6 +15,7 @@ from typing import Any
 from ..errors import AdjustmentError
 from ..models.registry import VariableKind
 from ..network import Network
+from ..observations import ImagePoint
 from ..quality.solution import Solution
 from ..solve.batch import adjust
 from . import records
@@ -25,7 +26,7 @@ from .journal import Journal
 from .judging import Decision, decide, verdicts, waiting
 from .local import known_network
 from .retries import around
-from .taking_out import what_loosens
+from .taking_out import touching, what_loosens
 from .trial import Trial, parts
 from .units import Unit, Variable, pending
 from .verdicts import Outcome, Policy, Verdict
@@ -39,6 +40,7 @@ OPEN = (
     "it fixes a motion that the datum of the free network left open, and other parts of the "
     "network need such observations too"
 )
+PARALLEL = "its rays are parallel by now: there is no minimum at a finite distance"
 CONTRADICT = "its observations contradict each other, and nothing tells yet which of them is wrong"
 
 
@@ -190,10 +192,17 @@ class Absorbing:
                 kept = engine.kept
                 engine.keep(trial, decision.left_out)
                 engine.keep_the_promise()
+                if kept:
+                    decision.apart = self._let_go(units)
+                    arrival = _apart(arrival, decision.apart)
+                    engine = self._engine
                 if kept and not engine.kept and decision.stay and policy != "accept":
                     arrival = self._leave_out_again(decision.stay, arrival, policy)
             if entry is not None:
-                self._record(entry | records.outcome(book.network, units, arrival.verdicts))
+                line = records.outcome(book.network, units, arrival.verdicts)
+                if arrival.waits:
+                    line["waiting"] = [*line.get("waiting", ()), *arrival.waits]
+                self._record(entry | line)
         except BaseException:
             self._undo(units)
             raise
@@ -247,7 +256,7 @@ class Absorbing:
             return self._wait_on(units, ready, found, lacks, policy, saved[1])
         decision, told = reached
         late = self._late(units, {u.ids[0] for u in entering}, lacks, told)
-        arrival = _arrival(units, told)
+        arrival = _apart(_arrival(units, told), decision.apart)
         self._leave_out(decision, arrival, policy)
         book.wait(late)
         # What was left alone may be determined beside it.
@@ -333,7 +342,9 @@ class Absorbing:
                 decision.join(of_part)
                 told |= now
             if decision.leaving and len(several) > 1:
-                return None  # who depends on them is not known; fewer at a time will tell
+                # Who depends on them is not known; fewer at a time will tell.
+                self._bring_back(whole.apart, entering)
+                return None
             gone = [*decision.left_out, *decision.back]
             for unit in gone:
                 book.remove(unit)
@@ -344,11 +355,70 @@ class Absorbing:
             whole.left_out += decision.left_out
             whole.back += decision.back
             engine.keep_the_promise()
+            if before.kept:
+                whole.apart += self._let_go(entering)
+                engine = self._engine
             if not engine.kept and len(entering) > 0 and _new_variables(entering, engine, before):
+                self._bring_back(whole.apart, entering)
                 return None
+            waits = {u.ids[0] for u in whole.apart}
+            whole.stay = [u for u in whole.stay if u.ids[0] not in waits]
             if not gone:
                 break
         return whole, told
+
+    def _let_go(self, because: Sequence[Unit]) -> list[Unit]:
+        """Let points wait again whose rays run parallel, so that everything else has its minimum.
+
+        Two rays on a short base meet somewhere until the photos turn by a little more. Other
+        observations give a point a place, wherever a wild reading takes the network.
+
+        Args:
+            because: units that have just arrived.
+
+        Returns:
+            The units of those points; none where that does not help: nothing has changed then.
+        """
+        book, engine = self._book, self._engine
+        if engine.kept or engine.loose is None:
+            return []
+        saved = engine.copy()
+        gone: list[Unit] = []
+        points: set[Variable] = set()
+        while not engine.kept and engine.loose is not None:
+            units: dict[Unit, None] = {}
+            lost: list[Variable] = []
+            for kind, name in engine.loose:
+                if kind == "point" and engine.register.known("point", name):
+                    number = engine.register["point"].number[name]
+                    own = dict.fromkeys(book.unit(i) for i in touching(engine, {("point", number)}))
+                    if all(isinstance(u.item, ImagePoint) for u in own):
+                        lost.append(("point", name))
+                        units |= own
+            if not lost:
+                break
+            for unit in units:
+                book.remove(unit)
+            gone += units
+            points.update(lost)
+            engine.go_on_without(lost)
+        if not engine.kept:
+            for unit in gone:
+                book.enter(unit)
+            self._engine = saved
+            saved.network = book.network
+            return []
+        book.lacks.update(dict.fromkeys(points, PARALLEL))
+        book.wait(gone)
+        book.retries.let_go(gone, self._arrived(), because)
+        return gone
+
+    def _bring_back(self, apart: Sequence[Unit], entering: Sequence[Unit]) -> None:
+        """Put units back into the network that had to leave it for others, which do not stay."""
+        new = {u.ids[0] for u in entering}
+        for unit in apart:
+            if unit.ids[0] not in new:
+                self._book.enter(unit)
 
     def _wait_on(
         self,
@@ -488,6 +558,7 @@ class Absorbing:
         self._solution = None
         gone = set(wanted)
         left_over = book.forget(gone)
+        left_over += [book.pool[k] for k in book.retries.freed(gone)]
         weights = [i for i in wanted if not book.in_graph(i) and i in engine.store.places]
         units = list(dict.fromkeys(book.unit(i) for i in wanted if book.in_graph(i)))
         if weights:
@@ -508,7 +579,9 @@ class Absorbing:
         kept = engine.kept
         engine.drop(loosened.ids, loosened.variables)
         engine.keep_the_promise()
-        if kept and not engine.kept and engine.loose:
+        apart = self._let_go(()) if kept else []
+        engine = self._engine
+        if kept and not engine.kept and engine.loose is not None:
             return self._anew((), [*left_over, *again])
         book.wait(again)
         left_over += again
@@ -517,7 +590,8 @@ class Absorbing:
             book.retries.clear()
         waited = book.pool.keys() - {u.ids[0] for u in again}
         found = self._absorb(left_over, test=False) if left_over else Arrival()
-        return tuple(v.id for v in found.verdicts if v.verdict == "waiting" and v.id not in waited)
+        waits = [v.id for v in found.verdicts if v.verdict == "waiting" and v.id not in waited]
+        return (*waits, *found.waits, *(i for u in apart for i in u.ids))
 
     def _anew(self, units: Sequence[Unit], left_over: Sequence[Unit]) -> tuple[str, ...]:
         """Take units out, and find out again what of the network is determined."""
@@ -622,11 +696,24 @@ def _rest(book: Book, unit: Unit, gone: set[str]) -> Unit | None:
 def _entered_beside(arrival: Arrival, given: set[str]) -> Arrival:
     """Return the verdicts on what waited and does so no more, and on what was given."""
     told = (v for v in arrival.verdicts if v.id in given or v.verdict != "waiting")
-    return Arrival(tuple(v if v.id in given else replace(v, entered=True) for v in told))
+    verdicts_ = tuple(v if v.id in given else replace(v, entered=True) for v in told)
+    return replace(arrival, verdicts=verdicts_)
+
+
+def _apart(arrival: Arrival, units: Sequence[Unit]) -> Arrival:
+    """Return an arrival some of whose units wait after all, and some that were there before."""
+    told = {v.id: v for u in units for v in waiting(u, PARALLEL)}
+    given = {v.id for v in arrival.verdicts}
+    return Arrival(
+        tuple(told.get(v.id, v) for v in arrival.verdicts),
+        (*arrival.waits, *(i for i in told if i not in given)),
+    )
 
 
 def joined(a: Arrival, b: Arrival) -> Arrival:
     """Return both arrivals; what entered in the second is not waiting any more."""
     later = {v.id: v for v in b.verdicts}
     first = [later.pop(v.id, v) for v in a.verdicts]
-    return Arrival((*first, *later.values()))
+    inside = {v.id for v in b.verdicts if v.verdict != "waiting"}
+    waits = dict.fromkeys((*(i for i in a.waits if i not in inside), *b.waits))
+    return Arrival((*first, *later.values()), tuple(waits))

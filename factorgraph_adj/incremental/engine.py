@@ -8,7 +8,7 @@ deviation. `Engine.keep_the_promise` linearises anew what does not hold any more
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 
 import gtsam
@@ -27,7 +27,7 @@ from .local import filtered, starting_state
 from .network_graph import Graph, slots_of
 from .rows import Piece, Rows
 from .trial import Placed
-from .units import Unit, components
+from .units import Unit, Variable, components
 from .view import onto_datum, start_at
 
 AT_REST = 1e-7
@@ -61,6 +61,9 @@ CORRELATED = 5.0
 """√(gᵀQg) relative to that of unknowns without correlation, where Q is not at hand."""
 AGED = 0.05
 """√Σρ² from which on variances are worked out anew before they are needed,"""
+MOST_WHOLE = 2
+"""Rounds that linearise everything anew, where there are many unknowns, before the batch adjustment
+takes over: its iterations build no tree."""
 FEW = 300
 """and unknowns up to which they are at once: that takes no time."""
 MANY = 200
@@ -124,18 +127,29 @@ class Engine(Graph):
                 self._adjust(start.network, begin, iterations)
             except AdjustmentError as error:
                 self.doubt = f"no step leads to a minimum: {error}"
-                self.loose = isinstance(error, DatumError)
+                # Not the error itself: its traceback would keep everything alive.
+                self.loose = tuple(error.unknowns) if isinstance(error, DatumError) else None
             else:
-                self.loose = False
+                self.loose = None
                 if self.kept:
                     return
         self.kept = self.settled = False
         with suppress(AdjustmentError, RuntimeError, np.linalg.LinAlgError):
             self.load(equations, state, given, constraint)
 
+    def go_on_without(self, variables: Iterable[Variable]) -> None:
+        """Let the batch adjustment find the minimum where some variables are left out.
+
+        Args:
+            variables: their observations have been taken out of `network`.
+        """
+        self.register.leave([(k, self.register[k].number[name]) for k, name in variables])
+        self._adjust_or_stay(*self.whole(), MOST_ITERATIONS, anew=False)
+
     def _relinearise(self) -> bool:
         """Linearise anew what no longer holds; return whether the promise is kept."""
         last = np.inf
+        whole = 0
         if self.recent is not None and self.recent.holds(self.register, *self._bounds()):
             self.settled = False
             return True
@@ -163,6 +177,9 @@ class Engine(Graph):
             rough = total > 1.0 or sum(float(t @ t) for t in turned) > AGED**2
             self.aged = self.aged or rough
             if piece is None or round_ >= MOST_PARTS:
+                whole += 1
+                if whole > MOST_WHOLE and self.register.n_places >= FEW:
+                    return False
                 self.relinearise_all()
                 if self.register.n_places < FEW:
                     self._renew_variances()

@@ -37,6 +37,8 @@ class Decision:
     """Those units."""
     back: list[Unit] = field(default_factory=list)
     """Units that contradict each other: the next ones may tell which is wrong."""
+    apart: list[Unit] = field(default_factory=list)
+    """Units, of the trial or not, that had to wait again so that the others could enter."""
     leaving: list[tuple[VariableKind, int]] = field(default_factory=list)
     """Variables that they alone determined."""
 

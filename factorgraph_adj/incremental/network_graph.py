@@ -88,8 +88,8 @@ class Graph:
         self.settled = True
         self.doubt = ""
         """Why estimates are not within ``accuracy`` of the minimum."""
-        self.loose = False
-        """Whether it is that some are not determined."""
+        self.loose: tuple[tuple[str, str], ...] | None = None
+        """What is not determined, where that is why."""
         self.fewer = False
         """Whether something was taken out since a minimum was looked for."""
         self.clear()
@@ -648,6 +648,8 @@ class Graph:
         for h in self.held:
             name = self.register[h.kind].names[h.number]
             table = equations.unknowns[h.kind]
+            if name not in table.number:  # it has been left out
+                continue
             out[int(table.offset[table.number[name]]) + h.component] = h.weight**2
         return out
 

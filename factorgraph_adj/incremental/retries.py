@@ -31,22 +31,27 @@ class Retries:
         self.weak: dict[str, int] = {}
         """Rows that had arrived when no solution was reached with a unit: with all that there
         was, it is looked at when the others have changed."""
+        self.because: dict[str, frozenset[str]] = {}
+        """Ids of what arrived when a weak unit was let go."""
 
     def copy(self) -> Retries:
         """Return a copy."""
         out = Retries()
         out.rows, out.weak = self.rows.copy(), self.weak.copy()
+        out.because = self.because.copy()
         return out
 
     def forget(self, key: str) -> None:
         """Forget a unit that does not wait any more, or has to be looked at in any case."""
         self.rows.pop(key, None)
         self.weak.pop(key, None)
+        self.because.pop(key, None)
 
     def clear(self) -> None:
         """Have everything looked at."""
         self.rows.clear()
         self.weak.clear()
+        self.because.clear()
 
     def note(self, units: Sequence[Unit]) -> None:
         """Note that units were looked at, together and in vain."""
@@ -61,6 +66,19 @@ class Retries:
     def fail(self, units: Iterable[Unit], arrived: int) -> None:
         """Note that no solution was reached with units, and how many rows there were then."""
         self.weak.update(dict.fromkeys((u.ids[0] for u in units), arrived))
+
+    def let_go(self, units: Iterable[Unit], arrived: int, because: Iterable[Unit]) -> None:
+        """Note units that had to leave when others arrived, as weak until those are gone."""
+        keys = [u.ids[0] for u in units]
+        self.weak.update(dict.fromkeys(keys, arrived))
+        self.because.update(dict.fromkeys(keys, frozenset(i for u in because for i in u.ids)))
+
+    def freed(self, gone: set[str]) -> list[str]:
+        """Return the keys of units that left because of what is gone, and take them for others."""
+        out = [k for k, of in self.because.items() if not gone.isdisjoint(of)]
+        for key in out:
+            self.forget(key)
+        return out
 
     def due(self, arrived: int) -> list[str]:
         """Return the keys of the weak ones to be looked at again, and take them for others."""

@@ -7,7 +7,7 @@ it moves wait again, and with them every observation of theirs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +63,7 @@ def what_loosens(
         if moved <= variables:
             break
         variables |= moved
-        for ident in _touching(engine, moved):
+        for ident in touching(engine, moved):
             unit = unit_of(ident)
             for i in (ident,) if unit is None else unit.ids:
                 going[i] = unit
@@ -81,7 +81,7 @@ def _moved(engine: Engine, x: Array) -> set[tuple[VariableKind, int]]:
     return out
 
 
-def _touching(engine: Engine, variables: set[tuple[VariableKind, int]]) -> list[str]:
+def touching(engine: Engine, variables: Collection[tuple[VariableKind, int]]) -> list[str]:
     """Return the ids of all rows that touch variables."""
     wanted: dict[VariableKind, list[int]] = {}
     for kind, number in variables:

@@ -22,6 +22,7 @@ from ..network import DatumChoice, Network
 from ..quality.solution import Solution
 from ..types import Array, Mask
 from .datum import Defect, FreeDatum, find_defects, minimal_datum
+from .extrapolation import Extrapolation
 from .free_network import carry, datum_columns
 from .inner import follow
 from .linear import ExtraRows
@@ -242,6 +243,7 @@ def _iterate(
     vtpv = np.inf
     bound = last = np.inf
     slow = 0
+    beyond = Extrapolation()
     for iteration in range(1, max_iterations + 1):
         normal = run.normal_at(run.state)
         vtpv = normal.system.vtpv
@@ -269,6 +271,10 @@ def _iterate(
                 no_worse = after <= vtpv + 1e-6 * (1.0 + vtpv)
                 small = damping == 0.0 and (still or (left < tolerance and no_worse))
                 if moved is not None and (small or gain > WORTHWHILE):
+                    if damping == 0.0 and bound < STILL:
+                        moved, after = _further(run, beyond, normal, step, moved, after)
+                    else:
+                        beyond.clear()
                     break
             damping = resume if damping == 0.0 else damping * growth
             growth *= 2.0
@@ -291,14 +297,33 @@ def _iterate(
         if slow >= 5:
             if (left := _undamped(run, run.normal_at(run.state))) < tolerance:
                 return iteration, True, _at_rest(left, tolerance), after
-            if run.equations.unknowns.n_columns <= SMALL_ENOUGH_TO_EXPLAIN:
-                _explain(run, run.normal_at(run.state))
-            return iteration, False, _drifting(run, bound), after
+            _explain(run, run.normal_at(run.state))
+            return iteration, False, _drifting(bound), after
         damping *= max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
         if damping < LEAST_DAMPING:
             damping, resume = 0.0, LEAST_DAMPING
     reason = f"not at rest after {max_iterations} iterations: the last step was {bound:.2g} σ"
     return max_iterations, False, reason, vtpv
+
+
+def _further(
+    run: _Run,
+    beyond: Extrapolation,
+    normal: NormalEquations,
+    step: Array,
+    moved: State,
+    after: float,
+) -> tuple[State, float]:
+    """Return the state beyond a step and its vᵀPv, where that is better than after the step."""
+    movement = beyond.beyond(step, lambda dx: normal.system.times(dx[:, None])[:, 0])
+    if movement is not None:
+        further = _before_the_cameras(run, run.equations.unknowns.retract(run.state, movement))
+        there = np.inf if further is None else run.vtpv(further)
+        if further is not None and there < after:
+            beyond.moved(movement)
+            return further, there
+    beyond.moved(step)
+    return moved, after
 
 
 def _undamped(run: _Run, normal: NormalEquations) -> float:
@@ -307,7 +332,7 @@ def _undamped(run: _Run, normal: NormalEquations) -> float:
     return np.inf if found is None else found[2]
 
 
-def _drifting(run: _Run, bound: float) -> str:
+def _drifting(bound: float) -> str:
     return (
         f"vᵀPv hardly decreases any more, yet unknowns still move (by up to {bound:.2g} σ): "
         "some of them are nearly undetermined"

@@ -1,0 +1,64 @@
+"""Steps beyond Gauss-Newton's where these converge slowly: Anderson's extrapolation.
+
+Where residuals bend along something that is hardly determined (two photos on a short base), every
+Gauss-Newton step leaves the same share ρ of the way, and 1e-7 of ρ = 0.85 takes a hundred steps.
+The last few steps tell that share for each direction in which the iteration is slow.
+
+With steps fₖ, and dₖ what unknowns moved by after fₖ, the next movement is
+
+    dₖ = fₖ − Σ γᵢ (dᵢ + fᵢ₊₁ − fᵢ),    γ = argmin ‖fₖ − Σ γᵢ (fᵢ₊₁ − fᵢ)‖²_N
+
+(Anderson 1965; Walker & Ni 2011, eq. 2.1 and 2.2), in the metric of the normal equations, which
+does not depend on units: ‖f‖²_N = |A f|².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..types import Array
+
+MEMORY = 6
+"""Differences of steps that are kept."""
+RCOND = 1e-8
+"""Singular values of their matrix, relative, below which they tell nothing new."""
+
+
+class Extrapolation:
+    """The last undamped steps of an adjustment, and where they lead together."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all steps: what follows is not one of the same iteration."""
+        self._step: Array | None = None
+        self._rows: Array = np.zeros(0)
+        self._moves: list[Array] = []
+        self._bends: list[Array] = []
+
+    def beyond(self, step: Array, rows: Callable[[Array], Array]) -> Array | None:
+        """Return the extrapolated movement; none where nothing is known yet.
+
+        Args:
+            step: of Gauss-Newton at the present state, (n_columns,).
+            rows: A times a vector, whitened, (n_rows,).
+        """
+        now = rows(step)
+        if self._step is not None:
+            # moved() has put what followed the last step at the end of the list.
+            self._moves[-1] = self._moves[-1] + step - self._step
+            self._bends.append(now - self._rows)
+            del self._moves[:-MEMORY], self._bends[:-MEMORY]
+        self._step, self._rows = step, now
+        if not self._bends:
+            return None
+        share, *_ = np.linalg.lstsq(np.stack(self._bends, axis=1), now, rcond=RCOND)
+        return step - np.stack(self._moves, axis=1) @ share
+
+    def moved(self, movement: Array) -> None:
+        """Note what the unknowns were moved by after the last step, (n_columns,)."""
+        if self._step is not None:
+            self._moves.append(movement)
