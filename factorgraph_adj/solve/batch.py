@@ -45,7 +45,9 @@ MOST_DAMPING = 1e12
 SMALL_ENOUGH_TO_EXPLAIN = 5000
 """Columns up to which a vanished pivot is explained at once, not at the end of the iteration."""
 SLOW = 1e-6
-"""Relative decrease of vᵀPv of a step, below which several in a row lead nowhere."""
+"""Relative decrease of vᵀPv of a step, below which many in a row lead nowhere."""
+PATIENCE = 20
+"""Such steps in a row after which the iteration ends."""
 DOUBTFUL = 0.25
 """Part of the predicted decrease below which points follow a step of the cameras on their own."""
 FAST = 0.1
@@ -62,6 +64,12 @@ OFF_DATUM = "not at rest on the inner constraints of the free network"
 """Why a free network at its minimum is not at rest."""
 STILL = 1.0
 """Step relative to σ above which nothing is at rest, whether vᵀPv can tell or not."""
+ROUNDING = 1e-12
+"""Decrease relative to vᵀPv that it cannot tell any more; steps still do, by getting smaller."""
+IN_VAIN = 10
+"""Of them in a row that do not: rounding is all that is left of them."""
+NEAR = 1e-4
+"""Step relative to σ below which the next one is tried without damping."""
 MOST_WEIGHINGS = 4
 """Times that weights are worked out; they depend on lengths, and hardly on the unknowns."""
 
@@ -244,6 +252,7 @@ def _iterate(
     bound = last = np.inf
     slow = 0
     beyond = Extrapolation()
+    rest = _Rest()
     for iteration in range(1, max_iterations + 1):
         normal = run.normal_at(run.state)
         vtpv = normal.system.vtpv
@@ -263,7 +272,7 @@ def _iterate(
                 step, decrease, bound = found
                 moved, after = _moved(run, step, bound, vtpv - DOUBTFUL * decrease)
                 gain = (vtpv - after) / decrease if decrease > 0 else 0.0
-                still = decrease < 1e-12 * max(vtpv, 1e-12) and after <= vtpv * (1 + 1e-9)
+                still = _cannot_tell(decrease, vtpv) and after <= vtpv * (1 + 1e-9)
                 still = still and bound < STILL
                 # What is left after this step, by the rate of convergence so far.
                 fast = np.isfinite(last) and bound < FAST * last and bound < CLOSE
@@ -271,37 +280,42 @@ def _iterate(
                 no_worse = after <= vtpv + 1e-6 * (1.0 + vtpv)
                 small = damping == 0.0 and (still or (left < tolerance and no_worse))
                 if moved is not None and (small or gain > WORTHWHILE):
-                    if damping == 0.0 and bound < STILL:
-                        moved, after = _further(run, beyond, normal, step, moved, after)
-                    else:
-                        beyond.clear()
                     break
             damping = resume if damping == 0.0 else damping * growth
             growth *= 2.0
             if damping > MOST_DAMPING:
                 # No step can be told from rounding: at rest, if the undamped one is small.
-                if (left := _undamped(run, normal)) < tolerance:
+                left = _undamped(run, normal)
+                if left < tolerance or _cannot_tell(left * left, vtpv):
                     return iteration, True, _at_rest(left, tolerance), vtpv
                 _explain(run, normal)
                 reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
                 return iteration, False, reason, vtpv
+        if bound < STILL:
+            moved, after = _further(run, beyond, normal, step, moved, after, blind=small)
+        else:
+            beyond.clear()
         run.state = moved
         if progress is not None:
             progress(iteration, after, bound)
-        if small:
+        if small and left < tolerance:
             return iteration, True, _at_rest(left, tolerance), after
+        if small and (at_last := rest.of(bound, moved)) is not None:
+            left, run.state = at_last
+            return iteration, True, _at_rest(left, tolerance), run.vtpv(run.state)
         slow = slow + 1 if vtpv - after < SLOW * vtpv and bound > SHRINKING * last else 0
         last = bound
         vtpv = after
         growth = 2.0
-        if slow >= 5:
-            if (left := _undamped(run, run.normal_at(run.state))) < tolerance:
+        if slow >= PATIENCE:
+            left = _undamped(run, run.normal_at(run.state))
+            if left < tolerance or _cannot_tell(left * left, after):
                 return iteration, True, _at_rest(left, tolerance), after
             _explain(run, run.normal_at(run.state))
             return iteration, False, _drifting(bound), after
         damping *= max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
-        if damping < LEAST_DAMPING:
-            damping, resume = 0.0, LEAST_DAMPING
+        if damping < LEAST_DAMPING or bound < NEAR:
+            damping, resume = 0.0, max(damping, LEAST_DAMPING)
     reason = f"not at rest after {max_iterations} iterations: the last step was {bound:.2g} σ"
     return max_iterations, False, reason, vtpv
 
@@ -313,17 +327,51 @@ def _further(
     step: Array,
     moved: State,
     after: float,
+    *,
+    blind: bool,
 ) -> tuple[State, float]:
-    """Return the state beyond a step and its vᵀPv, where that is better than after the step."""
+    """Return the state beyond a step and its vᵀPv, where that is better than after the step.
+
+    Args:
+        run: the adjustment.
+        beyond: its last steps.
+        normal: at the state before the step.
+        step: the step.
+        moved: the state after it.
+        after: vᵀPv there.
+        blind: vᵀPv cannot tell which is better.
+    """
     movement = beyond.beyond(step, lambda dx: normal.system.times(dx[:, None])[:, 0])
     if movement is not None:
         further = _before_the_cameras(run, run.equations.unknowns.retract(run.state, movement))
         there = np.inf if further is None else run.vtpv(further)
-        if further is not None and there < after:
+        if further is not None and (there < after or (blind and np.isfinite(there))):
             beyond.moved(movement)
             return further, there
     beyond.moved(step)
     return moved, after
+
+
+def _cannot_tell(decrease: float, vtpv: float) -> bool:
+    return decrease < ROUNDING * max(vtpv, ROUNDING)
+
+
+class _Rest:
+    """The smallest steps where vᵀPv cannot tell any more: they are taken while they shrink."""
+
+    def __init__(self) -> None:
+        self._best: tuple[float, State] | None = None
+        self._in_vain = 0
+
+    def of(self, bound: float, moved: State) -> tuple[float, State] | None:
+        """Return the smallest step and the state after it, once steps do not shrink any more."""
+        if self._best is None or bound < SHRINKING * self._best[0]:
+            self._in_vain = 0
+        else:
+            self._in_vain += 1
+        if self._best is None or bound < self._best[0]:
+            self._best = bound, moved
+        return self._best if self._in_vain >= IN_VAIN else None
 
 
 def _undamped(run: _Run, normal: NormalEquations) -> float:

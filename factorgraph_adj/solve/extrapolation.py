@@ -27,7 +27,7 @@ RCOND = 1e-8
 
 
 class Extrapolation:
-    """The last undamped steps of an adjustment, and where they lead together."""
+    """The last steps of an adjustment, and where they lead together."""
 
     def __init__(self) -> None:
         self.clear()
