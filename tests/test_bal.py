@@ -88,7 +88,9 @@ def test_ladybug_reaches_the_published_cost_or_less_from_its_poor_start(folder: 
     solution = adjust(read_bal(folder / LADYBUG))
     assert solution.vtpv / 2 < 1.33084e4 + 0.05
     assert solution.datum_defect == 7
-    assert solution.converged or "nearly undetermined" in solution.reason
+    assert solution.converged or "nearly undetermined: point '70" in solution.reason
+    assert not solution.converged or not solution.drifting
+    assert {kind for kind, _ in solution.drifting} <= {"point"}
 
 
 # -- the format -----------------------------------------------------------------------------------

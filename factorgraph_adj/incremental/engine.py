@@ -124,13 +124,13 @@ class Engine(Graph):
         start = start_at(equations, state, given)
         for begin in (start, None) if anew else (start,):
             try:
-                self._adjust(start.network, begin, iterations)
+                found = self._adjust(start.network, begin, iterations)
             except AdjustmentError as error:
                 self.doubt = f"no step leads to a minimum: {error}"
                 # Not the error itself: its traceback would keep everything alive.
                 self.loose = tuple(error.unknowns) if isinstance(error, DatumError) else None
             else:
-                self.loose = None
+                self.loose = found.drifting or None
                 if self.kept:
                     return
         self.kept = self.settled = False
@@ -339,12 +339,13 @@ class Engine(Graph):
 
     def _adjust(
         self, network: Network, start: Solution | None, iterations: int = MOST_ITERATIONS
-    ) -> None:
+    ) -> Solution:
         solution = adjust(
             network, datum=self.datum, start=start, tolerance=AT_REST, max_iterations=iterations
         )
         self.hold(solution)
         self.settled = solution.converged
+        return solution
 
     def hold(self, solution: Solution, doubt: str = "") -> None:
         """Make everything anew from a batch adjustment.

@@ -32,7 +32,7 @@ class Retries:
         """Rows that had arrived when no solution was reached with a unit: with all that there
         was, it is looked at when the others have changed."""
         self.because: dict[str, frozenset[str]] = {}
-        """Ids of what arrived when a weak unit was let go."""
+        """Ids of what arrived when a unit that waits was let go."""
 
     def copy(self) -> Retries:
         """Return a copy."""
@@ -84,7 +84,8 @@ class Retries:
         """Return the keys of the weak ones to be looked at again, and take them for others."""
         out = [k for k, then in self.weak.items() if arrived > GROWN * then + MORE]
         for key in out:
-            self.forget(key)
+            self.rows.pop(key, None)
+            del self.weak[key]
         return out
 
     def worthwhile(self, component: Sequence[Unit], waited: Container[str]) -> bool:

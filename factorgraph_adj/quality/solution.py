@@ -218,6 +218,8 @@ class Solution:
     """Makes them at any other state."""
     constraint: Array = field(repr=False)
     """What a free network adds to their diagonal, (n_columns,)."""
+    drifting: tuple[tuple[str, str], ...] = ()
+    """Kind and name of unknowns that no observation held where an iteration in vain ended."""
     reference: ReferenceDatum | None = None
     """Datum points that covariances refer to instead of a given datum, see `s_transform`."""
 

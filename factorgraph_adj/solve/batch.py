@@ -27,7 +27,7 @@ from .free_network import carry, datum_columns
 from .inner import follow
 from .linear import ExtraRows
 from .normal import NormalEquations, Solver
-from .rank import describe_defects, undetermined
+from .rank import LISTED, NOUN, describe_defects, undetermined
 from .tree import SingularError
 
 if TYPE_CHECKING:
@@ -87,6 +87,7 @@ class _Run:
     datum: FreeDatum | None = None
     defects: tuple[Defect, ...] = ()
     at_solution: NormalEquations | None = None
+    drifting: tuple[tuple[str, str], ...] = ()
 
     @property
     def equations(self) -> Equations:
@@ -204,6 +205,7 @@ def adjust(
         start=run.start,
         converged=converged,
         reason=reason,
+        drifting=run.drifting,
         iterations=iterations,
         vtpv=vtpv,
         datum=run.datum,
@@ -272,8 +274,7 @@ def _iterate(
                 step, decrease, bound = found
                 moved, after = _moved(run, step, bound, vtpv - DOUBTFUL * decrease)
                 gain = (vtpv - after) / decrease if decrease > 0 else 0.0
-                still = _cannot_tell(decrease, vtpv) and after <= vtpv * (1 + 1e-9)
-                still = still and bound < STILL
+                still = _cannot_tell(bound, decrease, vtpv) and after <= vtpv * (1 + 1e-9)
                 # What is left after this step, by the rate of convergence so far.
                 fast = np.isfinite(last) and bound < FAST * last and bound < CLOSE
                 left = bound * bound / last if fast else bound
@@ -286,7 +287,7 @@ def _iterate(
             if damping > MOST_DAMPING:
                 # No step can be told from rounding: at rest, if the undamped one is small.
                 left = _undamped(run, normal)
-                if left < tolerance or _cannot_tell(left * left, vtpv):
+                if left < tolerance or _cannot_tell(left, left * left, vtpv):
                     return iteration, True, _at_rest(left, tolerance), vtpv
                 _explain(run, normal)
                 reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
@@ -309,10 +310,14 @@ def _iterate(
         growth = 2.0
         if slow >= PATIENCE:
             left = _undamped(run, run.normal_at(run.state))
-            if left < tolerance or _cannot_tell(left * left, after):
+            if left < tolerance or _cannot_tell(left, left * left, after):
                 return iteration, True, _at_rest(left, tolerance), after
-            _explain(run, run.normal_at(run.state))
-            return iteration, False, _drifting(bound), after
+            error = _undetermined(run, run.normal_at(run.state))
+            if error is not None:
+                if run.equations.unknowns.n_columns <= SMALL_ENOUGH_TO_EXPLAIN:
+                    raise error
+                run.drifting = error.unknowns
+            return iteration, False, _drifting(run, bound), after
         damping *= max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
         if damping < LEAST_DAMPING or bound < NEAR:
             damping, resume = 0.0, max(damping, LEAST_DAMPING)
@@ -352,8 +357,9 @@ def _further(
     return moved, after
 
 
-def _cannot_tell(decrease: float, vtpv: float) -> bool:
-    return decrease < ROUNDING * max(vtpv, ROUNDING)
+def _cannot_tell(bound: float, decrease: float, vtpv: float) -> bool:
+    """Return whether a step and its decrease are too small to be seen in vᵀPv."""
+    return decrease < ROUNDING * max(vtpv, ROUNDING) and bound < STILL
 
 
 class _Rest:
@@ -380,10 +386,13 @@ def _undamped(run: _Run, normal: NormalEquations) -> float:
     return np.inf if found is None else found[2]
 
 
-def _drifting(bound: float) -> str:
+def _drifting(run: _Run, bound: float) -> str:
+    names = [f"{NOUN[kind]} {name!r}" for kind, name in run.drifting]
+    listed = ": " + ", ".join(names[:LISTED]) if names else ""
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
     return (
         f"vᵀPv hardly decreases any more, yet unknowns still move (by up to {bound:.2g} σ): "
-        "some of them are nearly undetermined"
+        f"some of them are nearly undetermined{listed}{more}"
     )
 
 
@@ -484,15 +493,20 @@ def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> bool:
 
 def _explain(run: _Run, normal: NormalEquations) -> None:
     """Raise what is not determined, by name."""
+    error = _undetermined(run, normal)
+    if error is not None:
+        raise error from None
+
+
+def _undetermined(run: _Run, normal: NormalEquations) -> DatumError | None:
+    """Return an error that names what is not determined, or none."""
     free = run.datum is not None
     defects = (
         run.defects
         if free
         else find_defects(normal.system, run.state, normal.diagonal, free=run.free)
     )
-    error = undetermined(normal.system, normal.diagonal, defects, free=free)
-    if error is not None:
-        raise error from None
+    return undetermined(normal.system, normal.diagonal, defects, free=free)
 
 
 def _name_overflow(run: _Run) -> None:
