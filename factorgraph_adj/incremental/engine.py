@@ -44,7 +44,7 @@ MOST_PARTS = 5
 """Rounds of that in which only what does not hold is linearised anew."""
 MOST_STEPS = 15
 """Steps of `Engine.settle` before the batch adjustment takes over."""
-MOST_ITERATIONS = 300
+MOST_ITERATIONS = 200
 """Of the batch adjustment that takes over."""
 FEW_ITERATIONS = 20
 """Of one where there was no minimum before, and nothing was taken out since."""
