@@ -1,0 +1,74 @@
+"""Where Gauss-Newton leaves the same share of the way at each step: extrapolation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.experiment.simulate import measure
+from factorgraph_adj.models.lens import BrownLens
+from factorgraph_adj.observations import ImagePoint
+from factorgraph_adj.solve.extrapolation import Extrapolation
+
+
+def test_a_linear_iteration_with_few_slow_directions_ends_at_once() -> None:
+    """f(x) = (M − I)(x − x*): with k shares besides 0 the movement k + 1 steps later ends at x*."""
+    rng = np.random.default_rng(4)
+    q, _ = np.linalg.qr(rng.standard_normal((8, 8)))
+    m = q @ np.diag([0.97, 0.9, -0.8, 0, 0, 0, 0, 0]) @ q.T
+    target, x = rng.standard_normal(8), rng.standard_normal(8)
+    a = np.diag([1.0, 10.0, 100.0, 1.0, 2.0, 3.0, 4.0, 5.0])
+    beyond = Extrapolation()
+    for _ in range(6):
+        step = m @ (x - target) - (x - target)
+        movement = beyond.beyond(step, lambda dx: a @ dx)
+        movement = step if movement is None else movement
+        beyond.moved(movement)
+        x = x + movement
+    assert np.abs(x - target).max() < 1e-9
+    assert np.linalg.norm(np.linalg.matrix_power(m, 6) @ target) > 0.5 * np.linalg.norm(
+        q[:, 0] * (q[:, 0] @ target)
+    ), "and without it is far away"
+
+
+def test_nothing_is_known_after_it_was_cleared() -> None:
+    """The steps before belong to another iteration."""
+    beyond = Extrapolation()
+    for step in np.eye(3):
+        beyond.beyond(step, lambda dx: dx)
+        beyond.moved(step)
+    beyond.clear()
+    beyond.moved(np.ones(3))
+    assert beyond.beyond(np.ones(3), lambda dx: dx) is None
+
+
+def short_base(seed: int) -> fga.Network:
+    """Return two photos on a base of 1/100 of the depth, image points with 30 µm, 60 points."""
+    network = fga.Network("short base")
+    network.add_camera("camera", BrownLens(), {"c": 50.0})
+    down = np.diag([1.0, -1.0, -1.0])
+    held = (False, False, False, True, False, False)
+    network.add_photo("left", "camera", position=(0, 0, 20), rotation=down, fixed=True)
+    network.add_photo("right", "camera", position=(0.2, 0, 20), rotation=down, fixed=held)
+    rng = np.random.default_rng(2)
+    for i in range(60):
+        network.add_point(f"P{i}", (*rng.uniform(-8, 8, 2), 20 - rng.uniform(15, 30)))
+        network.add(*(ImagePoint(f, f"P{i}", 0, 0, sigma=0.03) for f in ("left", "right")))
+    return measure(network, seed=seed)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_short_base_comes_to_rest(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In half the iterations, or less, and at the same minimum."""
+    network = short_base(seed)
+    found = fga.adjust(network, tolerance=1e-7, max_iterations=500)
+    assert found.converged
+    with monkeypatch.context() as patch:
+        patch.setattr(Extrapolation, "beyond", lambda *_: None)
+        plain = fga.adjust(network, tolerance=1e-7, max_iterations=500)
+    assert plain.converged
+    assert found.iterations <= 0.6 * plain.iterations
+    assert found.vtpv == pytest.approx(plain.vtpv, rel=1e-12)
+    sigma = np.sqrt(np.diag(found.covariance("P0")))
+    assert np.max(np.abs(found.point("P0") - plain.point("P0")) / sigma) < 1e-5
