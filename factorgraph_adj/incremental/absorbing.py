@@ -7,7 +7,7 @@ safety: after an error everything is as it was.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -135,7 +135,10 @@ class Absorbing:
         lacks: dict[Variable, str] = {}
         retries = book.retries
         self._spared = set()
-        for component in book.joined(late, register, without=retries.weak):
+        # A new ray may give a point that had been let go its place.
+        touched = {v for u in late for v in pending(register, u)}
+        without = retries.weak.keys() - retries.let_go_of(book.waiting_for(touched))
+        for component in book.joined(late, register, without=without):
             looked_at: Sequence[Unit] = component
             if not retries.worthwhile(component, book.pool):
                 if begins:
@@ -223,9 +226,9 @@ class Absorbing:
                 for v in arrival.verdicts
             )
         )
-        self._remove(ids)
+        waits = self._remove(ids)
         self._leave_out(Decision(left_out=list(units)), told, policy)
-        return told
+        return replace(told, waits=(*arrival.waits, *waits))
 
     def _enter(
         self,
@@ -325,11 +328,27 @@ class Absorbing:
         Returns:
             The decision and all verdicts; none where no solution is reached.
         """
-        book, engine = self._book, self._engine
         self._put_in(entering, solutions)
-        book.fill(engine.register)
+        self._book.fill(self._engine.register)
         whole = Decision(stay=list(entering))
         told: dict[str, list[Verdict]] = {}
+        try:
+            return self._leave_and_go(whole, told, policy, given, before)
+        except BaseException:
+            self._bring_back(whole.apart, entering)
+            raise
+
+    def _leave_and_go(
+        self,
+        whole: Decision,
+        told: dict[str, list[Verdict]],
+        policy: Policy,
+        given: set[str],
+        before: Engine,
+    ) -> tuple[Decision, dict[str, list[Verdict]]] | None:
+        """Leave out what does not fit, and go to a solution with the others, see `_reach`."""
+        book, engine = self._book, self._engine
+        entering = list(whole.stay)
         for _ in range(MOST_JUDGED):
             if not whole.stay:
                 break
@@ -384,34 +403,51 @@ class Absorbing:
             return []
         saved = engine.copy()
         gone: list[Unit] = []
-        points: set[Variable] = set()
-        while not engine.kept and engine.loose is not None:
-            units: dict[Unit, None] = {}
-            lost: list[Variable] = []
-            for kind, name in engine.loose:
-                if kind == "point" and engine.register.known("point", name):
-                    number = engine.register["point"].number[name]
-                    own = dict.fromkeys(book.unit(i) for i in touching(engine, {("point", number)}))
-                    if all(isinstance(u.item, ImagePoint) for u in own):
-                        lost.append(("point", name))
-                        units |= own
-            if not lost:
-                break
-            for unit in units:
-                book.remove(unit)
-            gone += units
-            points.update(lost)
-            engine.go_on_without(lost)
+        points: list[Variable] = []
+        try:
+            while not engine.kept and engine.loose is not None:
+                lost = self._only_rays(engine.loose)
+                if not lost:
+                    break
+                points += lost
+                units = [u for of_point in lost.values() for u in of_point]
+                gone += units
+                for unit in units:
+                    book.remove(unit)
+                engine.go_on_without(lost)
+        except BaseException:
+            self._return_to(saved, gone)
+            raise
         if not engine.kept:
-            for unit in gone:
-                book.enter(unit)
-            self._engine = saved
-            saved.network = book.network
+            self._return_to(saved, gone)
             return []
         book.lacks.update(dict.fromkeys(points, PARALLEL))
         book.wait(gone)
-        book.retries.let_go(gone, self._arrived(), because)
+        keys = [u.ids[0] for u in gone]
+        book.retries.let_go(keys, self._arrived(), [i for u in because for i in u.ids])
         return gone
+
+    def _only_rays(self, variables: Iterable[tuple[str, str]]) -> dict[Variable, list[Unit]]:
+        """Return those points of variables that nothing but image points determines, with them."""
+        book, engine = self._book, self._engine
+        out: dict[Variable, list[Unit]] = {}
+        for kind, name in variables:
+            if kind == "point" and engine.register.known("point", name):
+                number = engine.register["point"].number[name]
+                own = [book.unit_or_none(i) for i in touching(engine, {("point", number)})]
+                rays = [u for u in own if u is not None and isinstance(u.item, ImagePoint)]
+                if len(rays) == len(own):
+                    out["point", name] = rays
+        return out
+
+    def _return_to(self, engine: Engine, units: Iterable[Unit]) -> None:
+        """Go back to a graph that still had some units."""
+        book = self._book
+        for unit in units:
+            if not book.in_graph(unit.ids[0]):
+                book.enter(unit)
+        self._engine = engine
+        engine.network = book.network
 
     def _bring_back(self, apart: Sequence[Unit], entering: Sequence[Unit]) -> None:
         """Put units back into the network that had to leave it for others, which do not stay."""
@@ -444,10 +480,13 @@ class Absorbing:
         told: dict[str, list[Verdict]] = {}
         book.wait(self._late(units, {u.ids[0] for u in ready}, lacks, told))
         book.retries.fail(found, self._arrived())
+        waits: tuple[str, ...] = ()
         if ready:
-            for verdict in self._absorb(ready, test=policy != "accept").verdicts:
+            beside = self._absorb(ready, test=policy != "accept")
+            waits = beside.waits
+            for verdict in beside.verdicts:
                 told.setdefault(verdict.id, []).append(verdict)
-        arrival = _arrival(units, told)
+        arrival = replace(_arrival(units, told), waits=waits)
         # Fewer each time, or it would not end; and nothing helps where there was no minimum before.
         most, self._most_split = self._most_split, len(found)
         try:
@@ -558,7 +597,7 @@ class Absorbing:
         self._solution = None
         gone = set(wanted)
         left_over = book.forget(gone)
-        left_over += [book.pool[k] for k in book.retries.freed(gone)]
+        left_over += [book.pool[k] for k in book.retries.freed(gone, book.pool)]
         weights = [i for i in wanted if not book.in_graph(i) and i in engine.store.places]
         units = list(dict.fromkeys(book.unit(i) for i in wanted if book.in_graph(i)))
         if weights:
@@ -566,8 +605,9 @@ class Absorbing:
             engine.network = book.network
         if not units and not weights:
             # What remains of groups that wait or are suspect is as if it arrived now.
+            waited = set(book.pool)
             found = self._absorb(left_over, test=True) if left_over else Arrival()
-            return tuple(v.id for v in found.verdicts if v.verdict == "waiting")
+            return _waiting_again(found, waited)
         left_over += [rest for u in units if (rest := _rest(book, u, gone)) is not None]
         loosened = what_loosens(engine, units, weights, book.unit_or_none)
         if loosened is None or (loosened.variables and engine.datum == "free"):
@@ -590,8 +630,7 @@ class Absorbing:
             book.retries.clear()
         waited = book.pool.keys() - {u.ids[0] for u in again}
         found = self._absorb(left_over, test=False) if left_over else Arrival()
-        waits = [v.id for v in found.verdicts if v.verdict == "waiting" and v.id not in waited]
-        return (*waits, *found.waits, *(i for u in apart for i in u.ids))
+        return (*_waiting_again(found, waited), *(i for u in apart for i in u.ids))
 
     def _anew(self, units: Sequence[Unit], left_over: Sequence[Unit]) -> tuple[str, ...]:
         """Take units out, and find out again what of the network is determined."""
@@ -608,10 +647,9 @@ class Absorbing:
             every = book.take_all()
             engine.clear()
             found = self._absorb([*every, *left_over], test=False)
-            return tuple(v.id for v in found.verdicts if v.verdict == "waiting")
+            return _waiting_again(found, ())
         engine.hold(solution)
-        self._absorb(left_over, test=False)
-        return ()
+        return self._absorb(left_over, test=False).waits
 
     @contextmanager
     def _all_or_nothing(self, entry: Mapping[str, object] | None) -> Iterator[tuple[Book, Engine]]:
@@ -710,10 +748,21 @@ def _apart(arrival: Arrival, units: Sequence[Unit]) -> Arrival:
     )
 
 
+def _waiting_again(found: Arrival, waited: Collection[str]) -> tuple[str, ...]:
+    """Return the ids of what waits by now, but for what had waited before."""
+    waits = [v.id for v in found.verdicts if v.verdict == "waiting" and v.id not in waited]
+    return (*waits, *found.waits)
+
+
 def joined(a: Arrival, b: Arrival) -> Arrival:
-    """Return both arrivals; what entered in the second is not waiting any more."""
+    """Return both arrivals; what entered in the second is not waiting any more, or does again."""
     later = {v.id: v for v in b.verdicts}
-    first = [later.pop(v.id, v) for v in a.verdicts]
+    again = set(b.waits)
+    first = [
+        replace(v, verdict="waiting", lacks=PARALLEL, gains=()) if v.id in again else v
+        for v in (later.pop(v.id, v) for v in a.verdicts)
+    ]
+    given = {v.id for v in first}
     inside = {v.id for v in b.verdicts if v.verdict != "waiting"}
-    waits = dict.fromkeys((*(i for i in a.waits if i not in inside), *b.waits))
+    waits = dict.fromkeys(i for i in (*a.waits, *b.waits) if i not in inside and i not in given)
     return Arrival((*first, *later.values()), tuple(waits))

@@ -336,6 +336,7 @@ class IncrementalAdjustment(Absorbing):
             self._solution = None
             if not self._engine.empty:
                 self._engine.settle()
+                self._let_go(())
             if book.pool:
                 book.retries.clear()
                 found = self._absorb(list(book.pool.values()), test=True)

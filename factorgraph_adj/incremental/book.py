@@ -222,6 +222,10 @@ class Book:
         keys = dict.fromkeys(k for v in variables for k in self._waiting_for.get(v, ()))
         return [self.pool[k] for k in keys if k in spared or not pending(register, self.pool[k])]
 
+    def waiting_for(self, variables: Iterable[Variable]) -> set[str]:
+        """Return the keys of the units of the pool that depend on some variables."""
+        return {k for v in variables for k in self._waiting_for.get(v, ())}
+
     @property
     def n_rows_waiting(self) -> int:
         """Number of scalar rows that wait."""

@@ -181,6 +181,7 @@ def replay(line: Mapping[str, Any], book: Book, *, where: str) -> None:
         unit = unit_of(book.network, members, covariance)
         units.update(dict.fromkeys(unit.ids, unit))
     moved: dict[str, Unit] = {}
+    parted: list[str] = []
     for name in OUTCOMES:
         for ident in line.get(name, ()):
             book.note_number(ident)
@@ -188,6 +189,8 @@ def replay(line: Mapping[str, Any], book: Book, *, where: str) -> None:
             if found is None and ident not in moved and book.in_graph(ident):
                 found = book.unit(ident)
                 book.remove(found)
+                if name == "waiting" and line.get("observations"):
+                    parted.append(found.ids[0])
             if found is not None:
                 moved.update({i: found for i in found.ids if i not in moved})
     done: set[str] = set()
@@ -215,6 +218,8 @@ def replay(line: Mapping[str, Any], book: Book, *, where: str) -> None:
                     book.suspect(unit, verdicts)
                 else:
                     book.reject([unit], verdicts)
+    if parted:
+        book.retries.let_go(parted, 0, line.get("accepted", ()))
     if line.get("unweighted"):
         book.unweight(line["unweighted"])
     for kind, values in line.get("found", {}).items():

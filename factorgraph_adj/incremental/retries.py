@@ -32,7 +32,7 @@ class Retries:
         """Rows that had arrived when no solution was reached with a unit: with all that there
         was, it is looked at when the others have changed."""
         self.because: dict[str, frozenset[str]] = {}
-        """Ids of what arrived when a unit that waits was let go."""
+        """Ids of what arrived whenever a unit was let go, wherever it is by now."""
 
     def copy(self) -> Retries:
         """Return a copy."""
@@ -45,13 +45,11 @@ class Retries:
         """Forget a unit that does not wait any more, or has to be looked at in any case."""
         self.rows.pop(key, None)
         self.weak.pop(key, None)
-        self.because.pop(key, None)
 
     def clear(self) -> None:
         """Have everything looked at."""
         self.rows.clear()
         self.weak.clear()
-        self.because.clear()
 
     def note(self, units: Sequence[Unit]) -> None:
         """Note that units were looked at, together and in vain."""
@@ -67,15 +65,26 @@ class Retries:
         """Note that no solution was reached with units, and how many rows there were then."""
         self.weak.update(dict.fromkeys((u.ids[0] for u in units), arrived))
 
-    def let_go(self, units: Iterable[Unit], arrived: int, because: Iterable[Unit]) -> None:
+    def let_go(self, keys: Iterable[str], arrived: int, because: Iterable[str]) -> None:
         """Note units that had to leave when others arrived, as weak until those are gone."""
-        keys = [u.ids[0] for u in units]
-        self.weak.update(dict.fromkeys(keys, arrived))
-        self.because.update(dict.fromkeys(keys, frozenset(i for u in because for i in u.ids)))
+        out = list(keys)
+        others = frozenset(because).difference(out)
+        for key in out:
+            self.weak[key] = arrived
+            self.because[key] = self.because.get(key, frozenset()) | others
 
-    def freed(self, gone: set[str]) -> list[str]:
-        """Return the keys of units that left because of what is gone, and take them for others."""
-        out = [k for k, of in self.because.items() if not gone.isdisjoint(of)]
+    def let_go_of(self, keys: Iterable[str]) -> set[str]:
+        """Return those keys whose units were let go."""
+        return {k for k in keys if k in self.because}
+
+    def freed(self, gone: set[str], pool: Container[str]) -> list[str]:
+        """Return the keys of units that left because of what is gone, and take them for others.
+
+        Args:
+            gone: ids of what is gone.
+            pool: keys of what waits.
+        """
+        out = [k for k, of in self.because.items() if k in pool and not gone.isdisjoint(of)]
         for key in out:
             self.forget(key)
         return out

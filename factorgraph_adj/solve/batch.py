@@ -255,6 +255,7 @@ def _iterate(
     slow = 0
     beyond = Extrapolation()
     rest = _Rest()
+    plain = True
     for iteration in range(1, max_iterations + 1):
         normal = run.normal_at(run.state)
         vtpv = normal.system.vtpv
@@ -276,7 +277,7 @@ def _iterate(
                 gain = (vtpv - after) / decrease if decrease > 0 else 0.0
                 still = _cannot_tell(bound, decrease, vtpv) and after <= vtpv * (1 + 1e-9)
                 # What is left after this step, by the rate of convergence so far.
-                fast = np.isfinite(last) and bound < FAST * last and bound < CLOSE
+                fast = plain and np.isfinite(last) and bound < FAST * last and bound < CLOSE
                 left = bound * bound / last if fast else bound
                 no_worse = after <= vtpv + 1e-6 * (1.0 + vtpv)
                 small = damping == 0.0 and (still or (left < tolerance and no_worse))
@@ -292,16 +293,21 @@ def _iterate(
                 _explain(run, normal)
                 reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
                 return iteration, False, reason, vtpv
-        if bound < STILL:
-            moved, after = _further(run, beyond, normal, step, moved, after, blind=small)
-        else:
+        done = small and left < tolerance
+        at_last = rest.of(bound, moved) if small and not done else None
+        plain = True
+        if bound >= STILL:
             beyond.clear()
+        elif not done:
+            further, there = _further(run, beyond, normal, step, after, blind=small)
+            if further is not None:
+                moved, after, plain = further, there, False
         run.state = moved
         if progress is not None:
             progress(iteration, after, bound)
-        if small and left < tolerance:
+        if done:
             return iteration, True, _at_rest(left, tolerance), after
-        if small and (at_last := rest.of(bound, moved)) is not None:
+        if at_last is not None:
             left, run.state = at_last
             return iteration, True, _at_rest(left, tolerance), run.vtpv(run.state)
         slow = slow + 1 if vtpv - after < SLOW * vtpv and bound > SHRINKING * last else 0
@@ -312,11 +318,11 @@ def _iterate(
             left = _undamped(run, run.normal_at(run.state))
             if left < tolerance or _cannot_tell(left, left * left, after):
                 return iteration, True, _at_rest(left, tolerance), after
-            error = _undetermined(run, run.normal_at(run.state))
-            if error is not None:
-                if run.equations.unknowns.n_columns <= SMALL_ENOUGH_TO_EXPLAIN:
-                    raise error
-                run.drifting = error.unknowns
+            normal = run.normal_at(run.state)
+            if run.equations.unknowns.n_columns <= SMALL_ENOUGH_TO_EXPLAIN:
+                _explain(run, normal)
+            elif (why := _undetermined(run, normal)) is not None:
+                run.drifting = why.unknowns
             return iteration, False, _drifting(run, bound), after
         damping *= max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
         if damping < LEAST_DAMPING or bound < NEAR:
@@ -330,31 +336,29 @@ def _further(
     beyond: Extrapolation,
     normal: NormalEquations,
     step: Array,
-    moved: State,
     after: float,
     *,
     blind: bool,
-) -> tuple[State, float]:
-    """Return the state beyond a step and its vᵀPv, where that is better than after the step.
+) -> tuple[State | None, float]:
+    """Return the state beyond a step and its vᵀPv; none where that is no better than the step.
 
     Args:
         run: the adjustment.
         beyond: its last steps.
         normal: at the state before the step.
         step: the step.
-        moved: the state after it.
-        after: vᵀPv there.
+        after: vᵀPv after it.
         blind: vᵀPv cannot tell which is better.
     """
     movement = beyond.beyond(step, lambda dx: normal.system.times(dx[:, None])[:, 0])
     if movement is not None:
         further = _before_the_cameras(run, run.equations.unknowns.retract(run.state, movement))
         there = np.inf if further is None else run.vtpv(further)
-        if further is not None and (there < after or (blind and np.isfinite(there))):
+        if there < after or (blind and there <= after * (1 + 1e-9)):
             beyond.moved(movement)
             return further, there
     beyond.moved(step)
-    return moved, after
+    return None, np.inf
 
 
 def _cannot_tell(bound: float, decrease: float, vtpv: float) -> bool:
@@ -494,8 +498,11 @@ def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> bool:
 def _explain(run: _Run, normal: NormalEquations) -> None:
     """Raise what is not determined, by name."""
     error = _undetermined(run, normal)
-    if error is not None:
-        raise error from None
+    try:
+        if error is not None:
+            raise error from None
+    finally:
+        del error  # or frame and traceback hold each other, and everything in them
 
 
 def _undetermined(run: _Run, normal: NormalEquations) -> DatumError | None:
