@@ -299,7 +299,9 @@ def _iterate(
         if bound >= STILL:
             beyond.clear()
         elif not done:
-            further, there = _further(run, beyond, normal, step, after, blind=small)
+            further, there = _further(
+                run, beyond, normal, step, after, slow=bound > FAST * last, blind=small
+            )
             if further is not None:
                 moved, after, plain = further, there, False
         run.state = moved
@@ -338,6 +340,7 @@ def _further(
     step: Array,
     after: float,
     *,
+    slow: bool,
     blind: bool,
 ) -> tuple[State | None, float]:
     """Return the state beyond a step and its vᵀPv; none where that is no better than the step.
@@ -348,10 +351,11 @@ def _further(
         normal: at the state before the step.
         step: the step.
         after: vᵀPv after it.
+        slow: steps shrink slowly; otherwise their own convergence is better than any guess.
         blind: vᵀPv cannot tell which is better.
     """
     movement = beyond.beyond(step, lambda dx: normal.system.times(dx[:, None])[:, 0])
-    if movement is not None:
+    if movement is not None and slow:
         further = _before_the_cameras(run, run.equations.unknowns.retract(run.state, movement))
         there = np.inf if further is None else run.vtpv(further)
         if there < after or (blind and there <= after * (1 + 1e-9)):
