@@ -332,11 +332,16 @@ class Absorbing:
         self._book.fill(self._engine.register)
         whole = Decision(stay=list(entering))
         told: dict[str, list[Verdict]] = {}
+        kept = False
         try:
-            return self._leave_and_go(whole, told, policy, given, before)
-        except BaseException:
-            self._bring_back(whole.apart, entering)
-            raise
+            kept = self._leave_and_go(whole, told, policy, given, before)
+        finally:
+            if not kept:
+                new = {u.ids[0] for u in entering}
+                for unit in whole.apart:
+                    if unit.ids[0] not in new:
+                        self._book.enter(unit)
+        return (whole, told) if kept else None
 
     def _leave_and_go(
         self,
@@ -345,8 +350,12 @@ class Absorbing:
         policy: Policy,
         given: set[str],
         before: Engine,
-    ) -> tuple[Decision, dict[str, list[Verdict]]] | None:
-        """Leave out what does not fit, and go to a solution with the others, see `_reach`."""
+    ) -> bool:
+        """Leave out what does not fit, and go to a solution with the others, see `_reach`.
+
+        Returns:
+            Whether one was reached.
+        """
         book, engine = self._book, self._engine
         entering = list(whole.stay)
         for _ in range(MOST_JUDGED):
@@ -361,9 +370,7 @@ class Absorbing:
                 decision.join(of_part)
                 told |= now
             if decision.leaving and len(several) > 1:
-                # Who depends on them is not known; fewer at a time will tell.
-                self._bring_back(whole.apart, entering)
-                return None
+                return False  # who depends on them is not known; fewer at a time will tell
             gone = [*decision.left_out, *decision.back]
             for unit in gone:
                 book.remove(unit)
@@ -377,14 +384,13 @@ class Absorbing:
             if before.kept:
                 whole.apart += self._let_go(entering)
                 engine = self._engine
-            if not engine.kept and len(entering) > 0 and _new_variables(entering, engine, before):
-                self._bring_back(whole.apart, entering)
-                return None
+            if not engine.kept and _new_variables(entering, engine, before):
+                return False
             waits = {u.ids[0] for u in whole.apart}
             whole.stay = [u for u in whole.stay if u.ids[0] not in waits]
             if not gone:
                 break
-        return whole, told
+        return True
 
     def _let_go(self, because: Sequence[Unit]) -> list[Unit]:
         """Let points wait again whose rays run parallel, so that everything else has its minimum.
@@ -448,13 +454,6 @@ class Absorbing:
                 book.enter(unit)
         self._engine = engine
         engine.network = book.network
-
-    def _bring_back(self, apart: Sequence[Unit], entering: Sequence[Unit]) -> None:
-        """Put units back into the network that had to leave it for others, which do not stay."""
-        new = {u.ids[0] for u in entering}
-        for unit in apart:
-            if unit.ids[0] not in new:
-                self._book.enter(unit)
 
     def _wait_on(
         self,

@@ -317,10 +317,10 @@ def _iterate(
         vtpv = after
         growth = 2.0
         if slow >= PATIENCE:
-            left = _undamped(run, run.normal_at(run.state))
+            normal = run.normal_at(run.state)
+            left = _undamped(run, normal)
             if left < tolerance or _cannot_tell(left, left * left, after):
                 return iteration, True, _at_rest(left, tolerance), after
-            normal = run.normal_at(run.state)
             if run.equations.unknowns.n_columns <= SMALL_ENOUGH_TO_EXPLAIN:
                 _explain(run, normal)
             elif (why := _undetermined(run, normal)) is not None:
