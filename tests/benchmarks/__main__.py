@@ -45,6 +45,8 @@ GRIDS = (100, 1_024, 10_000)
 EVENTS = 20_000
 LONGEST = 1800
 """Seconds after which a run is given up."""
+LONGEST_EQUALITY = 3 * 3600
+"""The same for one network arriving in one order: Roma arrives for more than an hour."""
 
 
 def run(cores: set[int], job: str, *arguments: int) -> Measured | None:
@@ -55,7 +57,7 @@ def run(cores: set[int], job: str, *arguments: int) -> Measured | None:
 
 
 def launch(
-    cores: set[int], module: str, *arguments: str, threads: int = 1
+    cores: set[int], module: str, *arguments: str, threads: int = 1, longest: int = LONGEST
 ) -> dict[str, Any] | None:
     """Return what a module of this package prints at its end, run on ``cores``."""
     command = [sys.executable, "-m", f"tests.benchmarks.{module}", *arguments]
@@ -67,12 +69,12 @@ def launch(
             env=env,
             capture_output=True,
             text=True,
-            timeout=LONGEST,
+            timeout=longest,
             check=False,
             preexec_fn=lambda: os.sched_setaffinity(0, cores),
         )
     except subprocess.TimeoutExpired:
-        print(f"  {' '.join(arguments)}: given up after {LONGEST} s")
+        print(f"  {' '.join(arguments)}: given up after {longest} s")
         return None
     if done.returncode:
         print(f"  {' '.join(arguments)} failed:\n{done.stderr}")
@@ -189,14 +191,15 @@ def equality(cores: set[int]) -> None:
     )
     for name, orders in networks():
         for order in orders:
-            found = launch(cores, "equality", name, "file" if order is None else str(order))
+            arrives = "file" if order is None else str(order)
+            found = launch(cores, "equality", name, arrives, longest=LONGEST_EQUALITY)
             if found is None:
                 continue
             m = Equality(**found)
             cells = "".join(f"{x:9.0e}" for x in m.arriving)
             settled = f"{m.settled[0]:10.0e}" + "".join(f"{x:9.0e}" for x in m.settled[1:])
             print(
-                f"  {name:40}{'file' if order is None else order:>6}{m.moments:8d}{cells}"
+                f"  {name:40}{arrives:>6}{m.moments:8d}{cells}"
                 f"{settled}{m.promise:8.2f}{m.without:9d}{m.waiting:5d}{m.seconds:7.1f}",
                 flush=True,
             )
