@@ -187,6 +187,9 @@ CHOSEN = (
     "camcal, weighted",
 )
 """Those of them that are not left to ``python -m tests.benchmarks.equality``."""
+HARD = (("2020-barta-phase_1-1TK", 3), ("2020-barta-phase_1-2TK", 1))
+"""Networks in orders in which points stand for a while with next to nothing to say where they are,
+from two set-ups on the same pillar or along horizontal sights."""
 WITHOUT: dict[str, str] = {}
 """Networks that have no batch adjustment to compare with at some moment, and why."""
 
@@ -201,6 +204,8 @@ def runs() -> Iterator[tuple[str, int | None, int]]:
         else:
             yield name, None, 5
             yield name, 1 + number % 3, 5
+    for name, order in HARD:
+        yield name, order, CASES[name].moments
 
 
 @pytest.mark.parametrize(("name", "order", "moments"), list(runs()))

@@ -310,8 +310,11 @@ class Engine(Graph):
                 self.load(equations, state, given, self.constraint(equations))
                 bound = self._step()
                 if bound < AT_REST and step and moved < AT_DATUM:
-                    self.settled = self.kept = True
-                    return
+                    # Partials before a step that small may still not be those after it.
+                    self.compare_all()
+                    if self.store.turned() < AT_REST**2 or bound > last / 2:
+                        self.settled = self.kept = True
+                        return
                 if not np.isfinite(bound) or (bound > 2 * last and bound > CLOSE):
                     break
                 last = bound

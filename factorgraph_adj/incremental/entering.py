@@ -3,7 +3,8 @@
 A waiting variable enters with all observations that join it to what enters or is known. Counts
 come first, then approximate values, then the rank: with known variables held, the partials by
 the others must have full column rank, because nothing else can hold them. What the null space
-moves stays, with its observations, and the rest is looked at again.
+moves stays, with its observations, and the rest is looked at again. So does a point that may be
+anywhere, see `_anywhere`.
 """
 
 from __future__ import annotations
@@ -44,6 +45,21 @@ SHARE = 0.05
 """Part of a null vector's length in a variable from which on the variable counts as moved."""
 LEFT_AT_REST = 1e-7
 """Bound of the last step of a local adjustment, relative to σ."""
+ANYWHERE = 3.0
+"""Standard deviations of a point within which it may be."""
+SIGHTS = frozenset(
+    (
+        "image",
+        "slope_distance",
+        "horizontal_distance",
+        "vertical_angle",
+        "zenith_angle",
+        "direction",
+        "azimuth",
+        "horizontal_angle",
+    )
+)
+"""Kinds whose partials depend on where the point is."""
 
 
 @dataclass(frozen=True)
@@ -95,9 +111,11 @@ def find(
                 tolerance = LEFT_AT_REST if datum == "free" else 1e-4
                 solution = adjust(local, datum=datum, tolerance=tolerance)
                 if solution.converged or solution.redundancy:
-                    if blunders and solution.sigma0 > DISTURBED:
-                        solution = _without_blunders(solution, alpha)
-                    return Found(tuple(left), solution, lacks, tuple(aside))
+                    lost = _anywhere(solution, register, lacks)
+                    if not lost:
+                        if blunders and solution.sigma0 > DISTURBED:
+                            solution = _without_blunders(solution, alpha)
+                        return Found(tuple(left), solution, lacks, tuple(aside))
                 why = solution.reason
         except OverflowError:
             why = ABSURD
@@ -113,6 +131,41 @@ def find(
         aside += [u for u in left if u.ids[0] not in stay]
         left = rest
     return Found((), None, lacks)
+
+
+def _anywhere(solution: Solution, register: Register, lacks: dict[Variable, str]) -> set[Variable]:
+    """Return waiting points that are less well known than as far as what observes them.
+
+    Within three standard deviations such a point is at the instrument, and at infinity; partials
+    where it is taken to be say nothing about elsewhere. Weighted points are where they are said to
+    be, and observations of `SIGHTS` alone care.
+    """
+    network, state = solution.network, solution.state
+    where = {"point": state["point"], "pose": state["pose"][:, 9:]}
+    reach = np.zeros(len(where["point"]))
+    for block in solution.equations.blocks:
+        if block.kind in SIGHTS:
+            placed = [(kind, index) for kind, index in block.variables if kind in where]
+            first, *others = placed
+            for kind, index in others:
+                sight = where[kind][index] - where[first[0]][first[1]]
+                length = np.sqrt(np.sum(sight**2, axis=1))
+                for end, at in (first, (kind, index)):
+                    if end == "point":
+                        np.maximum.at(reach, at, length)
+    variance = np.linalg.eigvalsh(solution.point_covariances)[:, -1]
+    sigma = np.sqrt(np.maximum(variance, 0.0))
+    lost: set[Variable] = set()
+    names = solution.equations.unknowns["point"].names
+    for i in np.flatnonzero((reach > 0) & (ANYWHERE * sigma > reach)).tolist():
+        point = network.points[names[i]]
+        if point.sigma is None and not register.known("point", point.name):
+            lost.add(("point", point.name))
+            lacks["point", point.name] = (
+                f"point {point.name!r} may be anywhere: its standard deviation is "
+                f"{sigma[i]:.3g} m, its farthest sight {reach[i]:.3g} m"
+            )
+    return lost
 
 
 def _placed(local: Network) -> bool:

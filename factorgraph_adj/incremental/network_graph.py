@@ -510,6 +510,15 @@ class Graph:
             self.register.set_variances(variances_of(self.tree, self.register))
         self.aged = False
 
+    def compare_all(self) -> None:
+        """Compare all rows with their models at the present state.
+
+        Raises:
+            InputError: names observations whose geometry has no answer.
+        """
+        every = {k: np.ones(t.n, dtype=bool) for k, t in self.register.tables.items() if t.n}
+        self.store.compare(every, self.network)
+
     def factorise(self) -> bool:
         """Factorise the system for the next arrivals; return whether that is precise enough."""
         if self.patience < 0:
@@ -521,8 +530,7 @@ class Graph:
             for h in self.held
         ]
         try:
-            every = {k: np.ones(t.n, dtype=bool) for k, t in self.register.tables.items() if t.n}
-            self.store.compare(every, self.network)
+            self.compare_all()
             self.register.start_from_here()
             self.recent = Recent(self.store, held)
             if self.recent.precise:
