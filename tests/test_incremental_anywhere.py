@@ -6,6 +6,8 @@ where the point is taken to be hold nowhere else; adjustments with it hardly com
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from arrivals import batch, difference
@@ -13,6 +15,7 @@ from arrivals import batch, difference
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import (
+    ControlPoint,
     GnssVector,
     HeightDifference,
     ImagePoint,
@@ -53,7 +56,7 @@ def test_three_distances_from_two_places_say_nothing_yet() -> None:
     assert len(inc) == 0
     for w in inc.waiting:
         assert w.lacks.startswith("point 'P' may be anywhere: its standard deviation is ")
-        assert w.lacks.endswith(" m, its farthest sight 10.4 m")
+        assert w.lacks.endswith(" m even with all else held, its farthest sight 10.4 m")
     arrival = inc.add(distance(network, "north"))
     assert {v.id: v.verdict for v in arrival.verdicts} == dict.fromkeys(
         ("first", "again", "east", "north"), "accepted"
@@ -69,6 +72,70 @@ def test_its_own_weight_says_where_it_is() -> None:
     inc = fga.IncrementalAdjustment(network, policy="accept")
     arrival = inc.add([distance(network, n) for n in ("first", "again", "east")])
     assert {v.verdict for v in arrival.verdicts} == {"accepted"}
+
+
+def test_a_weight_says_something_along_its_own_axes_only() -> None:
+    """A known height leaves a point on a circle about a pillar."""
+    network = pillar((np.inf, np.inf, 0.01))
+    inc = fga.IncrementalAdjustment(network, policy="accept")
+    inc.add([distance(network, n) for n in ("first", "again")])
+    assert len(inc) == 0 and all("may be anywhere" in w.lacks for w in inc.waiting)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0), None])
+def test_control_may_be_less_precise_than_sights_are_long(order: tuple[int, ...] | None) -> None:
+    """It says where the point is, whatever arrives first; none: both together."""
+    network = pillar()
+    readings: list[Observation] = [
+        ControlPoint("P", (2.1, 9.1, 1.4), sigma=(4.0, 4.0, 4.0)),
+        distance(network, "first"),
+    ]
+    inc = fga.IncrementalAdjustment(network, policy="accept")
+    for some in [readings] if order is None else [[readings[i]] for i in order]:
+        inc.add(some)
+    assert len(inc) == 2
+
+
+def test_how_well_the_datum_is_known_does_not_matter() -> None:
+    """Photos of an object 5 m away, whose positions are known to 3 m."""
+    rng = np.random.default_rng(1)
+    network = fga.Network("tagged")
+    network.add_camera("camera", BrownLens(), {"c": 50.0})
+    down = np.diag([1.0, -1.0, -1.0])
+    at = np.column_stack((rng.uniform(-2, 2, (12, 2)), rng.uniform(-0.5, 0.5, 12)))
+    images = []
+    for k in range(4):
+        centre = np.array([-2 + 1.3 * k, (-1.0) ** k, 5.0])
+        sigma = (3.0, 3.0, 3.0)
+        network.add_photo(f"{k}", "camera", position=centre, rotation=down, sigma_position=sigma)
+        for i, d in enumerate(at - centre):
+            x, y = 50.0 * d[:2] / -d[2]
+            images.append(ImagePoint(f"{k}", f"{i}", x, y, sigma=0.005))
+    for i, x in enumerate(at):
+        network.add_point(f"{i}", tuple(x))
+    inc = fga.IncrementalAdjustment(network, policy="accept")
+    inc.add(images)
+    assert len(inc) == len(images)
+    assert max(inc.standard_deviations("0")) > 5.0 / 3.0
+
+
+def test_one_of_a_free_network_does_not_take_the_others_with_it() -> None:
+    """Its σ is in that of all others, of which inner constraints are a mean."""
+    rng = np.random.default_rng(1)
+    network = fga.Network("free", datum="free")
+    at = {f"P{i}": rng.uniform(-5, 5, 3) for i in range(6)}
+    at |= {"first": np.zeros(3), "again": np.array([0, 0.0005, 0.0]), "V": np.array([2, 9, 1.5])}
+    for name, x in at.items():
+        network.add_point(name, tuple(x))
+    readings = [
+        SlopeDistance(a, b, float(np.linalg.norm(at[a] - at[b])), sigma=0.0005)
+        for a, b in combinations(at, 2)
+        if (a, b) != ("first", "again") and ("V" not in (a, b) or a in ("P0", "first", "again"))
+    ]
+    inc = fga.IncrementalAdjustment(network, policy="accept", datum="free")
+    inc.add(readings)
+    assert {w.lacks.split(":")[0] for w in inc.waiting} == {"point 'V' may be anywhere"}
+    assert inc.n_waiting == 3
 
 
 @pytest.mark.parametrize(
@@ -87,6 +154,23 @@ def test_linear_readings_may_be_less_precise_than_they_are_long(reading: Observa
     inc = fga.IncrementalAdjustment(network, policy="accept")
     (verdict,) = inc.add(reading).verdicts
     assert verdict.verdict == "accepted"
+
+
+def test_linear_readings_to_a_point_with_a_short_sight() -> None:
+    """A bolt and a mark 5 cm beside it, each with a GNSS vector of 2 cm."""
+    network = pillar()
+    network.add_point("bolt", (100.0, 50.0, 5.0))
+    network.add_point("mark", (100.05, 50.0, 5.0))
+    sigma = (0.02, 0.02, 0.02)
+    inc = fga.IncrementalAdjustment(network, policy="accept")
+    inc.add(SlopeDistance("bolt", "mark", 0.05, sigma=0.001))
+    inc.add(
+        [
+            GnssVector("first", "bolt", (100.0, 50.0, 5.0), sigma=sigma),
+            GnssVector("first", "mark", (100.05, 50.0, 5.0), sigma=sigma),
+        ]
+    )
+    assert len(inc) == 3
 
 
 def test_a_short_sight_among_long_ones_does_not_count() -> None:

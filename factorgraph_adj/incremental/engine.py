@@ -20,7 +20,7 @@ from ..graph.variables import State
 from ..models.registry import VariableKind
 from ..network import Network
 from ..quality.solution import Solution
-from ..solve.batch import OFF_DATUM, adjust
+from ..solve.batch import OFF_DATUM, SHRINKING, adjust
 from ..solve.tree import SingularError
 from ..types import Array, Index
 from .local import filtered, starting_state
@@ -312,7 +312,7 @@ class Engine(Graph):
                 if bound < AT_REST and step and moved < AT_DATUM:
                     # Partials before a step that small may still not be those after it.
                     self.compare_all()
-                    if self.store.turned() < AT_REST**2 or bound > last / 2:
+                    if self.store.turned() < AT_REST**2 or bound > SHRINKING * last:
                         self.settled = self.kept = True
                         return
                 if not np.isfinite(bound) or (bound > 2 * last and bound > CLOSE):

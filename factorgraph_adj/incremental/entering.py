@@ -4,7 +4,7 @@ A waiting variable enters with all observations that join it to what enters or i
 come first, then approximate values, then the rank: with known variables held, the partials by
 the others must have full column rank, because nothing else can hold them. What the null space
 moves stays, with its observations, and the rest is looked at again. So does a point that may be
-anywhere, see `_anywhere`.
+anywhere, see `factorgraph_adj.incremental.anywhere`.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from ..solve.datum import find_defects
 from ..solve.linear import LinearSystem
 from ..solve.rank import NOUN, NULL, null_space
 from ..types import Array
+from .anywhere import anywhere
 from .local import describe, local_network
 from .register import Register
 from .units import Unit, Variable, components, pending
@@ -45,21 +46,6 @@ SHARE = 0.05
 """Part of a null vector's length in a variable from which on the variable counts as moved."""
 LEFT_AT_REST = 1e-7
 """Bound of the last step of a local adjustment, relative to σ."""
-ANYWHERE = 3.0
-"""Standard deviations of a point within which it may be."""
-SIGHTS = frozenset(
-    (
-        "image",
-        "slope_distance",
-        "horizontal_distance",
-        "vertical_angle",
-        "zenith_angle",
-        "direction",
-        "azimuth",
-        "horizontal_angle",
-    )
-)
-"""Kinds whose partials depend on where the point is."""
 
 
 @dataclass(frozen=True)
@@ -134,37 +120,12 @@ def find(
 
 
 def _anywhere(solution: Solution, register: Register, lacks: dict[Variable, str]) -> set[Variable]:
-    """Return waiting points that are less well known than as far as what observes them.
-
-    Within three standard deviations such a point is at the instrument, and at infinity; partials
-    where it is taken to be say nothing about elsewhere. Weighted points are where they are said to
-    be, and observations of `SIGHTS` alone care.
-    """
-    network, state = solution.network, solution.state
-    where = {"point": state["point"], "pose": state["pose"][:, 9:]}
-    reach = np.zeros(len(where["point"]))
-    for block in solution.equations.blocks:
-        if block.kind in SIGHTS:
-            placed = [(kind, index) for kind, index in block.variables if kind in where]
-            first, *others = placed
-            for kind, index in others:
-                sight = where[kind][index] - where[first[0]][first[1]]
-                length = np.sqrt(np.sum(sight**2, axis=1))
-                for end, at in (first, (kind, index)):
-                    if end == "point":
-                        np.maximum.at(reach, at, length)
-    variance = np.linalg.eigvalsh(solution.point_covariances)[:, -1]
-    sigma = np.sqrt(np.maximum(variance, 0.0))
+    """Return waiting points of which their readings do not say where they are."""
     lost: set[Variable] = set()
-    names = solution.equations.unknowns["point"].names
-    for i in np.flatnonzero((reach > 0) & (ANYWHERE * sigma > reach)).tolist():
-        point = network.points[names[i]]
-        if point.sigma is None and not register.known("point", point.name):
+    for point in anywhere(solution):
+        if not register.known("point", point.name):
             lost.add(("point", point.name))
-            lacks["point", point.name] = (
-                f"point {point.name!r} may be anywhere: its standard deviation is "
-                f"{sigma[i]:.3g} m, its farthest sight {reach[i]:.3g} m"
-            )
+            lacks["point", point.name] = str(point)
     return lost
 
 

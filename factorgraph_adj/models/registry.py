@@ -44,6 +44,15 @@ class Kind:
     unit: Unit = "m"
     """Unit of its value."""
 
+    @property
+    def curved(self) -> bool:
+        """Whether it is a sight whose partials change with the place of its ends.
+
+        Height differences and GNSS vectors have the same everywhere.
+        """
+        sight = sum(kind == "point" for kind, _ in self.variables) > 1
+        return sight and self.name not in ("height_difference", "gnss_vector")
+
 
 _SIGHT: tuple[tuple[VariableKind, str], ...] = (
     ("point", "station"),

@@ -1,0 +1,94 @@
+"""Points of which their own readings do not say where they are.
+
+Three standard deviations that reach the farthest station, or photo, reach infinity too. Partials
+at the place where such a point is taken to be say nothing about any other; adjustments with it
+hardly come to rest, and right readings beside it look wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..graph.blocks import Block
+from ..models.registry import KINDS
+from ..quality.solution import Solution
+
+WITHIN = 3.0
+"""Standard deviations of a point within which it may be."""
+
+
+@dataclass(frozen=True)
+class Anywhere:
+    """A point that may be anywhere."""
+
+    name: str
+    """Its name."""
+    sigma: float
+    """Largest standard deviation with everything else held, metres."""
+    sight: float
+    """Its farthest sight, metres."""
+
+    def __str__(self) -> str:
+        """Say so."""
+        return (
+            f"point {self.name!r} may be anywhere: its standard deviation is {self.sigma:.3g} m "
+            f"even with all else held, its farthest sight {self.sight:.3g} m"
+        )
+
+
+def anywhere(solution: Solution) -> list[Anywhere]:
+    """Return the points with 3/√λ ≥ s: λ least eigenvalue of N_pp, s farthest sight.
+
+    N_pp is the block of AᵀPA of the point alone: how well the datum is known, or other points,
+    does not matter. Neither does a direction of which readings with constant partials (weights,
+    control, GNSS vectors, levelling) say most; and partials across a sight change with its
+    length only. Correlations between observations are not counted.
+
+    Args:
+        solution: of what is to enter.
+    """
+    system, state = solution.normal().system, solution.state
+    points = solution.equations.unknowns["point"]
+    where = {"point": state["point"], "pose": state["pose"][:, 9:]}
+    every, constant = np.zeros((2, len(points.names), 3, 3))
+    far = np.zeros(len(points.names))
+    for place, linear in enumerate(system.blocks):
+        block = linear.block
+        curved = _curved(block)
+        if curved:
+            first, *others = ((k, index) for k, index in block.variables if k in where)
+            for kind, index in others:
+                sight = where[kind][index] - where[first[0]][first[1]]
+                length = np.sqrt(np.sum(sight**2, axis=1))
+                for end, at in (first, (kind, index)):
+                    if end == "point":
+                        np.maximum.at(far, at, length)
+        correlated = solution.equations.in_cluster.get(place)
+        for (kind, index), a in zip(block.variables, linear.a, strict=True):
+            if kind != "point" or not len(a):
+                continue
+            if correlated is not None:
+                a = a.copy()
+                a[correlated] /= block.sigma[correlated][:, :, None]
+            own = a.transpose(0, 2, 1) @ a
+            np.add.at(every, index, own)
+            if not curved:
+                np.add.at(constant, index, own)
+    # Held components are known best.
+    diagonal = np.einsum("nii->ni", every)
+    diagonal += np.where(points.free, 0.0, 1.0 + diagonal.sum(axis=1, keepdims=True))
+    values, vectors = np.linalg.eigh(every)
+    weakest, least = vectors[:, :, 0], np.maximum(values[:, 0], 0.0)
+    given = np.einsum("ni,nij,nj->n", weakest, constant, weakest)
+    vague = points.free.any(axis=1) & (far * np.sqrt(least) <= WITHIN) & (given <= 0.5 * least)
+    return [
+        Anywhere(points.names[i], float(1.0 / np.sqrt(least[i])) if least[i] else np.inf, far[i])
+        for i in np.flatnonzero(vague & (far > 0)).tolist()
+    ]
+
+
+def _curved(block: Block) -> bool:
+    """Return whether partials by points depend on where these are."""
+    return block.lens is not None or (block.kind in KINDS and KINDS[block.kind].curved)
