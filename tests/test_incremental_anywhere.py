@@ -6,21 +6,26 @@ where the point is taken to be hold nowhere else; adjustments with it hardly com
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 import pytest
 from arrivals import batch, difference
 
 import factorgraph_adj as fga
+from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import (
+    Azimuth,
     ControlPoint,
     GnssVector,
     HeightDifference,
     ImagePoint,
     Observation,
     SlopeDistance,
+    ZenithAngle,
 )
 
 AT = np.array([2.0, 9.0, 1.5])
@@ -211,3 +216,46 @@ def test_rays_that_are_parallel_within_three_standard_deviations(
     inc.add(third)
     assert not inc.n_waiting
     assert inc.estimate("P")[2] == pytest.approx(-depth, rel=1e-6)
+
+
+@pytest.mark.parametrize("datum", ["given", "free"])
+def test_it_waits_again_when_what_said_where_it_is_is_taken_out(
+    datum: Literal["given", "free"],
+) -> None:
+    """Without its zenith angle a height hangs on a nearly horizontal distance that is too short.
+
+    There is no minimum with the point; everything else has its own.
+    """
+    network = fga.Network("site", datum=datum)
+    at = {"A": (0.0, 0.0, 0.0), "B": (30.0, 0.0, 1.0), "C": (12.0, -25.0, 6.0), "P": (10, 20, 0.3)}
+    for name, x in at.items():
+        held = "xyz" if datum == "given" and name in "AB" else ""
+        network.add_point(name, x, fixed=held)
+    scratch = measure(sights(network), seed=1, noise=False)
+    short = scratch.observations["A-P"]
+    assert isinstance(short, SlopeDistance)
+    scratch.observations["A-P"] = replace(short, value=short.value - 0.005)
+    inc = fga.IncrementalAdjustment(scratch, policy="accept", datum=datum)
+    assert inc.solution().converged
+    waits = inc.remove("zenith").waits
+    assert {w.label.split()[2] for w in inc.waiting} == {"P"} and len(waits) == 3
+    assert all("'P'" in w.lacks for w in inc.waiting)
+    assert inc.solution().converged
+    found = difference(inc.solution(), batch(inc))
+    assert max(found.estimates, found.sigmas) < 1e-2
+    inc.add(scratch.observations["zenith"])
+    assert not inc.n_waiting and inc.solution().converged
+
+
+def sights(network: fga.Network) -> fga.Network:
+    """Add distances and zenith angles between all others, and what determines P."""
+    for a, b in combinations("ABC", 2):
+        network.add(SlopeDistance(a, b, 1.0, sigma=0.001), ZenithAngle(a, b, 1.0, sigma=2e-5))
+        network.add(Azimuth(a, b, 1.0, sigma=2e-5))
+    network.add(
+        Azimuth("A", "P", 1.0, sigma=2e-5),
+        Azimuth("B", "P", 1.0, sigma=2e-5),
+        SlopeDistance("A", "P", 1.0, sigma=0.001, id="A-P"),
+        ZenithAngle("A", "P", 1.0, sigma=2e-5, id="zenith"),
+    )
+    return network

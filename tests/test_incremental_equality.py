@@ -220,3 +220,14 @@ def test_what_arrives_is_the_batch_adjustment_at_any_time(
             assert name in WITHOUT, moment
     assert not found[-1].no_batch
     assert not found[-1].n_waiting
+
+
+def test_a_minimum_that_takes_many_iterations_is_found_where_there_was_none() -> None:
+    """Arrivals without a minimum leave everything where it was; the next one needs 93 iterations.
+
+    Twenty, begun anew from the same place at each arrival, never came to it.
+    """
+    for moment in CASES["images, free"].play(None, 5):
+        assert not moment.no_batch and moment.promise <= 1.0, moment
+        if moment.when.endswith("what was out is back"):
+            return

@@ -19,6 +19,7 @@ from ..observations import ImagePoint
 from ..quality.solution import Solution
 from ..solve.batch import adjust
 from . import records
+from .anywhere import anywhere
 from .book import Book
 from .engine import Engine
 from .entering import find, firm
@@ -81,6 +82,8 @@ class Absorbing:
     _starting_over: bool
     _most_split: float
     """Units that reached no solution together, while they are tried in parts; else infinite."""
+    _was: Solution | None
+    """Where everything was, while it is found out anew what is determined; else none."""
 
     def _take_over(self, network: Network) -> None:
         self._book.network = self._engine.network = network
@@ -155,6 +158,7 @@ class Absorbing:
                 datum="free" if begins else "given",
                 blunders=self.policy != "accept",
                 alpha=self.alpha,
+                start=self._was,
             )
             lacks |= part.lacks
             if looked_at is component:
@@ -638,14 +642,21 @@ class Absorbing:
             book.remove(unit)
         before = known_network(book.network, engine.register)
         solution: Solution | None = None
+        start: Solution | None = None
         with suppress(AdjustmentError):
             start = solution_of(engine) if not engine.empty else None
             solution = adjust(before, datum=engine.datum, start=start)
         # Without redundancy there is a minimum, v = 0, where everything is determined.
-        if solution is None or not (solution.converged or solution.redundancy):
+        if solution is None or not (
+            solution.converged or (solution.redundancy and not anywhere(solution))
+        ):
             every = book.take_all()
             engine.clear()
-            found = self._absorb([*every, *left_over], test=False)
+            self._was = start
+            try:
+                found = self._absorb([*every, *left_over], test=False)
+            finally:
+                self._was = None
             return _waiting_again(found, ())
         engine.hold(solution)
         return self._absorb(left_over, test=False).waits

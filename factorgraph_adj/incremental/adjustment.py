@@ -112,6 +112,7 @@ class IncrementalAdjustment(Absorbing):
         self._solution: Solution | None = None
         self._spared = set()
         self._depth, self._starting_over, self._most_split = 0, False, np.inf
+        self._was = None
         chosen = network.datum if datum is None else datum
         self._book = Book(network.copy())
         self._book.network.datum = chosen
@@ -154,7 +155,7 @@ class IncrementalAdjustment(Absorbing):
             out.policy, out.alpha = options["policy"], options["alpha"]
             out.resumed, out._solution, out._journal = torn, None, None
             out._spared, out._depth = set(), 0
-            out._starting_over, out._most_split = False, np.inf
+            out._starting_over, out._most_split, out._was = False, np.inf, None
             out._book = Book(network)
             network.datum = options["datum"]
             out._engine = Engine(network, datum=options["datum"], accuracy=options["accuracy"])

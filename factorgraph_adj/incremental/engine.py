@@ -23,6 +23,7 @@ from ..quality.solution import Solution
 from ..solve.batch import OFF_DATUM, SHRINKING, adjust
 from ..solve.tree import SingularError
 from ..types import Array, Index
+from .anywhere import anywhere
 from .local import filtered, starting_state
 from .network_graph import Graph, slots_of
 from .rows import Piece, Rows
@@ -47,7 +48,9 @@ MOST_STEPS = 15
 MOST_ITERATIONS = 200
 """Of the batch adjustment that takes over."""
 FEW_ITERATIONS = 20
-"""Of one where there was no minimum before, and nothing was taken out since."""
+"""Of one where there was no minimum before, and nothing was taken out since, at least;"""
+WORK = 60_000
+"""its iterations times unknowns, which small networks may take more of."""
 SHARE = 0.2
 """Part of the promise that a Gauss-Newton step may be, where σ̂0 is 1 or less. Where residuals are
 large the minimum is further away than such a step, as second partials count too: there it is this
@@ -104,7 +107,8 @@ class Engine(Graph):
         for kind, values in self._before.items():
             self.register[kind].value.view[:] = values
         # Where there was no minimum before, only less can help.
-        iterations = MOST_ITERATIONS if was or self.fewer else FEW_ITERATIONS
+        few = min(max(FEW_ITERATIONS, WORK // self.register.n_places), MOST_ITERATIONS)
+        iterations = MOST_ITERATIONS if was or self.fewer else few
         lost, self.fewer = self.fewer and not was, False
         self._adjust_or_stay(*self.whole(), iterations, anew=lost)
 
@@ -130,9 +134,11 @@ class Engine(Graph):
                 # Not the error itself: its traceback would keep everything alive.
                 self.loose = tuple(error.unknowns) if isinstance(error, DatumError) else None
             else:
-                self.loose = found.drifting or None
                 if self.kept:
+                    self.loose = None
                     return
+                vague = tuple(("point", p.name) for p in anywhere(found))
+                self.loose = found.drifting or vague or None
         self.kept = self.settled = False
         with suppress(AdjustmentError, RuntimeError, np.linalg.LinAlgError):
             self.load(equations, state, given, constraint)
@@ -370,14 +376,20 @@ class Engine(Graph):
         """Move a free network to its inner constraints, charts and all.
 
         Verticals and orientations follow such a motion only to first order; the next step does
-        the rest.
+        the rest. Where that leads nowhere it stays where it was, and `kept` is false.
         """
-        for _ in range(MOST_STEPS if self.held else 0):
+        if not self.held:
+            return
+        begun = self.whole()
+        for _ in range(MOST_STEPS):
             equations, state, given = self.whole()
             far, moved = onto_datum(equations, state, given)
             if far < ON_DATUM:
                 return
             self.load(equations, moved, given, self.constraint(equations))
+        self.kept, self.doubt = False, OFF_DATUM
+        equations, state, given = begun
+        self.load(equations, state, given, self.constraint(equations))
 
     def _step(self) -> float:
         """Return √(δᵀ N δ) of the step from the charts' origins: its bound relative to σ."""

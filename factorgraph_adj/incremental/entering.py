@@ -10,6 +10,7 @@ anywhere, see `factorgraph_adj.incremental.anywhere`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,6 +71,7 @@ def find(
     datum: DatumChoice,
     blunders: bool,
     alpha: float,
+    start: Solution | None = None,
 ) -> Found:
     """Find what of some units can enter.
 
@@ -81,6 +83,7 @@ def find(
         blunders: whether gross errors are to be expected: the adjustment then is one without what
             stands out, as a place to start from. It is not their test.
         alpha: of the tests that find what stands out.
+        start: where everything was, if it was; none: approximate values are found.
     """
     lacks: dict[Variable, str] = {}
     aside: list[Unit] = []
@@ -94,14 +97,12 @@ def find(
         try:
             lost = _unreachable(compile_rows(local), left, lacks, datum)
             if not lost:
-                tolerance = LEFT_AT_REST if datum == "free" else 1e-4
-                solution = adjust(local, datum=datum, tolerance=tolerance)
-                if solution.converged or solution.redundancy:
-                    lost = _anywhere(solution, register, lacks)
-                    if not lost:
-                        if blunders and solution.sigma0 > DISTURBED:
-                            solution = _without_blunders(solution, alpha)
-                        return Found(tuple(left), solution, lacks, tuple(aside))
+                solution = _adjusted(local, datum, start)
+                lost = _anywhere(solution, register, lacks)
+                if not lost and (solution.converged or solution.redundancy):
+                    if blunders and solution.sigma0 > DISTURBED:
+                        solution = _without_blunders(solution, alpha)
+                    return Found(tuple(left), solution, lacks, tuple(aside))
                 why = solution.reason
         except OverflowError:
             why = ABSURD
@@ -117,6 +118,17 @@ def find(
         aside += [u for u in left if u.ids[0] not in stay]
         left = rest
     return Found((), None, lacks)
+
+
+def _adjusted(local: Network, datum: DatumChoice, start: Solution | None) -> Solution:
+    """Adjust from where everything was; from approximate values where that leads nowhere."""
+    tolerance = LEFT_AT_REST if datum == "free" else 1e-4
+    if start is not None:
+        with suppress(AdjustmentError):
+            solution = adjust(local, datum=datum, start=start, tolerance=tolerance)
+            if solution.converged:
+                return solution
+    return adjust(local, datum=datum, tolerance=tolerance)
 
 
 def _anywhere(solution: Solution, register: Register, lacks: dict[Variable, str]) -> set[Variable]:

@@ -15,6 +15,7 @@ from ..graph.keys import CHARS
 from ..graph.variables import State
 from ..models.registry import VariableKind
 from ..quality.solution import Solution
+from ..solve.batch import OFF_DATUM
 from ..solve.datum import Defect, FreeDatum, find_defects
 from ..solve.factor import Factor
 from ..solve.free_network import (
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
     from .register import Register
     from .tree import LinearTree
 
+UNCHANGED = 1e-6
+"""Part of vᵀPv that moving a free network to its datum points may change."""
 MOST_DRAWN = 300
 """Variables up to which the cliques are read from iSAM2's own tree."""
 
@@ -228,8 +231,15 @@ def solution_of(engine: Engine) -> Solution:
     constraint = engine.constraint(equations)
     datum: FreeDatum | None = None
     defects: tuple[Defect, ...] = ()
+    v = equations.residuals(state)
+    on_datum = True
     if engine.held:
-        state, defects, datum = _on_datum(equations, state, given)
+        moved, defects, datum = _on_datum(equations, state, given)
+        there = equations.residuals(moved)
+        # What no observation notices changes no residual.
+        on_datum = abs(float(there @ there) - float(v @ v)) <= UNCHANGED * (1.0 + float(v @ v))
+        if on_datum:
+            state, v = moved, there
 
     def normal_at(at: State) -> NormalEquations:
         return NormalEquations(solver, at)
@@ -241,15 +251,15 @@ def solution_of(engine: Engine) -> Solution:
             made.append(TreeNormal(solver, state, tree, columns))
         return made[0]
 
-    v = equations.residuals(state)
     at_rest = f"within {engine.accuracy:.0%} of each σ of the minimum"
+    doubt = engine.doubt if not engine.kept else "" if on_datum else OFF_DATUM
     return Solution(
         network=equations.network,
         equations=equations,
         state=state,
         start=given,
-        converged=engine.kept,
-        reason=engine.doubt if not engine.kept else "at rest" if engine.settled else at_rest,
+        converged=engine.kept and on_datum,
+        reason=doubt or ("at rest" if engine.settled else at_rest),
         iterations=0,
         vtpv=float(v @ v),
         datum=datum,

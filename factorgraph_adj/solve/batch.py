@@ -193,10 +193,15 @@ def adjust(
         if not converged or iterations >= max_iterations or weighed.weighs_as(before):
             break
     if run.datum is not None:
+        shape = run.state, run.datum, run.defects
         arrived = _carry_to_datum_points(run, tolerance, converged)
-        vtpv = run.vtpv(run.state)
+        there = run.vtpv(run.state)
         if converged and not arrived:
             converged, reason = False, OFF_DATUM
+            if not there <= vtpv + 1e-6 * (1.0 + vtpv):  # it has lost its shape on the way
+                (run.state, run.datum, run.defects), run.at_solution = shape, None
+                there = vtpv
+        vtpv = there
     _refuse_points_behind(equations, run.state)
     return Solution(
         network=network,
