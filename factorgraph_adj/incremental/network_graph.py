@@ -264,13 +264,8 @@ class Graph:
         Photos and calibrations after points; a large terrestrial network by nested dissection.
         """
         keys = self.register.keys
-        if any(r.template.kind == "image" for r in self.store.kinds.values()):
-            out = []
-            for key in keys:
-                kind, _ = self.register.variable(key)
-                if kind in LATE:
-                    out.append((key, LATE[kind]))
-            return out if len(out) < len(keys) else []
+        if self._has_images():
+            return self._after_points()
         if len(keys) <= SMALL:
             return []
         graph = gtsam.GaussianFactorGraph()
@@ -278,6 +273,23 @@ class Graph:
             graph.add(factor.factor())  # type: ignore[attr-defined]
         order = nested_dissection(graph)
         return [(order.at(i), i) for i in range(order.size())]
+
+    def _has_images(self) -> bool:
+        return any(r.template.kind == "image" for r in self.store.kinds.values())
+
+    def _after_points(self) -> list[tuple[int, int]]:
+        """Return variables of very many observations, to be eliminated after all others."""
+        every = ((key, self.register.variable(key)[0]) for key in self.register.keys)
+        out = [(key, LATE[kind]) for key, kind in every if kind in LATE]
+        return out if len(out) < len(self.register.keys) else []
+
+    def _late_in(self, n: int) -> list[tuple[int, int]]:
+        """Return the same for an update that changes n factors, where these are many.
+
+        Without, iSAM2 eliminates what the factors touch last of all it changes: photos before
+        points that they see, which joins all of these in one clique.
+        """
+        return self._after_points() if n > MANY_KEYS and self._has_images() else []
 
     def _held_factor(self, held: Held) -> gtsam.NonlinearFactor:
         table = self.register[held.kind]
@@ -300,7 +312,8 @@ class Graph:
         """Change the tree, and move to its solution; build it anew where that fails."""
         self.recent, self.patience, self.size = None, min(self.patience, 0), None
         try:
-            slots = self.tree.update(factors, values, remove)
+            late = self._late_in(len(factors) + len(remove))
+            slots = self.tree.update(factors, values, remove, late)
             self.store.number(owners, slots)
             self._follow(self._tree)
         except (SingularError, RuntimeError):
@@ -387,8 +400,9 @@ class Graph:
         if fresh:
             self.patience = min(self.patience, 0)
         factors, owners = self.store.factors(piece)
+        late = self._late_in(len(factors))
         try:
-            slots = self.tree.update(factors, self.register.values(fresh))
+            slots = self.tree.update(factors, self.register.values(fresh), late=late)
             self.store.number(owners, slots)
             self._follow(self._tree)
         except (SingularError, RuntimeError):
@@ -396,7 +410,7 @@ class Graph:
         self._note_priors(piece)
         entered = [self.register.variable(k) for k in fresh]
         placed = Placed(tuple(units), piece, marks, entered)
-        return self._judged(placed, arrived=True) if judge else placed
+        return self._judged(placed, arrived=not late) if judge else placed
 
     def _remember(self) -> None:
         self._before = {k: v.copy() for k, v in self.register.state.items()}
@@ -577,7 +591,8 @@ class Graph:
         self.unflushed = []
         factors, owners = self.store.factors(Piece(rows, groups))
         try:
-            slots = self._tree.update(factors, gtsam.Values())
+            late = self._late_in(len(factors))
+            slots = self._tree.update(factors, gtsam.Values(), late=late)
             self.store.number(owners, slots)
             self._follow(self._tree)
         except (SingularError, RuntimeError):
