@@ -15,7 +15,7 @@ from ..graph.keys import CHARS
 from ..graph.variables import State
 from ..models.registry import VariableKind
 from ..quality.solution import Solution
-from ..solve.batch import OFF_DATUM, UNCHANGED
+from ..solve.batch import OFF_DATUM
 from ..solve.datum import Defect, FreeDatum, find_defects
 from ..solve.factor import Factor
 from ..solve.free_network import (
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from .register import Register
     from .tree import LinearTree
 
+UNCHANGED = 1e-6
+"""Part of vᵀPv that moving a free network to its datum points may change."""
 MOST_DRAWN = 300
 """Variables up to which the cliques are read from iSAM2's own tree."""
 
