@@ -18,6 +18,7 @@ from ..network import Network
 from ..observations import ImagePoint
 from ..quality.solution import Solution
 from ..solve.batch import adjust
+from ..solve.tree import SingularError
 from . import records
 from .anywhere import anywhere
 from .book import Book
@@ -620,7 +621,10 @@ class Absorbing:
         for unit in touched:
             book.remove(unit)
         kept = engine.kept
-        engine.drop(loosened.ids, loosened.variables)
+        try:
+            engine.drop(loosened.ids, loosened.variables)
+        except SingularError:  # to working precision, which is not that of M
+            return self._anew((), [*left_over, *again])
         engine.keep_the_promise()
         apart = self._let_go(()) if kept else []
         engine = self._engine
