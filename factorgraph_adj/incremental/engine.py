@@ -67,12 +67,17 @@ AGED = 0.05
 MOST_WHOLE = 2
 """Rounds that linearise everything anew, where there are many unknowns, before the batch adjustment
 takes over: its iterations build no tree."""
+MOST_OF_IMAGES = 2, 0
+"""Both where there are many unknowns and photos: the batch adjustment eliminates all points at once
+there, and is at rest sooner than iSAM2 has changed twice."""
 FEW = 300
 """and unknowns up to which they are at once: that takes no time."""
 MANY = 200
 """Rows that are many."""
 RUNAWAY = 1e8
 """Misfit of the linear forms, Σ|Δv|² + Σρ²|v|², from which on their steps lead astray."""
+ROUGH = 1.0
+"""The same from which on they are linearised anew in any case."""
 QUIET = 0.01
 """Part of what is missed that may stay where it is."""
 TURNED = 1e-3
@@ -156,6 +161,9 @@ class Engine(Graph):
         """Linearise anew what no longer holds; return whether the promise is kept."""
         last = np.inf
         whole = 0
+        many = self.register.n_places >= FEW
+        quick = many and self._has_images()
+        most_parts, most_whole = MOST_OF_IMAGES if quick else (MOST_PARTS, MOST_WHOLE)
         if self.recent is not None and self.recent.holds(self.register, *self._bounds()):
             self.settled = False
             return True
@@ -173,21 +181,21 @@ class Engine(Graph):
             if total == 0.0 and not len(turned_poses):
                 return True
             bent = self._bent(turned, bound)
-            far = self._left(step) > step
+            far = self._far(step, total)
             if not bent and not far and not len(turned_poses):
                 return True
-            if not total < RUNAWAY or (total > last and total > 1.0):
+            if not total < RUNAWAY or (total > last and total > ROUGH):
                 return False
             last = total
             piece = self._doubtful(kinds, off, turned, turned_poses, far=far)
-            rough = total > 1.0 or sum(float(t @ t) for t in turned) > AGED**2
+            rough = total > ROUGH or sum(float(t @ t) for t in turned) > AGED**2
             self.aged = self.aged or rough
-            if piece is None or round_ >= MOST_PARTS:
+            if piece is None or round_ >= most_parts:
                 whole += 1
-                if whole > MOST_WHOLE and self.register.n_places >= FEW:
+                if whole > most_whole and many:
                     return False
                 self.relinearise_all()
-                if self.register.n_places < FEW:
+                if not many:
                     self._renew_variances()
                 continue
             self.flush()
@@ -203,7 +211,7 @@ class Engine(Graph):
             if self.tree.slots > 2 * self.store.n_scalars + SPARE:
                 self.store.compact()
                 self.rebuild()
-            if self.register.n_places < FEW:
+            if not many:
                 self._renew_variances()
         return False
 
@@ -228,20 +236,25 @@ class Engine(Graph):
         few = TURNED_SHARE / MANY_TURNED * bound
         return sum(map(len, turned)) < MANY or max(float(t.max()) for t in turned) > few
 
-    def _left(self, step: float) -> float:
-        """Return the bound of the step that is left, relative to σ.
+    def _far(self, step: float, total: float) -> bool:
+        """Return whether the step that is left may be more than ``step``, relative to σ.
 
-        What it would be without correlations is a rough guess; only where that is more than
-        ``step`` the system is factorised for it.
+        What it would be without correlations is a rough guess. Where that is more, the system is
+        factorised to know; but not where so much is missed that linearising anew pays in any case.
+
+        Args:
+            step: the bound.
+            total: misfit of the linear forms, as that of `ROUGH`.
         """
         gradient = self.store.gradient()
         if self.recent is None:
             alone = gradient**2 @ self.register.all_variances()
-            guess = CORRELATED * float(np.sqrt(alone))
-            if guess <= step or not self.factorise():
-                return guess
+            if CORRELATED * float(np.sqrt(alone)) <= step:
+                return False
+            if total > ROUGH or not self.factorise():
+                return True
         assert self.recent is not None
-        return self.recent.bound(gradient)
+        return self.recent.bound(gradient) > step
 
     def linearise_here(self) -> None:
         """Linearise everything at the present state, so that nothing is left to do but rounding."""

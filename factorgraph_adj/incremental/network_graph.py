@@ -22,8 +22,9 @@ from ..models.registry import VariableKind
 from ..network import DatumChoice, Network
 from ..observations import Observation
 from ..quality.solution import Solution
-from ..solve.tree import SMALL, SingularError, nested_dissection
+from ..solve.tree import SMALL, Clique, SingularError, nested_dissection
 from ..types import Array, Index, Mask
+from .cliques import cliques_anew, cofactor_times, those_above, variances_of
 from .local import known_network, local_network, starting_state
 from .open_motions import OpenMotions
 from .recent import MOST, Recent
@@ -33,7 +34,6 @@ from .tree import LinearTree
 from .trial import LowRank, Marks, Placed, Trial, gather, rows_of
 from .units import Unit
 from .verdicts import Judged
-from .view import cofactor_times, variances_of
 
 SINGULAR = (
     "with it the normal equations are singular to working precision: is its standard deviation, or "
@@ -113,6 +113,8 @@ class Graph:
         """What no observation of a free network notices."""
         self.size: float | None = None
         """vᵀPv; none where it has not been worked out since the tree changed."""
+        self._cliques: tuple[tuple[LinearTree, int], list[Clique]] | None = None
+        """Those of `cliques`, and the tree and its update that they are of."""
         self._before: State = {}
         """Where the variables were before the last change."""
         self.priors: dict[tuple[VariableKind, int], list[str]] = {}
@@ -468,10 +470,14 @@ class Graph:
         units, piece = placed.units, placed.piece
         system = gather(self.store, piece)
         if len(system.keys) > MANY_KEYS:
-            y = np.zeros((self.register.n_places, len(system.v)))
-            y[system.places] = system.a.T
-            spread = cofactor_times(self.tree, self.register, y)[system.places]
-            variances = variances_of(self.tree, self.register)[system.places]
+            part, columns = those_above(self.cliques(), system.places)
+            place = np.full(self.register.n_places, -1, dtype=np.intp)
+            place[columns] = np.arange(len(columns))
+            own = place[system.places]
+            y = np.zeros((len(columns), len(system.v)))
+            y[own] = system.a.T
+            spread = cofactor_times(part, y)[own]
+            variances = variances_of(part, len(columns))[own]
         else:
             joint = self.tree.joint(system.keys, arrived=arrived)
             variances = np.array(np.diag(joint))
@@ -521,8 +527,21 @@ class Graph:
     def _renew_variances(self) -> None:
         """Work out all variances: without some rows they are larger."""
         if self.register.keys:
-            self.register.set_variances(variances_of(self.tree, self.register))
+            self.register.set_variances(variances_of(self.cliques(), self.register.n_places))
         self.aged = False
+
+    def cliques(self) -> list[Clique]:
+        """Return the cliques of all factors, eliminated once for each state of the tree.
+
+        Raises:
+            SingularError: a pivot vanished.
+        """
+        tree = self.tree
+        of = tree, tree.updates
+        if self._cliques is None or self._cliques[0] != of:
+            columns = {k: self.register.places(k) for k in self.register.keys}
+            self._cliques = of, cliques_anew(tree, columns)
+        return self._cliques[1]
 
     def compare_all(self) -> None:
         """Compare all rows with their models at the present state.
@@ -546,13 +565,18 @@ class Graph:
         try:
             self.compare_all()
             self.register.start_from_here()
-            self.recent = Recent(self.store, held)
+            self.recent = Recent(self.store, held, self._order() if self._has_images() else None)
             if self.recent.precise:
                 return True
         except (InputError, RuntimeError):
             pass
         self.recent, self.patience = None, -IMPRECISE
         return False
+
+    def _order(self) -> Index:
+        """Return all places in an order of elimination with little fill."""
+        order = self.tree.ordering()
+        return np.concatenate([self.register.places(order.at(i)) for i in range(order.size())])
 
     def keep(self, trial: Trial, gone: Sequence[Unit]) -> None:
         """Keep a trial but for some units; every variable of it was known before."""

@@ -38,12 +38,16 @@ SEED = 1986
 class Recent:
     """Q of a system, and of what has arrived since."""
 
-    def __init__(self, store: Store, held: list[tuple[int, float]]) -> None:
+    def __init__(
+        self, store: Store, held: list[tuple[int, float]], order: Index | None = None
+    ) -> None:
         """Factorise the normal equations of all rows.
 
         Args:
             store: the rows.
             held: place and weight of what carries a minimal datum.
+            order: places in the order of their elimination; none: by minimum degree, which is
+                quick only where no unknown has thousands of observations.
 
         Raises:
             RuntimeError: they are singular to working precision.
@@ -60,10 +64,11 @@ class Recent:
         if not np.all(diagonal > 0):
             raise RuntimeError("an unknown without rows")
         self.scale = 1.0 / np.sqrt(diagonal)
-        scaled = diags_array(self.scale) @ self.normal @ diags_array(self.scale)
+        scaled = csc_array(diags_array(self.scale) @ self.normal @ diags_array(self.scale))
+        self.order = np.arange(n) if order is None else order
         self.factor = splu(
-            csc_array(scaled),
-            permc_spec="MMD_AT_PLUS_A",
+            scaled if order is None else csc_array(scaled[order][:, order]),
+            permc_spec="MMD_AT_PLUS_A" if order is None else "NATURAL",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
@@ -89,7 +94,9 @@ class Recent:
         return np.asarray(x - g @ (g.T @ b))
 
     def _solve(self, b: Array) -> Array:
-        return np.asarray(self.scale[:, None] * self.factor.solve(self.scale[:, None] * b))
+        x = np.empty_like(b)
+        x[self.order] = self.factor.solve((self.scale[:, None] * b)[self.order])
+        return np.asarray(self.scale[:, None] * x)
 
     def absorb(self, y: Array, d: Array) -> Array:
         """Add rows with y = Q Aᵀ (n, k) and D = I + A Q Aᵀ; return the loss of all variances."""

@@ -14,11 +14,11 @@ import numpy as np
 
 from ..models.registry import VariableKind
 from ..types import Array
+from .cliques import cofactor_times
 from .engine import Engine
 from .judging import MOVES, TIED
 from .trial import MOST_ROWS
 from .units import Unit
-from .view import cofactor_times
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def what_loosens(
         places = np.concatenate([engine.register.places(k) for k in trial.system.keys])
         y = np.zeros((engine.register.n_places, null.shape[1]))
         y[places] = trial.system.a.T @ null
-        moved = _moved(engine, cofactor_times(engine.tree, engine.register, y))
+        moved = _moved(engine, cofactor_times(engine.cliques(), y))
         if moved <= variables:
             break
         variables |= moved

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from ..solve.tree import SingularError
+from ..solve.tree import SMALL, SingularError, nested_dissection
 from ..solve.triangular import upper_solve
 from ..types import Array, Index
 
@@ -41,11 +41,13 @@ class LinearTree:
         self.qr = qr
         self.slots = 0
         """Slots given out so far; those of removed factors stay empty."""
+        self.updates = 0
+        """How often it has changed."""
 
     def copy(self) -> LinearTree:
         """Return a tree of its own."""
         out = LinearTree(qr=self.qr)
-        out.isam, out.slots = gtsam.ISAM2(self.isam), self.slots
+        out.isam, out.slots, out.updates = gtsam.ISAM2(self.isam), self.slots, self.updates
         return out
 
     def update(
@@ -66,6 +68,7 @@ class LinearTree:
         Raises:
             SingularError: a variable is not determined. The tree is useless then.
         """
+        self.updates += 1
         graph = gtsam.NonlinearFactorGraph()
         for factor in factors:
             graph.add(factor)
@@ -81,6 +84,17 @@ class LinearTree:
         new = list(result.getNewFactorsIndices())
         self.slots += len(new)
         return new
+
+    def linear(self) -> gtsam.GaussianFactorGraph:
+        """Return all factors as they are."""
+        return self.isam.getFactorsUnsafe().linearize(self.isam.getLinearizationPoint())
+
+    def ordering(self) -> gtsam.Ordering:
+        """Return an order of elimination with little fill: by nested dissection of a large one."""
+        graph = self.linear()
+        if len(graph.keyVector()) > SMALL:
+            return nested_dissection(graph)
+        return gtsam.Ordering.ColamdGaussianFactorGraph(graph)
 
     def delta(self, keys: Sequence[int]) -> Array:
         """Return δ of variables, one after the other."""

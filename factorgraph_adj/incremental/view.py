@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import gtsam
 import numpy as np
 
 from ..errors import DatumError
 from ..graph.equations import Equations
-from ..graph.keys import CHARS
 from ..graph.variables import State
-from ..models.registry import VariableKind
 from ..quality.solution import Solution
-from ..solve.batch import OFF_DATUM
+from ..solve.batch import OFF_DATUM, UNCHANGED
 from ..solve.datum import Defect, FreeDatum, find_defects
 from ..solve.factor import Factor
 from ..solve.free_network import (
@@ -28,24 +23,14 @@ from ..solve.free_network import (
 from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
 from ..solve.plan import make_plan
-from ..solve.selected_inverse import SelectedInverse
-from ..solve.tree import SMALL, Clique, SingularError, cliques_of, down, nested_dissection, up
-from ..solve.triangular import upper_solve
+from ..solve.tree import SingularError
 from ..types import Array, Index
+from .cliques import own_cliques
 
 if TYPE_CHECKING:
     from .engine import Engine
     from .register import Register
     from .tree import LinearTree
-
-UNCHANGED = 1e-6
-"""Part of vᵀPv that moving a free network to its datum points may change."""
-MOST_DRAWN = 300
-"""Variables up to which the cliques are read from iSAM2's own tree."""
-
-_LABEL = re.compile(r'label="([^":]*)')
-_KEY = re.compile(r"([a-z])(\d+)")
-_KIND: dict[str, VariableKind] = {char: kind for kind, char in CHARS.items()}
 
 
 class TreeFactor(Factor):
@@ -70,110 +55,6 @@ class TreeFactor(Factor):
         self._inner = None
 
 
-def own_cliques(tree: LinearTree, columns: dict[int, Index]) -> list[Clique]:
-    """Return the cliques of iSAM2's Bayes tree, parents first.
-
-    iSAM2 shows its cliques only as a drawing; with the order of elimination read from that,
-    ``jointBayesNet`` gives the conditionals of the tree itself. That takes time with the square
-    of their number; a large tree's factors are eliminated anew instead.
-    """
-    isam = tree.isam
-    if len(columns) > MOST_DRAWN:
-        return cliques_anew(tree, columns)
-    groups = [
-        [gtsam.symbol(c, int(i)) for c, i in _KEY.findall(label)]
-        for label in _LABEL.findall(isam.dot())
-    ]
-    groups.reverse()
-    order = [key for group in groups for key in group]
-    net = isam.jointBayesNet(order, gtsam.EliminateQR)
-    place = {key: i for i, key in enumerate(order)}
-    of = {c.keys()[0]: c for c in (net.at(i) for i in range(net.size()))}
-    clique_of = {key: n for n, group in enumerate(groups) for key in group}
-    count = len(groups)
-    out: list[Clique] = []
-    for n in range(count - 1, -1, -1):
-        group = groups[n]
-        conditionals = [of[key] for key in group]
-        seen: dict[int, None] = {}
-        for c in conditionals:
-            seen.update(dict.fromkeys(c.keys()))
-        own = set(group)
-        separator = sorted((k for k in seen if k not in own), key=place.__getitem__)
-        r, s = _stack(group, separator, conditionals, columns)
-        t = upper_solve(r, s) if s.size else s
-        parent = count - 1 - clique_of[separator[0]] if separator else -1
-        out.append(
-            Clique(
-                np.concatenate([columns[k] for k in group]),
-                np.concatenate([columns[k] for k in separator] or [np.zeros(0, dtype=np.intp)]),
-                r,
-                t,
-                parent,
-            )
-        )
-    return out
-
-
-def cliques_anew(tree: LinearTree, columns: dict[int, Index]) -> list[Clique]:
-    """Return the cliques of the same factors, eliminated once more."""
-    isam = tree.isam
-    graph = isam.getFactorsUnsafe().linearize(isam.getLinearizationPoint())
-    ordering = (
-        nested_dissection(graph)
-        if len(columns) > SMALL
-        else gtsam.Ordering.ColamdGaussianFactorGraph(graph)
-    )
-    if not tree.qr:
-        try:
-            return cliques_of(graph.eliminateMultifrontal(ordering), columns)
-        except RuntimeError:
-            pass  # Cholesky may refuse in this order what it did in the tree's
-    try:
-        bayes = graph.eliminateMultifrontal(ordering, gtsam.EliminateQR)
-    except RuntimeError as error:
-        raise SingularError(str(error)) from None
-    return cliques_of(bayes, columns)
-
-
-def _stack(
-    group: Sequence[int],
-    separator: Sequence[int],
-    conditionals: Sequence[gtsam.GaussianConditional],
-    columns: dict[int, Index],
-) -> tuple[Array, Array]:
-    """Return R (f, f) and S (f, s) of a clique from the conditionals of its variables."""
-    first: dict[int, int] = {}
-    n = 0
-    for key in (*group, *separator):
-        first[key] = n
-        n += len(columns[key])
-    f = sum(len(columns[k]) for k in group)
-    whole = np.zeros((f, n), order="F")
-    for key, c in zip(group, conditionals, strict=True):
-        at = first[key]
-        k = len(columns[key])
-        r = np.array(c.R())
-        s = np.array(c.S()).reshape(k, -1)
-        model = c.get_model()
-        if model is not None:
-            scale = 1.0 / np.array(model.sigmas())
-            r, s = r * scale[:, None], s * scale[:, None]
-        whole[at : at + k, at : at + k] = r
-        left = 0
-        for other in list(c.keys())[1:]:
-            size = len(columns[other])
-            to = first[other]
-            if to < at:
-                raise SingularError("the tree is not in the order of its drawing")
-            whole[at : at + k, to : to + size] = s[:, left : left + size]
-            left += size
-    r = np.asfortranarray(whole[:, :f])
-    if not np.all(np.isfinite(r)) or np.any(np.diag(r) == 0):
-        raise SingularError("a pivot vanished")
-    return r, whole[:, f:]
-
-
 class TreeNormal(NormalEquations):
     """Normal equations whose factorisation is that of iSAM2."""
 
@@ -190,24 +71,6 @@ class TreeNormal(NormalEquations):
             return TreeFactor(self.solver.equations, self._tree, self._columns)
         except (SingularError, RuntimeError):
             return super().factorise(extra, exact=exact)
-
-
-def variances_of(tree: LinearTree, register: Register) -> Array:
-    """Return the variances of all free components from one pass down the tree, (n_places,)."""
-    n = register.n_places
-    cliques = cliques_anew(tree, {k: register.places(k) for k in register.keys})
-    inverse = SelectedInverse(cliques, np.zeros((0, 0)), np.full(n, -1), n)
-    return inverse.joint(np.arange(n)[:, None])[:, 0, 0]
-
-
-def cofactor_times(tree: LinearTree, register: Register, y: Array) -> Array:
-    """Return Q y over all free components, (n_places, k)."""
-    cliques = cliques_anew(tree, {k: register.places(k) for k in register.keys})
-    x = np.zeros_like(y)
-    up(cliques, down(cliques, y), x)
-    if not np.isfinite(x).all():
-        raise SingularError("a pivot vanished")
-    return x
 
 
 def columns_of(register: Register, equations: Equations) -> dict[int, Index]:

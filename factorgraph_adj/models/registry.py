@@ -43,15 +43,13 @@ class Kind:
     """Attributes of the observation that the model takes as arrays."""
     unit: Unit = "m"
     """Unit of its value."""
+    linear: bool = False
+    """Whether its partials are the same wherever its ends are."""
 
     @property
     def curved(self) -> bool:
-        """Whether it is a sight whose partials change with the place of its ends.
-
-        Height differences and GNSS vectors have the same everywhere.
-        """
-        sight = sum(kind == "point" for kind, _ in self.variables) > 1
-        return sight and self.name not in ("height_difference", "gnss_vector")
+        """Whether it is a sight whose partials change with the place of its ends."""
+        return not self.linear and sum(kind == "point" for kind, _ in self.variables) > 1
 
 
 _SIGHT: tuple[tuple[VariableKind, str], ...] = (
@@ -87,10 +85,10 @@ KINDS: dict[str, Kind] = {
             (*_HEIGHTS, "target2_height"),
             "rad",
         ),
-        Kind("height_difference", _SIGHT, terrestrial.height_difference, _HEIGHTS),
+        Kind("height_difference", _SIGHT, terrestrial.height_difference, _HEIGHTS, linear=True),
         Kind("astronomic_latitude", _STATION, terrestrial.astronomic_latitude, (), "rad"),
         Kind("astronomic_longitude", _STATION, terrestrial.astronomic_longitude, (), "rad"),
-        Kind("gnss_vector", _SIGHT, position.gnss_vector, _HEIGHTS),
+        Kind("gnss_vector", _SIGHT, position.gnss_vector, _HEIGHTS, linear=True),
         Kind("photo_position", (("pose", "photo"),), position.photo_position, ("lever_arm",)),
     )
 }

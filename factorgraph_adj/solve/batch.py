@@ -62,6 +62,8 @@ WORTHWHILE = 1e-3
 """Part of the predicted decrease of vᵀPv that a damped step must bring."""
 OFF_DATUM = "not at rest on the inner constraints of the free network"
 """Why a free network at its minimum is not at rest."""
+UNCHANGED = 1e-6
+"""Part of 1 + vᵀPv that is no change of it."""
 STILL = 1.0
 """Step relative to σ above which nothing is at rest, whether vᵀPv can tell or not."""
 ROUNDING = 1e-12
@@ -198,7 +200,7 @@ def adjust(
         there = run.vtpv(run.state)
         if converged and not arrived:
             converged, reason = False, OFF_DATUM
-            if not there <= vtpv + 1e-6 * (1.0 + vtpv):  # it has lost its shape on the way
+            if not _no_worse(there, vtpv):  # it has lost its shape on the way
                 (run.state, run.datum, run.defects), run.at_solution = shape, None
                 there = vtpv
         vtpv = there
@@ -284,7 +286,7 @@ def _iterate(
                 # What is left after this step, by the rate of convergence so far.
                 fast = plain and np.isfinite(last) and bound < FAST * last and bound < CLOSE
                 left = bound * bound / last if fast else bound
-                no_worse = after <= vtpv + 1e-6 * (1.0 + vtpv)
+                no_worse = _no_worse(after, vtpv)
                 small = damping == 0.0 and (still or (left < tolerance and no_worse))
                 if moved is not None and (small or gain > WORTHWHILE):
                     break
@@ -368,6 +370,11 @@ def _further(
             return further, there
     beyond.moved(step)
     return None, np.inf
+
+
+def _no_worse(after: float, vtpv: float) -> bool:
+    """Return whether vᵀPv has not grown by more than rounding; not where it is not a number."""
+    return after <= vtpv + UNCHANGED * (1.0 + vtpv)
 
 
 def _cannot_tell(bound: float, decrease: float, vtpv: float) -> bool:
