@@ -121,7 +121,7 @@ def gama(name: str) -> Callable[[], fga.Network]:
 
 LARGE: dict[str, Case] = {
     "AICON": Case(ADJUSTED["AICON"], by_photo=True, moments=4),
-    "Roma": Case(ADJUSTED["Roma"], by_photo=True, moments=2, orders=(None,)),
+    "Roma": Case(ADJUSTED["Roma"], by_photo=True, moments=2),
     "Ladybug, a cut": Case(ADJUSTED["Ladybug, a cut"], by_photo=True, moments=3),
 }
 SAMPLES: dict[str, Case] = {

@@ -248,7 +248,7 @@ class Absorbing:
         """Put units in with what enters with them; it waits on if no solution is reached."""
         book = self._book
         self._solution = None
-        given = {i for u in units for i in u.ids}
+        given = _ids(units)
         entering = [*ready, *found]
         for unit in entering:
             book.enter(unit)
@@ -286,7 +286,7 @@ class Absorbing:
         than before, what arrived waits.
         """
         book = self._book
-        given = {i for u in units for i in u.ids}
+        given = _ids(units)
         for unit in entering:
             if book.in_graph(unit.ids[0]):
                 book.remove(unit)
@@ -295,6 +295,7 @@ class Absorbing:
         inside = book.take_all()
         if not self._starting_over:
             self._starting_over = True
+            book.retries.clear()
             self._engine.clear()
             try:
                 every = [*inside, *waited, *units]
@@ -303,7 +304,7 @@ class Absorbing:
                 self._starting_over = False
             if len(book.inside) > sum(len(u.ids) for u in inside):
                 again = [u for u in inside if u.ids[0] in book.pool]
-                known = {i for u in inside for i in u.ids} - given
+                known = _ids(inside) - given
                 told = Arrival(tuple(v for v in arrival.verdicts if v.id not in known))
                 waits = tuple(i for u in again for i in book.pool[u.ids[0]].ids)
                 return replace(_entered_beside(told, given), waits=waits)
@@ -471,7 +472,7 @@ class Absorbing:
     ) -> Arrival:
         """Let what was to enter wait on: no solution was reached with it."""
         book = self._book
-        given = {i for u in units for i in u.ids}
+        given = _ids(units)
         for unit in (*found, *ready):
             if book.in_graph(unit.ids[0]):
                 book.remove(unit)
@@ -609,7 +610,7 @@ class Absorbing:
             engine.network = book.network
         if not units and not weights:
             # What remains of groups that wait or are suspect is as if it arrived now.
-            waited = set(book.pool)
+            waited = _ids(book.pool.values())
             found = self._absorb(left_over, test=True) if left_over else Arrival()
             return _waiting_again(found, waited)
         left_over += [rest for u in units if (rest := _rest(book, u, gone)) is not None]
@@ -635,7 +636,7 @@ class Absorbing:
         if engine.kept and not kept:  # what kept others from entering may be gone
             left_over += [book.pool[k] for k in book.retries.weak]
             book.retries.clear()
-        waited = book.pool.keys() - {u.ids[0] for u in again}
+        waited = _ids(book.pool.values()) - _ids(again)
         found = self._absorb(left_over, test=False) if left_over else Arrival()
         return (*_waiting_again(found, waited), *(i for u in apart for i in u.ids))
 
@@ -644,26 +645,28 @@ class Absorbing:
         book, engine = self._book, self._engine
         for unit in units:
             book.remove(unit)
+        waited = _ids(book.pool.values())
         before = known_network(book.network, engine.register)
-        solution: Solution | None = None
         start: Solution | None = None
         with suppress(AdjustmentError):
-            start = solution_of(engine) if not engine.empty else None
+            start = None if engine.empty else solution_of(engine)
+        held = False
+        with suppress(AdjustmentError):
             solution = adjust(before, datum=engine.datum, start=start)
-        # Without redundancy there is a minimum, v = 0, where everything is determined.
-        if solution is None or not (
-            solution.converged or (solution.redundancy and not anywhere(solution))
-        ):
+            # Without redundancy there is a minimum, v = 0, where everything is determined.
+            if solution.converged or (solution.redundancy and not anywhere(solution)):
+                engine.hold(solution)
+                held = True
+        every: list[Unit] = []
+        if not held:
             every = book.take_all()
+            book.retries.clear()
             engine.clear()
             self._was = start
-            try:
-                found = self._absorb([*every, *left_over], test=False)
-            finally:
-                self._was = None
-            return _waiting_again(found, ())
-        engine.hold(solution)
-        return self._absorb(left_over, test=False).waits
+        try:
+            return _waiting_again(self._absorb([*every, *left_over], test=False), waited)
+        finally:
+            self._was = None
 
     @contextmanager
     def _all_or_nothing(self, entry: Mapping[str, object] | None) -> Iterator[tuple[Book, Engine]]:
@@ -760,6 +763,11 @@ def _apart(arrival: Arrival, units: Sequence[Unit]) -> Arrival:
         tuple(told.get(v.id, v) for v in arrival.verdicts),
         (*arrival.waits, *(i for i in told if i not in given)),
     )
+
+
+def _ids(units: Iterable[Unit]) -> set[str]:
+    """Return the ids of all observations of units."""
+    return {i for u in units for i in u.ids}
 
 
 def _waiting_again(found: Arrival, waited: Collection[str]) -> tuple[str, ...]:

@@ -67,13 +67,16 @@ AGED = 0.05
 MOST_WHOLE = 2
 """Rounds that linearise everything anew, where there are many unknowns, before the batch adjustment
 takes over: its iterations build no tree."""
-MOST_OF_IMAGES = 2, 0
-"""Both where there are many unknowns and photos: the batch adjustment eliminates all points at once
-there, and is at rest sooner than iSAM2 has changed twice."""
+MOST_OF_IMAGES = 2, 1
+"""Both where there are many unknowns and mostly image points: the batch adjustment eliminates all
+points at once there, and is sooner at rest. Where much is missed of all rows, it takes over at
+once."""
 FEW = 300
 """and unknowns up to which they are at once: that takes no time."""
 MANY = 200
 """Rows that are many."""
+MOSTLY = 0.5
+"""Part of the rows."""
 RUNAWAY = 1e8
 """Misfit of the linear forms, Σ|Δv|² + Σρ²|v|², from which on their steps lead astray."""
 ROUGH = 1.0
@@ -162,7 +165,7 @@ class Engine(Graph):
         last = np.inf
         whole = 0
         many = self.register.n_places >= FEW
-        quick = many and self._has_images()
+        quick = many and self._share_of_images() > MOSTLY
         most_parts, most_whole = MOST_OF_IMAGES if quick else (MOST_PARTS, MOST_WHOLE)
         if self.recent is not None and self.recent.holds(self.register, *self._bounds()):
             self.settled = False
@@ -192,7 +195,7 @@ class Engine(Graph):
             self.aged = self.aged or rough
             if piece is None or round_ >= most_parts:
                 whole += 1
-                if whole > most_whole and many:
+                if many and (whole > most_whole or (quick and total > ROUGH)):
                     return False
                 self.relinearise_all()
                 if not many:
@@ -323,7 +326,7 @@ class Engine(Graph):
         begun = equations, state, given = self.whole()
         try:
             for step in range(MOST_STEPS if self.kept else 0):
-                moved = 0.0
+                moved = np.inf if self.held else 0.0
                 if self.held and last < CLOSE:
                     moved, state = onto_datum(equations, state, given)
                 self.load(equations, state, given, self.constraint(equations))
@@ -394,15 +397,20 @@ class Engine(Graph):
         if not self.held:
             return
         begun = self.whole()
-        for _ in range(MOST_STEPS):
-            equations, state, given = self.whole()
-            far, moved = onto_datum(equations, state, given)
-            if far < ON_DATUM:
-                return
-            self.load(equations, moved, given, self.constraint(equations))
-        self.kept, self.doubt = False, OFF_DATUM
-        equations, state, given = begun
-        self.load(equations, state, given, self.constraint(equations))
+        arrived = False
+        try:
+            for _ in range(MOST_STEPS):
+                equations, state, given = self.whole()
+                far, moved = onto_datum(equations, state, given)
+                if far < ON_DATUM:
+                    arrived = True
+                    return
+                self.load(equations, moved, given, self.constraint(equations))
+            self.kept, self.settled, self.doubt = False, False, OFF_DATUM
+        finally:
+            if not arrived:
+                equations, state, given = begun
+                self.load(equations, state, given, self.constraint(equations))
 
     def _step(self) -> float:
         """Return √(δᵀ N δ) of the step from the charts' origins: its bound relative to σ."""

@@ -277,7 +277,13 @@ class Graph:
         return [(order.at(i), i) for i in range(order.size())]
 
     def _has_images(self) -> bool:
-        return any(r.template.kind == "image" for r in self.store.kinds.values())
+        return self._share_of_images() > 0.0
+
+    def _share_of_images(self) -> float:
+        """Return the part of all rows that belong to image points."""
+        rows = self.store.kinds.values()
+        images = sum(r.n_scalars for r in rows if r.template.kind == "image")
+        return images / max(self.store.n_scalars, 1)
 
     def _after_points(self) -> list[tuple[int, int]]:
         """Return variables of very many observations, to be eliminated after all others."""

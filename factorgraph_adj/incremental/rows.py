@@ -100,6 +100,11 @@ class Rows:
         return self.c.n
 
     @property
+    def n_scalars(self) -> int:
+        """Number of scalar rows that are alive."""
+        return int(self.alive.view.sum()) * self.template.dimension
+
+    @property
     def kinds(self) -> tuple[VariableKind, ...]:
         """Kinds of the variables."""
         return tuple(kind for kind, _ in self.template.variables)
@@ -372,7 +377,7 @@ class Store:
     @property
     def n_scalars(self) -> int:
         """Number of scalar rows."""
-        return sum(int(r.alive.view.sum()) * r.template.dimension for r in self.kinds.values())
+        return sum(r.n_scalars for r in self.kinds.values())
 
     def everything(self) -> Piece:
         """All rows that are alive."""

@@ -194,7 +194,9 @@ class LinearSystem:
                                 piece = pieces.setdefault(column, np.zeros(len(c.rows)))
                                 piece[row] += a[i, component, j]
             columns = np.array(sorted(pieces), dtype=np.intp)
-            a = np.stack([pieces[int(i)] for i in columns], axis=1)
+            a = np.zeros((len(c.rows), len(columns)))  # none where all that they touch is held
+            for j, column in enumerate(columns.tolist()):
+                a[:, j] = pieces[column]
             out.append((columns, c.whitener @ a))
         return out
 
