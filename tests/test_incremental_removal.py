@@ -65,28 +65,18 @@ def test_what_the_tree_cannot_hold_is_found_out_anew(
 ) -> None:
     """It may be singular to working precision though everything is determined without rounding."""
     inc = arc()
+    last = "hold" if twice else "drop"
+    once = getattr(Engine, last)
     with monkeypatch.context() as patch:
+
+        def undone(engine: Engine, *arguments: object) -> None:
+            try:
+                once(engine, *arguments)
+            finally:
+                patch.undo()
+
         patch.setattr(Engine, "_renew_variances", singular)
-        if not twice:
-            once = Engine.drop
-
-            def drop(engine: Engine, *arguments: object) -> None:
-                try:
-                    once(engine, *arguments)  # type: ignore[arg-type]
-                finally:
-                    patch.undo()
-
-            patch.setattr(Engine, "drop", drop)
-        else:
-            hold = Engine.hold
-
-            def held(engine: Engine, *arguments: object) -> None:
-                try:
-                    hold(engine, *arguments)  # type: ignore[arg-type]
-                finally:
-                    patch.undo()
-
-            patch.setattr(Engine, "hold", held)
+        patch.setattr(Engine, last, undone)
         waits = inc.remove("AP").waits
     assert not waits
     assert len(inc) == 6
