@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -401,14 +402,24 @@ class IncrementalAdjustment(Absorbing):
     def reliability(self, *, alpha: float | None = None, power: float = 0.80) -> Reliability:
         """Return the reliability of every observation, from iSAM2's own Bayes tree.
 
-        All observations are linearised anew for it.
+        All observations are linearised anew for it. Where that is not precise enough for points
+        with next to nothing to say where they are, the normal equations are factorised as by
+        `adjust`.
+
+        Raises:
+            InputError: a bad probability, or nothing is in the graph.
+            AdjustmentError: the network is too weak even for that.
         """
         chosen = self.alpha if alpha is None else alpha
         check_probabilities(chosen, power)
         if not self._engine.settled and not self._engine.empty:
             self._solution = None
             self._engine.linearise_here()
-        return reliability(self.solution(), alpha=chosen, power=power)
+        solution = self.solution()
+        with suppress(AdjustmentError):
+            return reliability(solution, alpha=chosen, power=power)
+        here = solution.normal_at(solution.state)
+        return reliability(replace(solution, normal=lambda: here), alpha=chosen, power=power)
 
     def estimate(self, name: str) -> Array:
         """Return the coordinates of a point, (3,) metres.
