@@ -127,6 +127,23 @@ def test_a_determined_core_stays_beside_much_that_waits(datum: str) -> None:
     assert inc.n_waiting == waited + 2
 
 
+def test_what_a_wrong_reading_kept_out_enters_when_it_is_removed() -> None:
+    """Directions to the wrong target keep two points waiting."""
+    xy = {"A": (0, 0), "B": (80, 0), "C": (30, 50), "D": (70, 60)}
+    network = fga.Network("yard")
+    for name, (x, y) in xy.items():
+        network.add_point(name, (x, y, 100), fixed="xyz" if name in "AB" else "z")
+    inc = fga.IncrementalAdjustment(network)
+    for a, b in ("AB", "BA", "AC", "BC", "CA", "CB", "CD", "DC", "AD", "BD"):
+        azimuth = np.arctan2(xy[b][0] - xy[a][0], xy[b][1] - xy[a][1])
+        wrong = 1.5 if a + b == "BC" else 0.0
+        inc.add(Direction(a, b, float(azimuth + wrong) % (2 * np.pi), sigma=1.5e-5, id=a + b))
+    inc.remove("BC")
+    assert not inc.waiting
+    assert len(inc) == 9
+    assert_at_the_minimum(inc)
+
+
 @pytest.mark.parametrize("seed", [12, 15, 22])
 def test_a_free_network_settles_on_its_inner_constraints(seed: int) -> None:
     """Though its first step is larger than what a motion onto them may follow, its second small."""

@@ -370,8 +370,36 @@ def test_what_is_written_reads_back_as_the_network(yard, tmp_path):
     answer = yard(do="write", project=str(tmp_path / "out"))
     assert answer["project"] == str(tmp_path / "out" / "project.toml")
     assert network_files(fga.read_project(tmp_path / "out")) == network_files(yard.inc.network())
-    answer = yard(do="write", project=str(tmp_path / "other.toml"))
-    assert (tmp_path / "other.toml").is_file()
+    answer = yard(do="write", project=str(tmp_path / "other" / "site.toml"))
+    assert (tmp_path / "other" / "site.toml").is_file()
+
+
+def test_no_project_is_replaced_unless_that_is_asked_for(yard, tmp_path):
+    """What is written holds only what is determined, without the defaults of the project."""
+    (tmp_path / "out").mkdir()
+    points = tmp_path / "out" / "points.csv"
+    points.write_text("mine\n")
+    write = {"do": "write", "project": str(tmp_path / "out")}
+    (error,) = yard.refused(write)
+    assert "points.csv" in error["what"]
+    assert "overwrite" in error["what"]
+    assert error["where"] == str(tmp_path / "out" / "project.toml")
+    assert [f.name for f in (tmp_path / "out").iterdir()] == ["points.csv"]
+    assert points.read_text() == "mine\n"
+    (error,) = yard.refused(write | {"overwrite": "yes"})
+    assert "true or false" in error["what"]
+    yard(write | {"overwrite": True})
+    assert network_files(fga.read_project(tmp_path / "out")) == network_files(yard.inc.network())
+
+
+def test_a_point_that_never_was_determined_is_not_lost(empty):
+    """And nothing is told of a reading that is gone."""
+    empty(ARRIVALS[1])
+    answer = empty(do="remove", ids="r2")
+    assert answer["points_lost"] == []
+    assert answer["waiting"] == []
+    (error,) = empty.refused({"do": "estimate", "point": "C"})
+    assert "no observation has determined it yet" in error["what"]
 
 
 def test_stop_is_answered_and_noted(yard):

@@ -601,8 +601,13 @@ class Absorbing:
         book, engine = self._book, self._engine
         self._solution = None
         gone = set(wanted)
+        # A wrong one that waits may be what kept others from entering.
+        looked_at = {u.ids[0]: u for u in book.beside(wanted, engine.register)}
         left_over = book.forget(gone)
-        left_over += [book.pool[k] for k in book.retries.freed(gone, book.pool)]
+        for key in looked_at:
+            book.retries.forget(key)
+        looked_at |= {k: book.pool[k] for k in book.retries.freed(gone, book.pool)}
+        left_over += looked_at.values()
         weights = [i for i in wanted if not book.in_graph(i) and i in engine.store.places]
         units = list(dict.fromkeys(book.unit(i) for i in wanted if book.in_graph(i)))
         if weights:

@@ -209,6 +209,12 @@ class Book:
             out.append([found[k] for k in order])
         return out
 
+    def beside(self, ids: Iterable[str], register: Register) -> list[Unit]:
+        """Return the other units of the pool that hang together with those of some ids."""
+        keys = {self._place[i] for i in ids if i in self._place}
+        going = [self.pool[k] for k in self.pool if k in keys]
+        return [u for some in self.joined(going, register) for u in some if u.ids[0] not in keys]
+
     def awake(
         self, register: Register, variables: Iterable[Variable], spared: Collection[str]
     ) -> list[Unit]:
@@ -427,7 +433,12 @@ class Book:
         left = []
         for ident in sorted(ids):
             unit = self.pull(ident)
-            if unit is not None and unit.covariance is not None:
+            if unit is None:
+                continue
+            for v in unit.variables:
+                if v not in self._waiting_for:  # nothing lacks anything of it
+                    self.lacks.pop(v, None)
+            if unit.covariance is not None:
                 rest = unit.without(self.network, ids)
                 if rest is not None:
                     left.append(rest)

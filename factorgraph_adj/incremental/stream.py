@@ -37,7 +37,8 @@ as σ of a point that was not there before, are null.
 ``snoop``             set gross errors aside: ``set_aside``, ``points_set_aside``,
                       ``readmitted``, ``unresolved``
 ``settle``            iterate to rest: the same as a batch adjustment
-``write``             ``project``: a .toml file, or a folder; what is in the graph, as a project
+``write``             ``project``: a .toml file, or a folder; what is in the graph, as a project.
+                      Files that are there are replaced only with ``overwrite``: true
 ``stop``              end the stream
 ====================  =======================================================================
 
@@ -82,7 +83,7 @@ from ..errors import AdjustmentError, InputError, Problem, known
 from ..io.context import ImageAxes, RecordContext
 from ..io.json_records import photo_of, point_of
 from ..io.tables import Row
-from ..io.write_project import write_project
+from ..io.write_project import network_files, write_project
 from ..observations import Correlated
 from ..report.summary import finite
 from . import requests
@@ -240,7 +241,8 @@ class Stream:
 
     def _remove(self, row: Row) -> Answer:
         ids = requests.ids(row)
-        touched = self.answers.points_of(ids)
+        points, _ = self.answers.points(self.answers.points_of(ids))  # the others cannot be lost
+        touched = [str(p["name"]) for p in points]
         return self.answers.arrival(self.adjustment.remove(ids), touched=touched)
 
     def _replace(self, row: Row) -> Answer:
@@ -313,10 +315,21 @@ class Stream:
 
     def _write(self, row: Row) -> Answer:
         name = row.text("project", required=True)
+        overwrite = row.take("overwrite")
+        if overwrite not in (None, True, False):
+            row.wrong(f"overwrite must be true or false, not {requests.shown(overwrite)}")
         requests.fine(row)
         path = Path(name or "")
         path = path if path.suffix == ".toml" else path / "project.toml"
         network = self.adjustment.network()
+        files = network_files(network, units=self.context.units, toml=path.name)
+        there = [f for f in files if (path.parent / f).exists()]
+        if there and not overwrite:
+            what = (
+                f"it would replace {', '.join(there)}, and a project written here holds only what "
+                'is determined: name another folder, or say "overwrite": true'
+            )
+            raise InputError(Problem(what, str(path)))
         write_project(network, path, units=self.context.units)
         return {"project": str(path)}
 
@@ -341,7 +354,7 @@ COMMANDS: dict[str, Command] = {
     "reweight": Command(Stream._reweight, ("ids", "factor")),
     "snoop": Command(Stream._snoop),
     "settle": Command(Stream._settle),
-    "write": Command(Stream._write, ("project",)),
+    "write": Command(Stream._write, ("project", "overwrite")),
     "stop": Command(Stream._stop),
 }
 """Commands by name."""
