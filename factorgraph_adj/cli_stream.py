@@ -22,6 +22,7 @@ from .errors import InputError, Problem
 from .incremental.adjustment import IncrementalAdjustment
 from .incremental.requests import LONGEST
 from .incremental.stream import Stream
+from .incremental.stream import __doc__ as protocol
 from .incremental.verdicts import Policy
 from .io.project import Project
 from .options import add_probabilities, add_project, read
@@ -35,7 +36,10 @@ ALPHA = 0.001
 def add_stream(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the command."""
     parser = commands.add_parser(
-        "stream", help="adjust observations as they arrive on standard input, one JSON line each"
+        "stream",
+        help="adjust observations as they arrive on standard input, one JSON line each",
+        epilog=protocol,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_project(parser)
     parser.add_argument(
