@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from itertools import combinations, pairwise, permutations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -142,6 +144,28 @@ def test_what_a_wrong_reading_kept_out_enters_when_it_is_removed() -> None:
     assert not inc.waiting
     assert len(inc) == 9
     assert_at_the_minimum(inc)
+
+
+def test_what_waits_on_is_not_recorded_again(tmp_path: Path) -> None:
+    """Neither on settling nor when something that waits with it is taken out."""
+    journal = tmp_path / "day.jsonl"
+    network = fga.Network("waits")
+    at = {name: np.array(x) for name, x in (GIVEN | POINTS).items()}
+    for name, x in at.items():
+        network.add_point(name, tuple(x), fixed="xyz" if name in GIVEN else "")
+    inc = fga.IncrementalAdjustment(network, journal=journal)
+    inc.add([distance(at, a, "P") for a in "AB"])
+    inc.add(distance(at, "P", "Q"))
+    inc.settle()
+    inc.remove("AP")
+    *_, settled, removed = [json.loads(line) for line in journal.read_text().splitlines()]
+    assert (settled["do"], removed["do"]) == ("settle", "remove")
+    assert "observations" not in settled
+    assert "observations" not in removed
+    assert removed["gone"] == ["AP"]
+    del inc  # which lets go of the journal
+    again = fga.IncrementalAdjustment.resume(journal)
+    assert [w.id for w in again.waiting] == ["BP", "PQ"]
 
 
 @pytest.mark.parametrize("seed", [12, 15, 22])

@@ -254,6 +254,8 @@ class Book:
     def wait(self, units: Iterable[Unit]) -> None:
         """Put units into the pool."""
         for unit in units:
+            if self.pool.get(unit.ids[0]) is unit:
+                continue
             self._take_from_rejected(unit)
             self.pool[unit.ids[0]] = unit
             self._note(unit, True)
