@@ -57,9 +57,9 @@ class Retries:
 
     def note_beside(self, component: Sequence[Unit]) -> None:
         """Note units that have not been looked at with those that have, as if they had."""
-        then = [n for u in component if (n := self.rows.get(u.ids[0])) is not None]
+        then = max(n for u in component if (n := self.rows.get(u.ids[0])) is not None)
         for u in component:
-            self.rows.setdefault(u.ids[0], max(then))
+            self.rows.setdefault(u.ids[0], then)
 
     def fail(self, units: Iterable[Unit], arrived: int) -> None:
         """Note that no solution was reached with units, and how many rows there were then."""
