@@ -13,8 +13,6 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
-from ..graph.keys import CHARS
-from ..models.registry import VariableKind
 from ..solve.selected_inverse import SelectedInverse
 from ..solve.tree import Clique, SingularError, cliques_of, down, up
 from ..solve.triangular import upper_solve
@@ -26,7 +24,6 @@ MOST_DRAWN = 300
 
 _LABEL = re.compile(r'label="([^":]*)')
 _KEY = re.compile(r"([a-z])(\d+)")
-_KIND: dict[str, VariableKind] = {char: kind for kind, char in CHARS.items()}
 
 
 def own_cliques(tree: LinearTree, columns: dict[int, Index]) -> list[Clique]:

@@ -80,10 +80,11 @@ from time import perf_counter
 from typing import Any
 
 from ..errors import AdjustmentError, InputError, Problem, known
+from ..io.atomic import write_files
 from ..io.context import ImageAxes, RecordContext
 from ..io.json_records import photo_of, point_of
 from ..io.tables import Row
-from ..io.write_project import network_files, write_project
+from ..io.write_project import network_files
 from ..observations import Correlated
 from ..report.summary import finite
 from . import requests
@@ -330,7 +331,7 @@ class Stream:
                 'is determined: name another folder, or say "overwrite": true'
             )
             raise InputError(Problem(what, str(path)))
-        write_project(network, path, units=self.context.units)
+        write_files(path.parent, files)
         return {"project": str(path)}
 
     def _stop(self, row: Row) -> Answer:
