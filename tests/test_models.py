@@ -204,6 +204,23 @@ def test_a_network_turned_about_the_vertical_and_moved_has_the_same_residuals(
     assert wrapped(b - a - turn) == pytest.approx(0.0, abs=1e-10)
 
 
+@given(coordinates, heights, heights)
+def test_large_coordinates_cost_no_digits(numbers: list[float], hi: float, ht: float) -> None:
+    """Of marks whose coordinates are exact far away too: h u is added to their difference."""
+    grid, far = 2.0**-20, 2.0**23
+    near = three_points([round(x / grid) * grid for x in numbers])
+    raised = {"instrument_height": hi, "target_height": ht}
+    sights = (
+        SlopeDistance("i", "j", 0.0, sigma=0.01, **raised),
+        VerticalAngle("i", "j", 0.0, sigma=0.01, **raised),
+        HeightDifference("i", "j", 0.0, sigma=0.01, **raised),
+        GnssVector("i", "j", (0.0, 0.0, 0.0), covariance=np.eye(3), **raised),
+    )
+    here = computed(near, *sights)
+    there = computed({n: x + far for n, x in near.items()}, *sights)
+    assert there == here
+
+
 @given(coordinates)
 @settings(max_examples=30)
 def test_axes_of_any_order_and_hand_give_the_same_observations(numbers: list[float]) -> None:

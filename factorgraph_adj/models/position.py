@@ -14,12 +14,12 @@ from .sight import up_by_angles
 def _raised(
     frame: Frame, position: Array, vertical: Array, height: Array
 ) -> tuple[Array, Array, Array]:
-    """Return X + h u (n, 3) and its partials by X (n, 3, 3) and V (n, 3, 2)."""
+    """Return h u (n, 3), and the partials of X + h u by X (n, 3, 3) and V (n, 3, 2)."""
     basis = frame.basis(position, vertical)
     h = height[:, None]
     turn = h[:, :, None] * up_by_angles(basis)
     return (
-        position + h * basis.enu[:, 2],
+        h * basis.enu[:, 2],
         np.eye(3) + turn @ basis.angles_by_position,
         turn @ basis.angles_by_vertical,
     )
@@ -39,7 +39,8 @@ def gnss_vector(
     """Compute (X_j + h_t u_j) − (X_i + h_i u_i) − observed, metres, (n, 3)."""
     a, a_x, a_v = _raised(frame, station, station_vertical, instrument_height)
     b, b_x, b_v = _raised(frame, target, target_vertical, target_height)
-    return Linearised(b - a - observed, (-a_x, -a_v, b_x, b_v))
+    # Differences of coordinates first, which lose no digits, see `sight`.
+    return Linearised((target - station - observed) + (b - a), (-a_x, -a_v, b_x, b_v))
 
 
 def coordinate(
@@ -67,7 +68,7 @@ def photo_position(frame: Frame, pose: Array, *, observed: Array, lever_arm: Arr
     """Compute X₀ + R a − observed, metres, (n, 3); a in photogrammetric axes (n, 3)."""
     rotation, centre = split_pose(pose)
     arm = lever_arm @ TURN_ABOUT_X
-    v = centre + np.einsum("nij,nj->ni", rotation, arm) - observed
+    v = (centre - observed) + np.einsum("nij,nj->ni", rotation, arm)
     moves = np.broadcast_to(np.eye(3), rotation.shape)
     return Linearised(v, (np.concatenate([-rotation @ skew(arm), moves], axis=2),))
 
