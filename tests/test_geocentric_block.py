@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 import pytest
+from arrivals import bare, chunks
 from scipy import stats
 
 from factorgraph_adj.experiment.geocentric_block import (
@@ -52,6 +53,22 @@ def simulated() -> SimulatedNetwork:
 @pytest.fixture(scope="module")
 def solution(simulated: SimulatedNetwork) -> Solution:
     return adjust(simulated.network)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+def test_two_thirds_of_it_come_to_rest_as_near_as_the_coordinates_allow(
+    simulated: SimulatedNetwork, seed: int
+) -> None:
+    """Steps of 1e-3 σ are not lost among the digits of geocentric coordinates."""
+    network = bare(simulated.network)
+    arrivals = chunks(simulated.network, seed)
+    for together in arrivals[: len(arrivals) * 2 // 3]:
+        network.add(*together)
+    at_rest = adjust(network)
+    for tolerance in (1e-7, 1e-9):  # the second is less than a unit in their last place
+        nearer = adjust(network, tolerance=tolerance)
+        assert nearer.converged, nearer.reason
+        assert nearer.vtpv == pytest.approx(at_rest.vtpv, rel=1e-9)
 
 
 # -- truth --------------------------------------------------------------------------------------

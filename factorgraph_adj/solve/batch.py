@@ -297,6 +297,9 @@ def _iterate(
                 left = _undamped(run, normal)
                 if left < tolerance or _cannot_tell(left, left * left, vtpv):
                     return iteration, True, _at_rest(left, tolerance), vtpv
+                if rest.best is not None:  # it was there before, as near as vᵀPv can tell
+                    left, run.state = rest.best
+                    return iteration, True, _at_rest(left, tolerance), run.vtpv(run.state)
                 _explain(run, normal)
                 reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
                 return iteration, False, reason, vtpv
@@ -306,8 +309,15 @@ def _iterate(
         if bound >= STILL:
             beyond.clear()
         elif not done:
+            # Steps that do not shrink where vᵀPv cannot tell are rounding: there is nothing beyond.
             further, there = _further(
-                run, beyond, normal, step, after, slow=bound > FAST * last, blind=small
+                run,
+                beyond,
+                normal,
+                step,
+                after,
+                slow=bound > FAST * last and not (small and rest.in_vain),
+                blind=small,
             )
             if further is not None:
                 moved, after, plain = further, there, False
@@ -386,18 +396,20 @@ class _Rest:
     """The smallest steps where vᵀPv cannot tell any more: they are taken while they shrink."""
 
     def __init__(self) -> None:
-        self._best: tuple[float, State] | None = None
-        self._in_vain = 0
+        self.best: tuple[float, State] | None = None
+        """The smallest step so far, relative to σ, and the state after it."""
+        self.in_vain = 0
+        """Steps in a row that did not shrink."""
 
     def of(self, bound: float, moved: State) -> tuple[float, State] | None:
         """Return the smallest step and the state after it, once steps do not shrink any more."""
-        if self._best is None or bound < SHRINKING * self._best[0]:
-            self._in_vain = 0
+        if self.best is None or bound < SHRINKING * self.best[0]:
+            self.in_vain = 0
         else:
-            self._in_vain += 1
-        if self._best is None or bound < self._best[0]:
-            self._best = bound, moved
-        return self._best if self._in_vain >= IN_VAIN else None
+            self.in_vain += 1
+        if self.best is None or bound < self.best[0]:
+            self.best = bound, moved
+        return self.best if self.in_vain >= IN_VAIN else None
 
 
 def _undamped(run: _Run, normal: NormalEquations) -> float:
