@@ -93,11 +93,7 @@ class Unknowns:
             first += int(columns.sum())
         self.tables = tables
         self.n_columns = first
-        self.free = np.zeros(first, dtype=bool)
-        for table in tables.values():
-            for column in range(table.free.shape[1]):
-                rows = (table.offset >= 0) & (column < table.size)
-                self.free[table.offset[rows] + column] = table.free[rows, column]
+        self.free = np.concatenate([_of_columns(table) for table in tables.values()])
         self.n_unknowns = int(self.free.sum())
 
     @cached_property
@@ -215,6 +211,12 @@ class Unknowns:
 
 
 _Raw: TypeAlias = tuple[list[str], Array, Index, Mask, Array]
+
+
+def _of_columns(table: Variables) -> Mask:
+    """Return which columns of the variables of one kind are free, in their order."""
+    has_column = np.arange(table.free.shape[1]) < table.size[:, None]
+    return table.free[has_column & (table.offset >= 0)[:, None]]
 
 
 def calibration_name(network: Network, photo: str) -> str:

@@ -162,14 +162,14 @@ class Engine(Graph):
 
     def _relinearise(self) -> bool:
         """Linearise anew what no longer holds; return whether the promise is kept."""
+        if self.recent is not None and self.recent.holds(self.register, *self._bounds()):
+            self.settled = False
+            return True
         last = np.inf
         whole = 0
         many = self.register.n_places >= FEW
         quick = many and self._share_of_images() > MOSTLY
         most_parts, most_whole = MOST_OF_IMAGES if quick else (MOST_PARTS, MOST_WHOLE)
-        if self.recent is not None and self.recent.holds(self.register, *self._bounds()):
-            self.settled = False
-            return True
         for round_ in range(MOST_ROUNDS):
             step, bound = self._bounds()
             moved = self.register.moved(step / SHARE)

@@ -215,6 +215,8 @@ def _components(o: Observation) -> tuple[str, ...]:
 def _gains(engine: Engine, trial: Trial, unit: Unit, rows: Index, m: Array) -> tuple[Gain, ...]:
     """Return what a unit adds to its points: without it, Q + Q Aᵀ M⁻¹ A Q."""
     out = []
+    values, vectors = np.linalg.eigh(m)
+    on = values > NOTHING
     for kind, name in unit.variables:
         if kind != "point":
             continue
@@ -224,9 +226,7 @@ def _gains(engine: Engine, trial: Trial, unit: Unit, rows: Index, m: Array) -> t
             continue
         columns = trial.system.column[KeyMap.of(kind, number)]
         variance = np.maximum(trial.variances[columns], 0.0)
-        values, vectors = np.linalg.eigh(m)
         turned = trial.spread[np.ix_(columns, rows)] @ vectors
-        on = values > NOTHING
         more = (turned[:, on] ** 2 / values[on]).sum(axis=1)
         lost = (np.abs(turned[:, ~on]) > NOTHING * np.sqrt(variance)[:, None]).any(axis=1)
         after, before = np.zeros(3), np.zeros(3)

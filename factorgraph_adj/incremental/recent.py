@@ -72,7 +72,7 @@ class Recent:
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
-        self.g = np.zeros((n, MOST))
+        self.g = np.zeros((MOST, n)).T  # columns lie together: the first are all that is read
         self.used = 0
         self.precise = True
         self._probe(store)
@@ -91,7 +91,8 @@ class Recent:
             left = b - self.normal @ x
         self.precise = bool(np.all(np.linalg.norm(left, axis=0) <= PRECISE * size))
         g = self.g[:, : self.used]
-        return np.asarray(x - g @ (g.T @ b))
+        rows = np.flatnonzero(b.any(axis=1))  # few of a row that arrives
+        return np.asarray(x - g @ (g[rows].T @ b[rows]))
 
     def _solve(self, b: Array) -> Array:
         x = np.empty_like(b)
@@ -101,7 +102,7 @@ class Recent:
     def absorb(self, y: Array, d: Array) -> Array:
         """Add rows with y = Q Aᵀ (n, k) and D = I + A Q Aᵀ; return the loss of all variances."""
         upper = np.linalg.cholesky(d).T
-        new = np.linalg.solve(upper.T, y.T).T
+        new = y @ np.linalg.inv(upper)
         k = y.shape[1]
         self.g[:, self.used : self.used + k] = new
         self.used += k

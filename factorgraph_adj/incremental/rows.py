@@ -475,8 +475,9 @@ class Store:
                 else np.einsum("ndk,nd->nk", values**2, scale)
             )
             weight = self.register[kind].weight.view
-            np.add.at(weight[:, : square.shape[1]], index.view[at], sign * square)
-            np.maximum(weight, 0.0, out=weight)
+            touched = index.view[at]
+            np.add.at(weight[:, : square.shape[1]], touched, sign * square)
+            weight[touched] = np.maximum(weight[touched], 0.0)
 
     def compare(self, moved: dict[VariableKind, Mask], network: Network) -> None:
         """Compare the rows of variables that moved with their models.

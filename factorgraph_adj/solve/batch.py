@@ -309,18 +309,18 @@ def _iterate(
         if bound >= STILL:
             beyond.clear()
         elif not done:
-            # Steps that do not shrink where vᵀPv cannot tell are rounding: there is nothing beyond.
             further, there = _further(
                 run,
                 beyond,
                 normal,
                 step,
                 after,
-                slow=bound > FAST * last and not (small and rest.in_vain),
+                slow=bound > FAST * last and not (small and rest.misled),
                 blind=small,
             )
             if further is not None:
                 moved, after, plain = further, there, False
+                rest.beyond = bound if small else None
         run.state = moved
         if progress is not None:
             progress(iteration, after, bound)
@@ -398,18 +398,23 @@ class _Rest:
     def __init__(self) -> None:
         self.best: tuple[float, State] | None = None
         """The smallest step so far, relative to σ, and the state after it."""
-        self.in_vain = 0
-        """Steps in a row that did not shrink."""
+        self.beyond: float | None = None
+        """The last step that was extrapolated, relative to σ."""
+        self.misled = False
+        """The step after it was not smaller: both are rounding, and there is nothing beyond."""
+        self._in_vain = 0
 
     def of(self, bound: float, moved: State) -> tuple[float, State] | None:
         """Return the smallest step and the state after it, once steps do not shrink any more."""
+        if self.beyond is not None:
+            self.misled, self.beyond = bound >= self.beyond, None
         if self.best is None or bound < SHRINKING * self.best[0]:
-            self.in_vain = 0
+            self._in_vain, self.misled = 0, False
         else:
-            self.in_vain += 1
+            self._in_vain += 1
         if self.best is None or bound < self.best[0]:
             self.best = bound, moved
-        return self.best if self.in_vain >= IN_VAIN else None
+        return self.best if self._in_vain >= IN_VAIN else None
 
 
 def _undamped(run: _Run, normal: NormalEquations) -> float:
