@@ -23,7 +23,7 @@ from ..quality.solution import Solution
 from ..types import Array, Mask
 from .datum import Defect, FreeDatum, find_defects, minimal_datum
 from .extrapolation import Extrapolation
-from .free_network import carry, datum_columns
+from .free_network import Carried, carry, datum_columns
 from .inner import follow
 from .linear import ExtraRows
 from .normal import NormalEquations, Solver
@@ -198,9 +198,11 @@ def adjust(
             break
     if run.datum is not None:
         shape = run.state, run.datum, run.defects
-        arrived = _carry_to_datum_points(run, tolerance, converged)
+        carried = _carry_to_datum_points(run, tolerance, converged)
         there = run.vtpv(run.state)
-        if converged and not arrived:
+        if carried.left > tolerance:
+            reason = _at_rest(carried.left, tolerance)
+        if converged and not carried.at_rest:
             converged, reason = False, OFF_DATUM
             if not _no_worse(there, vtpv):  # it has lost its shape on the way
                 (run.state, run.datum, run.defects), run.at_solution = shape, None
@@ -494,8 +496,8 @@ def _settle_datum(run: _Run, normal: NormalEquations) -> None:
     run.datum = FreeDatum(motions, columns)
 
 
-def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> bool:
-    """Move the solution onto the inner constraints; return whether it is at rest there too."""
+def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> Carried:
+    """Move the solution onto the inner constraints."""
     assert run.datum is not None
 
     def step(normal: NormalEquations) -> tuple[Array, float] | None:
@@ -516,7 +518,7 @@ def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> bool:
     )
     run.state, run.at_solution = carried.state, carried.normal
     run.datum, run.defects = carried.datum, carried.defects
-    return carried.at_rest
+    return carried
 
 
 def _explain(run: _Run, normal: NormalEquations) -> None:

@@ -28,6 +28,8 @@ FAR = 0.5
 NEGLIGIBLE = 1e-9
 """Relative decrease of |x − x₀|² that its own rounding may hide."""
 HALVINGS = 30
+ROUNDING = 2.0
+"""Ratio of a step to another where both are rounding."""
 CARRIED = 1e-12
 """Motion that is left, relative to the coordinates, where a solution is on its constraints."""
 
@@ -168,6 +170,8 @@ class Carried:
     """The inner constraints."""
     at_rest: bool
     """Whether it is at rest, and on the constraints."""
+    left: float = 0.0
+    """Bound of the step from there relative to σ, where it is at rest."""
 
 
 def carry(
@@ -198,10 +202,11 @@ def carry(
         step: returns a step of the adjustment and its bound relative to σ; none where there is
             no answer.
         tolerance: bound at which a state is at rest.
-        at_rest: whether ``state`` is. One that is not may have points on their way to infinity:
-            it is moved once.
+        at_rest: whether ``state`` is, or is as near as vᵀPv can tell: then that is enough. One that
+            is not may have points on their way to infinity: it is moved once.
         free: as in `find_defects`.
     """
+    enough, left = 0.0, 0.0
     for _ in range(MOST_TRANSFORMATIONS if at_rest else 1):
         normal = normal_at(state)
         found = find_defects(normal.system, state, normal.diagonal, free=free)
@@ -211,11 +216,14 @@ def carry(
         datum = FreeDatum(found[0].motions, datum.columns)
         if at_rest:
             next_step = step(normal)
-            if next_step is not None and next_step[1] > tolerance:
-                state = equations.unknowns.retract(state, next_step[0])
-                continue
+            if next_step is not None:
+                dx, left = next_step
+                enough = enough or max(tolerance, ROUNDING * left)
+                if left > enough:
+                    state = equations.unknowns.retract(state, dx)
+                    continue
         amounts = datum.project(moved_from(equations, state, start))
         if is_nothing(datum.motions @ amounts, state):
-            return Carried(state, normal, defects, datum, at_rest)
+            return Carried(state, normal, defects, datum, at_rest, left)
         state = onto_constraints(equations, state, start, found[0], datum.columns)
     return Carried(state, None, defects, datum, False)
