@@ -20,7 +20,8 @@ from ..graph.variables import State
 from ..models.registry import VariableKind
 from ..network import Network
 from ..quality.solution import Solution
-from ..solve.batch import OFF_DATUM, SHRINKING, adjust
+from ..solve.batch import OFF_DATUM, adjust
+from ..solve.free_network import SHRINKING
 from ..solve.tree import SingularError
 from ..types import Array, Index
 from .anywhere import anywhere

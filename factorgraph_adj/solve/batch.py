@@ -23,7 +23,7 @@ from ..quality.solution import Solution
 from ..types import Array, Mask
 from .datum import Defect, FreeDatum, find_defects, minimal_datum
 from .extrapolation import Extrapolation
-from .free_network import Carried, carry, datum_columns
+from .free_network import SHRINKING, Carried, carry, datum_columns
 from .inner import follow
 from .linear import ExtraRows
 from .normal import NormalEquations, Solver
@@ -56,8 +56,6 @@ CLOSE = 0.1
 """Step relative to σ below which that is trusted, and no point passes a camera."""
 SUSPICIOUS = 1e-11
 """What is left of a diagonal element of N, relative, below which datum defects are looked for."""
-SHRINKING = 0.8
-"""Ratio of a step to the last one, below which the iteration still converges."""
 WORTHWHILE = 1e-3
 """Part of the predicted decrease of vᵀPv that a damped step must bring."""
 OFF_DATUM = "not at rest on the inner constraints of the free network"

@@ -28,8 +28,12 @@ FAR = 0.5
 NEGLIGIBLE = 1e-9
 """Relative decrease of |x − x₀|² that its own rounding may hide."""
 HALVINGS = 30
-ROUNDING = 2.0
-"""Ratio of a step to another where both are rounding."""
+SHRINKING = 0.8
+"""Ratio of a step to the last one, below which an iteration still converges."""
+BLURRED = 1e-12
+"""Decrease relative to 1 + vᵀPv below which steps that do not shrink are rounding."""
+AGAIN = 2.0
+"""Ratio of a step to another where both are."""
 CARRIED = 1e-12
 """Motion that is left, relative to the coordinates, where a solution is on its constraints."""
 
@@ -202,11 +206,13 @@ def carry(
         step: returns a step of the adjustment and its bound relative to σ; none where there is
             no answer.
         tolerance: bound at which a state is at rest.
-        at_rest: whether ``state`` is, or is as near as vᵀPv can tell: then that is enough. One that
-            is not may have points on their way to infinity: it is moved once.
+        at_rest: whether ``state`` is, or is as near as vᵀPv can tell: where a step from there gets
+            no smaller, that is enough. One that is not at rest may have points on their way to
+            infinity: it is moved once.
         free: as in `find_defects`.
     """
-    enough, left = 0.0, 0.0
+    enough, left = tolerance, 0.0
+    before, last = state, np.inf
     for _ in range(MOST_TRANSFORMATIONS if at_rest else 1):
         normal = normal_at(state)
         found = find_defects(normal.system, state, normal.diagonal, free=free)
@@ -218,10 +224,15 @@ def carry(
             next_step = step(normal)
             if next_step is not None:
                 dx, left = next_step
-                enough = enough or max(tolerance, ROUNDING * left)
                 if left > enough:
-                    state = equations.unknowns.retract(state, dx)
+                    blurred = last**2 < BLURRED * (1.0 + normal.system.vtpv)
+                    if blurred and left > SHRINKING * last:  # the state before is as good as any
+                        state, enough = before, AGAIN * last
+                    else:
+                        before, last = state, left
+                        state = equations.unknowns.retract(state, dx)
                     continue
+                last = np.inf
         amounts = datum.project(moved_from(equations, state, start))
         if is_nothing(datum.motions @ amounts, state):
             return Carried(state, normal, defects, datum, at_rest, left)
