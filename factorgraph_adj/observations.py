@@ -22,10 +22,14 @@ Sigma: TypeAlias = "float | StandardDeviation"
 
 
 def _finite(value: Any) -> bool:
-    """Return whether all numbers are finite; quick for the scalars of most observations."""
+    """Return whether all are finite numbers; quick for the scalars of most observations."""
     if isinstance(value, float | int):
         return math.isfinite(value)
-    return bool(np.all(np.isfinite(np.asarray(value, dtype=float))))
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return False
+    return array.dtype.kind in "iuf" and bool(np.all(np.isfinite(array)))
 
 
 def _positive(value: Any) -> bool:
@@ -70,19 +74,22 @@ class Observation:
         """Check values, standard deviations and names."""
         for f in fields(self):
             value = getattr(self, f.name)
-            if f.name in ("value", "sigma", "x", "y") or f.name.endswith(("height", "length_km")):
-                if value is None or isinstance(value, StandardDeviation):
-                    continue
-                if not _finite(value):
-                    self._fail(f"{f.name} must be a finite number, not {value}")
+            if f.type in ("str", "str | None"):
+                if not isinstance(value, str) and (value is not None or f.type == "str"):
+                    self._fail(f"{f.name} must be text, not {value!r}")
+                continue
+            if isinstance(value, StandardDeviation) or (value is None and "None" in str(f.type)):
+                continue
+            if not _finite(value):
+                shown = repr(value) if isinstance(value, str) else value
+                self._fail(f"{f.name} must be a finite number, not {shown}")
             if f.name == "sigma" and not _positive(value):
                 self._fail(f"sigma must be greater than zero, not {value}")
         if self.kind.endswith("_distance") and getattr(self, "value", 0.0) < 0:
             self._fail(f"a distance cannot be negative: {getattr(self, 'value', None)}")
         names = self.names()
-        for name in names:
-            if not isinstance(name, str) or name == "":
-                self._fail(f"names must be non-empty text, not {name!r}")
+        if "" in names:
+            self._fail("names must be non-empty text, not ''")
         if len(set(names)) < len(names) and "photo" not in {f.name for f in fields(self)}:
             self._fail("an observation cannot join a point to itself")
 
@@ -277,10 +284,10 @@ class GnssVector(Observation):
 
     def __post_init__(self) -> None:
         """Check the observation."""
-        if len(self.value) != 3:
-            self._fail(f"value must have 3 components, not {len(self.value)}")
-        _covariance(self, 3)
         self._check()
+        if np.shape(self.value) != (3,):
+            self._fail(f"value must have 3 components, not {self.value}")
+        _covariance(self, 3)
 
 
 @dataclass(frozen=True)
@@ -309,6 +316,7 @@ class ControlPoint(Observation):
 
     def __post_init__(self) -> None:
         """Check the observation."""
+        self._check()
         local = set(self.axes) <= set("enu")
         if (
             not self.axes
@@ -316,12 +324,11 @@ class ControlPoint(Observation):
             or not (local or set(self.axes) <= set("xyz"))
         ):
             self._fail(f"axes must be some of x, y, z or some of e, n, u, not {self.axes!r}")
-        if len(self.value) != (3 if local else len(self.axes)):
-            self._fail(f"value has {len(self.value)} components, axes {self.axes!r}")
+        if np.shape(self.value) != (3 if local else len(self.axes),):
+            self._fail(f"value has {np.size(self.value)} components, axes {self.axes!r}")
         _covariance(self, len(self.axes))
-        if self.sigma is not None and len(self.sigma) != len(self.axes):
-            self._fail(f"sigma has {len(self.sigma)} components, axes {self.axes!r}")
-        self._check()
+        if self.sigma is not None and np.shape(self.sigma) != (len(self.axes),):
+            self._fail(f"sigma has {np.size(self.sigma)} components, axes {self.axes!r}")
 
 
 @dataclass(frozen=True)
@@ -359,10 +366,10 @@ class PhotoPosition(Observation):
 
     def __post_init__(self) -> None:
         """Check the observation."""
-        if len(self.value) != 3:
-            self._fail(f"value must have 3 components, not {len(self.value)}")
-        _covariance(self, 3)
         self._check()
+        if np.shape(self.value) != (3,):
+            self._fail(f"value must have 3 components, not {self.value}")
+        _covariance(self, 3)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from factorgraph_adj.frames import GeocentricFrame
 from factorgraph_adj.io.project import load_project, read_project
 from factorgraph_adj.io.records import observation
 from factorgraph_adj.network import Network
-from factorgraph_adj.observations import GnssVector, SlopeDistance
+from factorgraph_adj.observations import Direction, GnssVector, SlopeDistance
 
 TEXTS = {
     "project": PROJECT,
@@ -155,7 +155,7 @@ READING = {
     ),
     "an unknown kind": (
         *("observations", "zenith_angle,7", "zenit,7"),
-        f"observations.csv:8: unknown kind 'zenit'; valid: {KINDS}",
+        f"observations.csv:8: zenit A C (id 7): unknown kind 'zenit'; valid: {KINDS}",
     ),
     "an unknown kind of default": (
         *("project", "[sigma.slope_distance]", "[sigma.distance]"),
@@ -269,7 +269,7 @@ def test_every_problem_is_found_in_one_run(tmp_path):
         "observations.csv:2: slope_distance A A (id 1): sigma_mm must be greater than zero, not 0",
         "observations.csv:2: slope_distance A A (id 1): an observation cannot join a point to "
         "itself",
-        f"observations.csv:15: unknown kind 'direktion'; valid: {KINDS}",
+        f"observations.csv:15: direktion A B (id 14): unknown kind 'direktion'; valid: {KINDS}",
     ]
 
 
@@ -365,6 +365,51 @@ def test_the_covariance_of_one_vector_must_be_positive_definite():
         "stream:7: gnss_vector A C: the covariance matrix is not positive definite "
         "(smallest eigenvalue of the correlations -1.00e+00)"
     )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        ({"value": "5,3"}, "value must be a finite number, not '5,3'"),
+        ({"value": "5.3"}, "value must be a finite number, not '5.3'"),
+        ({"value": None}, "value must be a finite number, not None"),
+        ({"sigma": "2mm"}, "sigma must be a finite number, not '2mm'"),
+        ({"instrument_height": float("nan")}, "instrument_height must be a finite number, not nan"),
+        ({"target": 7}, "target must be text, not 7"),
+        ({"set": 1}, "set must be text, not 1"),
+        ({"id": 5}, "id must be text, not 5"),
+    ],
+)
+def test_values_of_the_wrong_type_name_the_observation(wrong, expected):
+    given = {"station": "A", "target": "P", "value": 5.3, "sigma": 2e-5, "id": "r1"} | wrong
+    with pytest.raises(InputError) as caught:
+        Direction(**given)
+    assert str(caught.value) == f"direction A {given['target']} (id {given['id']}): {expected}"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        ({"value": None}, "value must be a finite number, not None"),
+        ({"value": ("1", "x", 2)}, "value must be a finite number, not ('1', 'x', 2)"),
+        ({"value": ((1,), (2, 3))}, "value must be a finite number, not ((1,), (2, 3))"),
+        ({"value": (1, 2)}, "value must have 3 components, not (1, 2)"),
+        ({"value": 3.0}, "value must have 3 components, not 3.0"),
+        ({"covariance": "x"}, "covariance must be a finite number, not 'x'"),
+        ({"covariance": None, "sigma": 0.1}, "sigma must be 3 standard deviations, not 0.1"),
+    ],
+)
+def test_vectors_of_the_wrong_type_or_shape_are_named(wrong, expected):
+    given = {"value": (1.0, 2.0, 3.0), "covariance": np.eye(3), "id": "v1"} | wrong
+    with pytest.raises(InputError) as caught:
+        GnssVector("A", "P", **given)
+    assert str(caught.value) == f"gnss_vector A P (id v1): {expected}"
+
+
+def test_an_unknown_kind_is_told_with_what_the_record_says_of_itself():
+    record = {"kind": "slope_distnce", "station": "A", "target": "C", "id": "x5"}
+    with pytest.raises(InputError, match=r"A C \(id x5\): unknown kind 'slope_distnce'"):
+        observation(record, source="stream:5")
 
 
 def test_a_vector_with_a_covariance_cannot_join_a_point_to_itself_either():

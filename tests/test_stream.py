@@ -532,8 +532,8 @@ SIGHT = {"kind": "slope_distance", "station": "A", "target": "C", "value": 58.33
 @pytest.mark.parametrize(
     ("fields", "where", "what"),
     [
-        ({"kind": "distance"}, "", "unknown kind 'distance'; valid: slope_distance"),
-        ({"kind": 3}, "", "unknown kind '3'"),
+        ({"kind": "distance"}, "distance A C", "unknown kind 'distance'; valid: slope_distance"),
+        ({"kind": 3}, "3 A C", "unknown kind '3'"),
         ({"kind": ["slope_distance"]}, "", "kind must be text"),
         ({"target": "X"}, "slope_distance A X", "unknown point 'X'; known: A, B, C"),
         ({"target": None}, "slope_distance A", "target is missing"),

@@ -74,12 +74,12 @@ def observation(
     context = context or RecordContext()
     row = Row(record, source, problems)
     kind = row.text("kind", required=True)
+    row.of = label(record) if kind is not None else ""
     if kind is not None and kind not in OBSERVATIONS:
         row.wrong(f"unknown kind {kind!r}; valid: {', '.join(OBSERVATIONS)}")
     if row.failed or kind is None:
         raise InputError(problems)
     cls = OBSERVATIONS[kind]
-    row.of = label(record)
     arguments: dict[str, Any] = {"id": row.text("id"), "source": source or None}
     for name in NAMES:
         if name in attributes(kind):
