@@ -247,3 +247,16 @@ def test_a_photo_enters_without_the_point_that_keeps_it_from_a_solution(
     inc.remove(f"{last}/{point}")
     inc.add([o for o in rays if o.point == point and o.photo not in (others[0], last)])
     assert not inc.waiting
+
+
+def test_first_readings_that_agree_nowhere_are_told_with_their_point() -> None:
+    """Distances of 10 m from three points 100 m apart: no adjustment of them comes to rest."""
+    network = fga.Network("nowhere")
+    for name, at in (("A", (0, 0, 0)), ("B", (100, 0, 0)), ("C", (0, 100, 5))):
+        network.add_point(name, at, fixed="xyz")
+    network.add_point("P", (30.0, 30.0, 5.0))
+    inc = fga.IncrementalAdjustment(network)
+    arrival = inc.add([SlopeDistance(n, "P", 10.0, sigma=1e-3) for n in "ABC"])
+    for verdict in arrival.verdicts:
+        assert verdict.verdict == "waiting"
+        assert verdict.lacks.startswith("point 'P' has 3 slope distances, which agree nowhere: ")

@@ -93,7 +93,7 @@ def find(
         if datum == "given" and not _placed(local):
             return Found((), None, lacks | _all(register, left, NOWHERE))
         lost: set[Variable] = set()
-        why = ""
+        whys: dict[Variable, str] = {}
         try:
             lost = _unreachable(compile_rows(local), left, lacks, datum)
             if not lost:
@@ -103,16 +103,17 @@ def find(
                     if blunders and solution.sigma0 > DISTURBED:
                         solution = _without_blunders(solution, alpha)
                     return Found(tuple(left), solution, lacks, tuple(aside))
-                why = solution.reason
+                whys = _disagreeing(register, left, solution.reason)
         except OverflowError:
-            why = ABSURD
+            whys = _all(register, left, ABSURD)
         except AdjustmentError as error:
             lost = _named(register, error, left, lacks)
             why = RUNS_AWAY if isinstance(error, DatumError) else str(error)
+            whys = _all(register, left, why)
         if lost:
             rest = [u for u in left if not lost.intersection(u.variables)]
         else:
-            lacks |= _all(register, left, why)
+            lacks |= whys
             rest = firm(network, register, left)
         stay = {u.ids[0] for u in rest}
         aside += [u for u in left if u.ids[0] not in stay]
@@ -184,6 +185,21 @@ def firm(network: Network, register: Register, units: Sequence[Unit]) -> list[Un
 
 def _all(register: Register, units: Iterable[Unit], why: str) -> dict[Variable, str]:
     return {v: why for u in units for v in pending(register, u)}
+
+
+def _disagreeing(register: Register, units: Iterable[Unit], reason: str) -> dict[Variable, str]:
+    """Return for each waiting variable of which observations no adjustment came to rest, and why.
+
+    Their approximate values are found, and lead to no minimum: one of them may be grossly wrong.
+    """
+    of: dict[Variable, list[Unit]] = {}
+    for unit in units:
+        for v in pending(register, unit):
+            of.setdefault(v, []).append(unit)
+    return {
+        v: f"{NOUN[v[0]]} {v[1]!r} has {describe(own, v)}, which agree nowhere: {reason}"
+        for v, own in of.items()
+    }
 
 
 def _countable(
