@@ -199,7 +199,7 @@ def test_costs_are_told_by_file_line_and_candidate_with_everything_else(wrong: W
         "wishes.toml: candidate 3: candidate 'dear' has no observations",
         "wishes.toml: target 1, 95 % semi-axis of the ellipse (m): no point is named like 'Q*'",
         "more.csv:3: candidate 'set-up C': cost is 6 here, but 5 in more.csv:2",
-        "more.csv:3: unknown kind 'height'",
+        "more.csv:3: height C B: unknown kind 'height'",
         "more.csv:7: candidate 'tape': cost must be greater than zero, not -2",
     ):
         assert any(p.startswith(part) for p in found), (part, found)
