@@ -74,7 +74,7 @@ class Observation:
         """Check values, standard deviations and names."""
         for f in fields(self):
             value = getattr(self, f.name)
-            if f.type in ("str", "str | None"):
+            if f.type in ("str", "str | None"):  # types are text here: annotations are postponed
                 if not isinstance(value, str) and (value is not None or f.type == "str"):
                     self._fail(f"{f.name} must be text, not {value!r}")
                 continue

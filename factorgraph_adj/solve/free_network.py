@@ -30,8 +30,10 @@ NEGLIGIBLE = 1e-9
 HALVINGS = 30
 SHRINKING = 0.8
 """Ratio of a step to the last one, below which an iteration still converges."""
+NEAR = 1e-4
+"""Step relative to σ up to which steps that do not shrink may be rounding,"""
 BLURRED = 1e-12
-"""Decrease relative to 1 + vᵀPv below which steps that do not shrink are rounding."""
+"""and are, if the decrease that they promise is less than this, relative to 1 + vᵀPv."""
 AGAIN = 2.0
 """Ratio of a step to another where both are."""
 CARRIED = 1e-12
@@ -225,7 +227,7 @@ def carry(
             if next_step is not None:
                 dx, left = next_step
                 if left > enough:
-                    blurred = last**2 < BLURRED * (1.0 + normal.system.vtpv)
+                    blurred = last < NEAR and last**2 < BLURRED * (1.0 + normal.system.vtpv)
                     if blurred and left > SHRINKING * last:  # the state before is as good as any
                         state, enough = before, AGAIN * last
                     else:
