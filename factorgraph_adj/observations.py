@@ -327,8 +327,6 @@ class ControlPoint(Observation):
         if np.shape(self.value) != (3 if local else len(self.axes),):
             self._fail(f"value has {np.size(self.value)} components, axes {self.axes!r}")
         _covariance(self, len(self.axes))
-        if self.sigma is not None and np.shape(self.sigma) != (len(self.axes),):
-            self._fail(f"sigma has {np.size(self.sigma)} components, axes {self.axes!r}")
 
 
 @dataclass(frozen=True)

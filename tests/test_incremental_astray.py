@@ -257,6 +257,7 @@ def test_first_readings_that_agree_nowhere_are_told_with_their_point() -> None:
     network.add_point("P", (30.0, 30.0, 5.0))
     inc = fga.IncrementalAdjustment(network)
     arrival = inc.add([SlopeDistance(n, "P", 10.0, sigma=1e-3) for n in "ABC"])
+    assert len(arrival.verdicts) == 3
     for verdict in arrival.verdicts:
         assert verdict.verdict == "waiting"
         assert verdict.lacks.startswith("point 'P' has 3 slope distances, which agree nowhere: ")
