@@ -9,7 +9,7 @@ from differences import columns_of
 
 from factorgraph_adj.graph.equations import Equations
 from factorgraph_adj.graph.variables import State
-from factorgraph_adj.quality.solution import Solution
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array, Mask
 
 RANK = 1e-10

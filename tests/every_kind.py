@@ -17,7 +17,7 @@ from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, Topocentr
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.models import lens
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.types import Array
 

@@ -24,8 +24,8 @@ from arrivals import ids_of, items
 from soak import CONTROL, UNKNOWN, plan
 
 from factorgraph_adj import IncrementalAdjustment, Network
-from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.experiment.simulate import measure
+from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import AnyObservation, Correlated, HeightDifference, Observation
 
 LONGEST = 60.0

@@ -12,7 +12,7 @@ import numpy as np
 
 from factorgraph_adj.experiment.simulate import disturb, look_at, measure
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     Direction,
     HeightDifference,

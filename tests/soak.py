@@ -23,10 +23,10 @@ import numpy as np
 from arrivals import batch, difference, ids_of, items
 
 from factorgraph_adj import AdjustmentError, IncrementalAdjustment, Network
-from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.incremental.verdicts import Policy
 from factorgraph_adj.models.lens import BrownLens
+from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import (
     AnyObservation,
     ControlPoint,

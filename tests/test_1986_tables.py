@@ -20,7 +20,7 @@ from factorgraph_adj.experiment.el_hakim_1986 import (
     edge_lines,
     simulate_close_range_1986,
 )
-from factorgraph_adj.experiment.tables_1986 import (
+from factorgraph_adj.papers.tables_1986 import (
     AERIAL,
     CLOSE_RANGE,
     SEED,

@@ -27,10 +27,10 @@ from loaders.aicon import (
     read_aicon,
 )
 
-from factorgraph_adj.network import Network
-from factorgraph_adj.quality.solution import Solution
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import log_rotation, skew, world_R_camera
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.solution import Solution
 
 HALF_OF_PRINTED_MM = 0.5e-4 * MM
 """Half of the last digit of coordinates and their σ in .obc and .eor."""

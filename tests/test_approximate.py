@@ -14,14 +14,14 @@ from loaders import aicon, dbat
 
 from factorgraph_adj.approximate import approximate, rounds
 from factorgraph_adj.approximate.rays import tangents
-from factorgraph_adj.entities import FREE_ORIENTATION
 from factorgraph_adj.errors import ApproximationError
 from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import BrownForwardLens, BrownLens, HarmonicLens, Lens
 from factorgraph_adj.models.registry import LENSES
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.entities import FREE_ORIENTATION
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     AstronomicLatitude,
     Azimuth,

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from projects import IMAGES, OBSERVATIONS, PHOTOS, POINTS, PROJECT, write
 
-from factorgraph_adj.check import check
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import GeocentricFrame
 from factorgraph_adj.io.project import load_project, read_project
 from factorgraph_adj.io.records import observation
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import Direction, GnssVector, SlopeDistance
+from factorgraph_adj.validate.check import check
 
 TEXTS = {
     "project": PROJECT,

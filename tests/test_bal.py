@@ -18,7 +18,7 @@ from conftest import data_dir
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.bal import read_bal
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.solve.batch import adjust
 

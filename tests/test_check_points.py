@@ -13,7 +13,7 @@ from small_block import CHECKED, small_block
 from test_solution import POINTS, total_station
 
 import factorgraph_adj as fga
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import GnssPosition, HeightDifference
 from factorgraph_adj.quality.check_points import check_points
 from factorgraph_adj.report.text import protocol

@@ -15,7 +15,7 @@ from conftest import data_dir
 from projects import OBSERVATIONS, POINTS, PROJECT, write
 from small_block import small_block
 
-from factorgraph_adj import cli
+from factorgraph_adj.cli import main as cli
 from factorgraph_adj.io.write_project import write_project
 
 FILES = {
@@ -27,7 +27,7 @@ TEXT = {"encoding": "utf-8", "capture_output": True, "timeout": 120, "check": Fa
 
 def run(*arguments: object, **more: object) -> subprocess.CompletedProcess[str]:
     """Run the command in a process of its own."""
-    command = [sys.executable, "-m", "factorgraph_adj.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "factorgraph_adj.cli.main", *map(str, arguments)]
     environment = os.environ | {"PYTHONIOENCODING": "utf-8"}
     return subprocess.run(command, env=environment, **(TEXT | more))
 
@@ -238,7 +238,7 @@ def test_an_interrupted_first_run_leaves_no_folder(block, tmp_path, monkeypatch,
 def test_ctrl_c_ends_with_130_and_writes_nothing(block, tmp_path):
     waits = (
         "import sys, time\n"
-        "from factorgraph_adj import cli\n"
+        "from factorgraph_adj.cli import main as cli\n"
         "real = cli.adjust\n"
         "def slow(network, *, progress, **options):\n"
         "    def wait(*figures):\n"
@@ -275,7 +275,7 @@ def test_a_fault_of_the_program_is_no_traceback(block, monkeypatch, capsys):
 
 
 def test_a_reader_that_stops_early_is_no_fault(block):
-    command = f"{sys.executable} -m factorgraph_adj.cli adjust {block} | head -1"
+    command = f"{sys.executable} -m factorgraph_adj.cli.main adjust {block} | head -1"
     result = subprocess.run(command, shell=True, **TEXT)
     assert result.stdout == "Adjustment of small block\n"
     assert result.stderr == ""

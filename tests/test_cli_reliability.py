@@ -15,7 +15,7 @@ from small_block import small_block
 from test_cli import FILES, Terminal, contents
 from test_protocol_reliability import blundered
 
-from factorgraph_adj import cli
+from factorgraph_adj.cli import main as cli
 from factorgraph_adj.io.write_project import write_project
 from factorgraph_adj.quality.rejections import Unresolved
 

@@ -17,10 +17,11 @@ from projects import FILES, write
 from projects import POINTS as MEASURED
 from test_stream import ARRIVALS, POINTS, WRONG, YARD
 
-from factorgraph_adj import cli, cli_stream
+from factorgraph_adj.cli import main as cli
+from factorgraph_adj.cli import stream as cli_stream
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
-from factorgraph_adj.incremental.requests import LONGEST
 from factorgraph_adj.io.write_project import network_files
+from factorgraph_adj.service.requests import LONGEST
 
 POSIX = pytest.mark.skipif(os.name == "nt", reason="signals of another process need POSIX")
 SECONDS = 60
@@ -37,7 +38,7 @@ class Pipe:
     """The command at the other end of two pipes."""
 
     def __init__(self, *arguments: object) -> None:
-        command = [sys.executable, "-m", "factorgraph_adj.cli", "stream", *map(str, arguments)]
+        command = [sys.executable, "-m", "factorgraph_adj.cli.main", "stream", *map(str, arguments)]
         self.process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
         )
@@ -128,7 +129,7 @@ def test_a_signal_ends_it_while_it_waits_for_a_line(yard, number, code):
 
 SLOW = """
 import os, signal, sys
-from factorgraph_adj import cli
+from factorgraph_adj.cli import main as cli
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
 real = IncrementalAdjustment.add
 def add(self, *arguments, **more):
@@ -213,7 +214,7 @@ def test_nothing_after_stop_is_read(yard, here):
 
 
 def test_a_line_without_an_end_does_not_fill_the_memory(yard, here, monkeypatch):
-    for module in (cli_stream, sys.modules["factorgraph_adj.incremental.requests"]):
+    for module in (cli_stream, sys.modules["factorgraph_adj.service.requests"]):
         monkeypatch.setattr(module, "LONGEST", 1000)
     assert LONGEST > 1000
     good = json.dumps(ARRIVALS[0])

@@ -12,8 +12,8 @@ from loaders import comp3d
 from factorgraph_adj.approximate import approximate
 from factorgraph_adj.frames import TopocentricFrame
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.quality.solution import Solution
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.units import ARCSEC, GON
 
 MICROMETRE = 1e-6

@@ -20,7 +20,7 @@ from test_solution import total_station
 import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.graph.keys import KeyMap
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     Azimuth,
     ControlPoint,

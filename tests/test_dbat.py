@@ -33,9 +33,9 @@ from loaders.dbat import (
 from factorgraph_adj.approximate import approximate
 from factorgraph_adj.errors import DatumError
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.network import Network
-from factorgraph_adj.quality.solution import CalibrationEstimate, Solution
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.solution import CalibrationEstimate, Solution
 from factorgraph_adj.types import Array
 
 LABELS = {

@@ -19,8 +19,8 @@ from loaders.dynadjust import FRAME, Measurement, Station, read_dynaml, read_lis
 
 from factorgraph_adj.graph.blocks import Block
 from factorgraph_adj.graph.equations import Equations
-from factorgraph_adj.quality.solution import Solution
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 
 PRINTED = 0.5e-4

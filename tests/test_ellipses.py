@@ -31,7 +31,7 @@ from test_gama import FOLDER, NETWORKS, solved
 
 import factorgraph_adj as fga
 from factorgraph_adj.frames import LEFT_HANDED_AXES, LocalFrame, TopocentricFrame
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     Correlated,
     GnssPosition,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from factorgraph_adj.cli import main
+from factorgraph_adj.cli.main import main
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 README = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")

@@ -37,9 +37,9 @@ from loaders.gama_result import GamaResult, read_gama_result
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.graph.variables import State
 from factorgraph_adj.io.gama import read_gama
-from factorgraph_adj.network import Network
-from factorgraph_adj.quality.solution import Solution
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array, Mask
 from factorgraph_adj.units import GON
 

@@ -11,7 +11,7 @@ import pytest
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import LocalFrame
 from factorgraph_adj.io.gama import read_gama
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     Azimuth,
     ControlPoint,

@@ -22,7 +22,7 @@ from factorgraph_adj.experiment.geocentric_block import (
 )
 from factorgraph_adj.experiment.simulate import SimulatedNetwork, Truth
 from factorgraph_adj.models.registry import VariableKind
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     OBSERVATIONS,
     ControlPoint,
@@ -31,8 +31,8 @@ from factorgraph_adj.observations import (
     Observation,
     PhotoPosition,
 )
-from factorgraph_adj.quality.solution import Solution
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 
 CONFIDENCE = 0.999

@@ -19,7 +19,7 @@ from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.graph.extra import linearise_extra
 from factorgraph_adj.graph.keys import KeyMap, pose_from_gtsam, state_of, values_of
 from factorgraph_adj.models.lens import BrownLens, NoDistortion, NormalisedLens
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     Azimuth,
     ControlPoint,

@@ -22,17 +22,17 @@ from factorgraph_adj.experiment.industry_block import (
     SIDE,
     simulate_industry_block,
 )
-from factorgraph_adj.experiment.tables_1981 import (
+from factorgraph_adj.models.image import depth
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import SlopeDistance
+from factorgraph_adj.papers.tables_1981 import (
     INDUSTRY_CASES,
     IndustryCase,
     IndustryFigures,
     industry_figures,
 )
-from factorgraph_adj.models.image import depth
-from factorgraph_adj.network import Network
-from factorgraph_adj.observations import SlopeDistance
-from factorgraph_adj.quality.solution import Solution
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 
 CONFIDENCE = 0.999

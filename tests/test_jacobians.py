@@ -11,7 +11,7 @@ from every_kind import FRAMES, GEOMETRIES, LENSES_USED, OBSERVED, VIEWS
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.models.registry import KINDS, LENSES
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import world_R_camera
 
 

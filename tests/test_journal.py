@@ -21,7 +21,6 @@ from small_block import small_block
 from test_project import FRAMES, assert_same, assert_same_network, everything
 
 from factorgraph_adj import observations as o
-from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame
 from factorgraph_adj.incremental import journal as module
@@ -31,7 +30,8 @@ from factorgraph_adj.io.context import ImageAxes, RecordContext
 from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.write_project import write_project
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.entities import Photo, Point
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import OBSERVATIONS
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.stochastic import StandardDeviation

@@ -15,7 +15,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from test_stream import ARRIVALS, WRONG, YARD, open_stream
 
-from factorgraph_adj import cli
+from factorgraph_adj.cli import main as cli
 from factorgraph_adj.report.live import LATENCIES, REMEMBERED, LiveView, live_view
 
 
@@ -164,7 +164,7 @@ def test_a_real_terminal_shows_it_and_is_left_in_order(tmp_path):
     lines = "".join(json.dumps(a) + "\n" for a in (*ARRIVALS, WRONG)).encode()
     master, slave = pty.openpty()
     with subprocess.Popen(
-        [sys.executable, "-m", "factorgraph_adj.cli", "stream", str(project), "--live"],
+        [sys.executable, "-m", "factorgraph_adj.cli.main", "stream", str(project), "--live"],
         stdin=subprocess.PIPE,
         stdout=slave,
         stderr=slave,

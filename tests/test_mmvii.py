@@ -12,10 +12,10 @@ from conftest import data_dir
 from loaders import mmvii
 
 from factorgraph_adj.frames import LocalFrame, TopocentricFrame
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance, ZenithAngle
-from factorgraph_adj.quality.solution import Solution
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.solution import Solution
 
 MILLIMETRE = 1e-3
 

@@ -27,7 +27,7 @@ from factorgraph_adj.models.lens import (
     Lens,
     NoDistortion,
 )
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     Azimuth,
     Direction,

@@ -19,7 +19,7 @@ from factorgraph_adj.models.orthogonal_lens import (
     OrthogonalLens,
     gram_polynomials,
 )
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ControlPoint, PhotoPosition
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.solve.batch import adjust

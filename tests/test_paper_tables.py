@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment import tables_1981, tables_1986
 from factorgraph_adj.experiment.runs import Experiment, run
 from factorgraph_adj.experiment.summary import Summary
-from factorgraph_adj.experiment.systematic_1986 import TABLE_6, Layout, effect, layout, spec_of
-from factorgraph_adj.experiment.tables_1981 import ISP_CASES, isp_inside, isp_trial
-from factorgraph_adj.experiment.tables_1986 import AERIAL, CLOSE_RANGE, aerial, close_range
+from factorgraph_adj.papers import tables_1981, tables_1986
+from factorgraph_adj.papers.systematic_1986 import TABLE_6, Layout, effect, layout, spec_of
+from factorgraph_adj.papers.tables_1981 import ISP_CASES, isp_inside, isp_trial
+from factorgraph_adj.papers.tables_1986 import AERIAL, CLOSE_RANGE, aerial, close_range
 from factorgraph_adj.report.comparison import Comparison, compared
 
 REPETITIONS = 3

@@ -11,11 +11,11 @@ import pytest
 from small_block import CENTRES, FOCAL, box
 
 import factorgraph_adj as fga
-from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.experiment.el_hakim_1986 import aerial_1986_plan, close_range_1986_plan
 from factorgraph_adj.experiment.industry_block import industry_block_plan
 from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.models.lens import BrownLens
+from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import (
     ControlPoint,
     GnssVector,

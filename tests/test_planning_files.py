@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj import cli_plan
-from factorgraph_adj.cli import main
+from factorgraph_adj.cli import plan as cli_plan
+from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import Problem
 from factorgraph_adj.experiment import runs
 from factorgraph_adj.io.project import load_project

@@ -26,7 +26,6 @@ from factorgraph_adj.observations import (
     SlopeDistance,
 )
 from factorgraph_adj.quality.ellipses import error_ellipses, height_intervals
-from factorgraph_adj.quality.solution import Solution
 from factorgraph_adj.report.plots import (
     plot_mean_photo,
     plot_network,
@@ -43,6 +42,7 @@ from factorgraph_adj.report.plots.marks import window
 from factorgraph_adj.report.plots.sights import lines_by_kinds
 from factorgraph_adj.report.plots.statistics import spread
 from factorgraph_adj.report.plots.style import exaggeration, length, readable
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.solve.tree import SingularError
 
 pytest.importorskip("matplotlib")

@@ -12,7 +12,8 @@ from small_block import small_block
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.network.selection import without
 from factorgraph_adj.observations import (
     ControlPoint,
     Direction,
@@ -22,9 +23,8 @@ from factorgraph_adj.observations import (
 )
 from factorgraph_adj.quality.prediction import Predictor, predict
 from factorgraph_adj.quality.reliability import reliability
-from factorgraph_adj.quality.solution import Solution
-from factorgraph_adj.selection import without
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.solution import Solution
 
 LINEAR = 2e-3
 """Part by which a test value differs where one observation of many moves the solution: the

@@ -29,7 +29,7 @@ from factorgraph_adj.io.write_project import exact_angles, write_project
 from factorgraph_adj.models import lens
 from factorgraph_adj.models.orthogonal_lens import OrthogonalLens
 from factorgraph_adj.models.registry import LENSES
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import OBSERVATIONS as KINDS
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.solve.batch import adjust

@@ -17,7 +17,7 @@ from factorgraph_adj import observations as o
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import GeocentricFrame, TopocentricFrame
 from factorgraph_adj.io.numbers import Units
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.global_test import global_test
 from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.report import layout
@@ -270,7 +270,7 @@ def test_an_adjustment_that_stops_early_says_so():
 
 
 def test_a_solution_without_a_covariance_is_reported_without_precision(tmp_path, monkeypatch):
-    from factorgraph_adj.quality.solution import Solution
+    from factorgraph_adj.solve.solution import Solution
     from factorgraph_adj.solve.tree import SingularError
 
     def singular(*_):

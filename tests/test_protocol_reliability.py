@@ -21,7 +21,7 @@ from factorgraph_adj.errors import AdjustmentError, InputError
 from factorgraph_adj.io.atomic import write_files
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.tables import write_columns
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.ellipses import error_ellipse, error_ellipsoid, height_interval
 from factorgraph_adj.quality.rejections import PointSetAside, Round, Unresolved
 from factorgraph_adj.quality.snooping import snoop

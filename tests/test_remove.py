@@ -12,7 +12,8 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.network.selection import weighted_unknowns, without
 from factorgraph_adj.observations import (
     ControlPoint,
     Correlated,
@@ -22,7 +23,6 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     VerticalAngle,
 )
-from factorgraph_adj.selection import weighted_unknowns, without
 from factorgraph_adj.solve.batch import adjust
 
 

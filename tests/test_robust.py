@@ -13,7 +13,7 @@ from trilateration import SIGMA, trilateration
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import HeightDifference
 from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.quality.robust import (

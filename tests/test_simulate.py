@@ -12,7 +12,7 @@ from factorgraph_adj.experiment.aerial_block import simulate_aerial_block
 from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.experiment.simulate import SimulatedNetwork, disturb, look_at, measure
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import GnssVector, SlopeDistance
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.stochastic import StandardDeviation

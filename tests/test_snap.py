@@ -19,7 +19,7 @@ from loaders import snap
 from loaders.snap import FRAME, Row, dms
 
 from factorgraph_adj.graph.equations import Equations, compile_network
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import GnssVector
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.types import Array

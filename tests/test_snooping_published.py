@@ -10,7 +10,7 @@ from loaders.aicon import read_aicon, rejected_image_points
 from scipy.stats import norm
 
 from factorgraph_adj.io.gama import read_gama
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.rejections import Snooping
 from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.quality.robust import ESTIMATORS

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.entities import ImageTable
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.experiment.disturbances import DropOut, Errors, GrossError
 from factorgraph_adj.experiment.generate.additions import (
@@ -45,7 +44,8 @@ from factorgraph_adj.experiment.systematic import (
     Systematic,
     Tape,
 )
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.entities import ImageTable
+from factorgraph_adj.network.network import Network
 
 SMALL = Aerial(strips=2, photos_per_strip=4, points_per_photo=12)
 EVERYTHING = Spec(

@@ -12,16 +12,16 @@ from projects import FILES, write
 from small_block import SIGMA_MM, small_block
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental import stream
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
-from factorgraph_adj.incremental.requests import LONGEST
-from factorgraph_adj.incremental.stream import COMMANDS, Stream
 from factorgraph_adj.io.context import RecordContext
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.project import load_project
 from factorgraph_adj.io.records import record
 from factorgraph_adj.io.write_project import network_files
 from factorgraph_adj.observations import ZenithAngle
+from factorgraph_adj.service import stream
+from factorgraph_adj.service.requests import LONGEST
+from factorgraph_adj.service.stream import COMMANDS, Stream
 from factorgraph_adj.units import ANGLE
 
 MGON = ANGLE["mgon"]

@@ -26,7 +26,7 @@ from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.graph.build import build_graph
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.gama import read_gama
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     Correlated,
     GnssVector,
@@ -36,13 +36,13 @@ from factorgraph_adj.observations import (
 from factorgraph_adj.quality.global_test import global_test
 from factorgraph_adj.quality.group_redundancy import group_redundancy, sharpened
 from factorgraph_adj.quality.observation_groups import Groups, observation_groups
-from factorgraph_adj.quality.solution import ObservationRecord
 from factorgraph_adj.quality.variance_components import (
     VarianceComponent,
     VarianceComponents,
     variance_components,
 )
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.solution import ObservationRecord
 from factorgraph_adj.types import Array
 
 CONFIDENCE = 0.999

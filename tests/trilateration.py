@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import HorizontalDistance
 
 SIGMA = 0.002

@@ -19,7 +19,7 @@ from factorgraph_adj.approximate import approximate
 from factorgraph_adj.experiment.aerial_block import simulate_aerial_block
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.bal import read_bal
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.solve.batch import adjust
 

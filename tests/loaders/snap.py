@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from factorgraph_adj.frames import MEAN_EARTH_RADIUS, GeocentricFrame
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     AstronomicLatitude,
     AstronomicLongitude,

@@ -8,15 +8,15 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ..errors import InputError, Problem, known
+from ..graph.image_blocks import find_images
+from ..graph.make_blocks import weighted_blocks
+from ..graph.variables import Unknowns
+from ..models.registry import KINDS, VariableKind
+from ..observations import Observation, n_scalars
+from ..types import Array, Mask
 from .entities import REFRACTION_OF_THE_NETWORK, Parameter
-from .errors import InputError, Problem, known
-from .graph.image_blocks import find_images
-from .graph.make_blocks import weighted_blocks
-from .graph.variables import Unknowns
-from .models.registry import KINDS, VariableKind
 from .network import Network
-from .observations import Observation, n_scalars
-from .types import Array, Mask
 
 Small: TypeAlias = tuple[VariableKind, str | tuple[str, str]]
 """A small unknown: its kind and its key in the network."""

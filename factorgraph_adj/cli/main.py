@@ -17,21 +17,21 @@ from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from .check import check
-from .cli_plan import add_plan
-from .cli_stream import add_stream
-from .errors import AdjustmentError, ApproximationError, InputError, Problem
-from .io.project import Project
+from ..errors import AdjustmentError, ApproximationError, InputError, Problem
+from ..io.project import Project
+from ..quality.global_test import global_test
+from ..quality.rejections import Snooping
+from ..quality.snooping import snoop
+from ..quality.variance_components import VarianceComponents, variance_components
+from ..report.context import Report
+from ..report.tables import write_tables
+from ..report.text import program_version, render
+from ..solve.batch import adjust
+from ..solve.solution import Solution
+from ..validate.check import check
 from .options import add_adjustment, add_project, count, probability, read
-from .quality.global_test import global_test
-from .quality.rejections import Snooping
-from .quality.snooping import snoop
-from .quality.solution import Solution
-from .quality.variance_components import VarianceComponents, variance_components
-from .report.context import Report
-from .report.tables import write_tables
-from .report.text import program_version, render
-from .solve.batch import adjust
+from .plan import add_plan
+from .stream import add_stream
 
 FINE, DOUBTFUL, BAD_INPUT, FAULT, INTERRUPTED = 0, 1, 2, 3, 130
 SUSPECTS = 15
@@ -213,8 +213,8 @@ def _adjust(options: argparse.Namespace) -> int:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    from .report.plots import save_plots
-    from .report.plots.style import MISSING
+    from ..report.plots import save_plots
+    from ..report.plots.style import MISSING
 
     if find_spec("matplotlib") is None:
         raise InputError(MISSING)

@@ -9,15 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from .errors import AdjustmentError, InputError, Problem
-from .io.project import Project
-from .io.write_project import write_project
-from .options import add_probabilities, add_project, count, read
-from .planning.candidates import identified, with_candidates
-from .planning.files import Wishes, read_wishes
-from .planning.plan import Plan, plan
-from .planning.propose import Proposal, propose
-from .planning.targets import (
+from ..errors import AdjustmentError, InputError, Problem
+from ..io.project import Project
+from ..io.write_project import write_project
+from ..planning.candidates import identified, with_candidates
+from ..planning.files import Wishes, read_wishes
+from ..planning.plan import Plan, plan
+from ..planning.propose import Proposal, propose
+from ..planning.targets import (
     DetectableError,
     RedundancyNumber,
     SemiAxis,
@@ -28,7 +27,8 @@ from .planning.targets import (
     for_points,
     limit_of,
 )
-from .units import LENGTH
+from ..units import LENGTH
+from .options import add_probabilities, add_project, count, read
 
 FINE, FAILED = 0, 1
 LISTED = 20

@@ -13,15 +13,15 @@ from ..errors import InputError, known
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.registry import VariableKind
-from ..network import Network
+from ..network.network import Network
 from ..rotation import omega_phi_kappa
 from ..types import Array, Index
 
 if TYPE_CHECKING:
-    from ..solve.datum import Defect, FreeDatum
-    from ..solve.factor import Factor
-    from ..solve.normal import NormalEquations
-    from .datum_change import ReferenceDatum
+    from ..quality.datum_change import ReferenceDatum
+    from .datum import Defect, FreeDatum
+    from .factor import Factor
+    from .normal import NormalEquations
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,7 @@ from time import perf_counter
 from typing import Any
 
 from ..errors import AdjustmentError, InputError, Problem, known
+from ..incremental.adjustment import IncrementalAdjustment
 from ..io.atomic import write_files
 from ..io.context import ImageAxes, RecordContext
 from ..io.json_records import photo_of, point_of
@@ -88,7 +89,6 @@ from ..io.write_project import network_files
 from ..observations import Correlated
 from ..report.summary import finite
 from . import requests
-from .adjustment import IncrementalAdjustment
 from .answers import Answer, Answers, fault, refusal
 
 LISTED = 10

@@ -6,12 +6,12 @@ import argparse
 from pathlib import Path
 from typing import get_args
 
-from .errors import InputError, Problem
-from .io.bal import read_bal
-from .io.gama import read_gama
-from .io.project import Project, load_project
-from .quality.observation_groups import Rule
-from .quality.robust import ESTIMATORS
+from ..errors import InputError, Problem
+from ..io.bal import read_bal
+from ..io.gama import read_gama
+from ..io.project import Project, load_project
+from ..quality.observation_groups import Rule
+from ..quality.robust import ESTIMATORS
 
 READERS = (
     ".toml (project), .gkf (GNU Gama), .txt, .txt.bz2, .txt.gz (Bundle Adjustment in the Large)"

@@ -24,10 +24,7 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from ..observations import SlopeDistance
-from ..quality.check_points import check_points
-from ..solve.batch import adjust
-from .generate.additions import (
+from ..experiment.generate.additions import (
     Additions,
     Astronomic,
     Azimuths,
@@ -36,13 +33,16 @@ from .generate.additions import (
     HeightDifferences,
     VerticalAngles,
 )
-from .generate.control import Control, Pattern
-from .generate.part import MILLIMETRE
-from .generate.patterns import perimeter
-from .generate.published import IspBlock
-from .industry_block import simulate_industry_block
-from .simulate import Seed
-from .spec import Approximate, Earth, Spec, design, simulate
+from ..experiment.generate.control import Control, Pattern
+from ..experiment.generate.part import MILLIMETRE
+from ..experiment.generate.patterns import perimeter
+from ..experiment.generate.published import IspBlock
+from ..experiment.industry_block import simulate_industry_block
+from ..experiment.simulate import Seed
+from ..experiment.spec import Approximate, Earth, Spec, design, simulate
+from ..observations import SlopeDistance
+from ..quality.check_points import check_points
+from ..solve.batch import adjust
 
 IspCase = Literal["full", "reduced", "layout 1", "layout 2", "layout 3"]
 ISP_CASES: tuple[IspCase, ...] = ("full", "reduced", "layout 1", "layout 2", "layout 3")

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import InputError, Problem
 from .entities import Camera, Photo, Point
-from .errors import InputError, Problem
 from .network import Network
 
 

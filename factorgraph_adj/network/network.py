@@ -12,6 +12,12 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from ..errors import InputError, Problem, known
+from ..frames import Frame, LocalFrame
+from ..models.lens import Lens
+from ..observations import AnyObservation, Correlated, Direction, ImagePoint, Observation
+from ..rotation import world_R_camera
+from ..types import Array, Mask
 from .entities import (
     FREE_ORIENTATION,
     REFRACTION_OF_THE_NETWORK,
@@ -24,12 +30,6 @@ from .entities import (
     sigmas,
     triple,
 )
-from .errors import InputError, Problem, known
-from .frames import Frame, LocalFrame
-from .models.lens import Lens
-from .observations import AnyObservation, Correlated, Direction, ImagePoint, Observation
-from .rotation import world_R_camera
-from .types import Array, Mask
 
 DatumChoice: TypeAlias = Literal["given", "free"]
 """Datum from what is given (control, fixed, weighted), or a free network."""

@@ -13,19 +13,19 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import AdjustmentError, InputError, Problem
+from ..incremental.absorbing import Arrival
+from ..incremental.adjustment import IncrementalAdjustment, Waiting
+from ..incremental.verdicts import Gain, Verdict
 from ..io.numbers import Units, write
 from ..models.registry import KINDS
 from ..observations import ImagePoint
 from ..quality.rejections import Snooping
 from ..quality.reliability import Reliability
-from ..quality.solution import CalibrationEstimate, PoseEstimate, Solution
 from ..report.context import Report
 from ..report.rows import Row, Scale, image_scale, scale_of
+from ..solve.solution import CalibrationEstimate, PoseEstimate, Solution
 from ..types import Array
 from ..units import ANGLE, LENGTH
-from .absorbing import Arrival
-from .adjustment import IncrementalAdjustment, Waiting
-from .verdicts import Gain, Verdict
 
 Answer = dict[str, Any]
 MOST_WAITING = 20

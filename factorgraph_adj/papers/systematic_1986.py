@@ -28,19 +28,19 @@ from typing import Literal
 
 import numpy as np
 
+from ..experiment.disturbances import Errors
+from ..experiment.el_hakim_1986 import SIGMA_AERIAL_TERRESTRIAL, Line, aerial_1986_plan
+from ..experiment.generate.additions import Distances, HeightDifferences
+from ..experiment.generate.control import Control
+from ..experiment.generate.instruments import DistanceMeter, Level
+from ..experiment.generate.part import MICROMETRE, MILLIMETRE
+from ..experiment.generate.patterns import perimeter, round_lines, spread
+from ..experiment.generate.published import Aerial1986
+from ..experiment.spec import Spec, simulate
+from ..experiment.systematic import AffineFilm, InImages, LensDistortion
 from ..quality.check_points import check_points
 from ..solve.batch import adjust
 from ..types import Array
-from .disturbances import Errors
-from .el_hakim_1986 import SIGMA_AERIAL_TERRESTRIAL, Line, aerial_1986_plan
-from .generate.additions import Distances, HeightDifferences
-from .generate.control import Control
-from .generate.instruments import DistanceMeter, Level
-from .generate.part import MICROMETRE, MILLIMETRE
-from .generate.patterns import perimeter, round_lines, spread
-from .generate.published import Aerial1986
-from .spec import Spec, simulate
-from .systematic import AffineFilm, InImages, LensDistortion
 
 Kind = Literal["radial", "affine"]
 AVIOGON = LensDistortion(

@@ -11,16 +11,16 @@ from typing import TypeAlias
 
 import numpy as np
 
-from .errors import InputError, Problem, known
-from .frames import GeocentricFrame
-from .graph.blocks import Block
-from .graph.equations import Equations, compile_network
-from .graph.variables import Unknowns, Variables, calibration_name
-from .models.image import depth
-from .models.registry import VariableKind
-from .network import Network
-from .solve.datum import parts
-from .types import Array, Index, Mask
+from ..errors import InputError, Problem, known
+from ..frames import GeocentricFrame
+from ..graph.blocks import Block
+from ..graph.equations import Equations, compile_network
+from ..graph.variables import Unknowns, Variables, calibration_name
+from ..models.image import depth
+from ..models.registry import VariableKind
+from ..network.network import Network
+from ..solve.datum import parts
+from ..types import Array, Index, Mask
 
 Sources: TypeAlias = Mapping[tuple[str, str], str]
 

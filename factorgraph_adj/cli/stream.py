@@ -1,4 +1,4 @@
-"""The command ``factorgraph-adj stream``: the protocol of `incremental.stream` in a pipe.
+"""The command ``factorgraph-adj stream``: the protocol of `service.stream` in a pipe.
 
 One line in, one line out, flushed. It ends with 0 at the end of input, on ``{"do": "stop"}``, on
 SIGTERM and where nobody reads the answers any more; on SIGINT with 130. The line in hand is
@@ -18,15 +18,15 @@ from importlib.util import find_spec
 from types import FrameType
 from typing import IO, Any, get_args
 
-from .errors import InputError, Problem
-from .incremental.adjustment import IncrementalAdjustment
-from .incremental.requests import LONGEST
-from .incremental.stream import Stream
-from .incremental.stream import __doc__ as protocol
-from .incremental.verdicts import Policy
-from .io.project import Project
+from ..errors import InputError, Problem
+from ..incremental.adjustment import IncrementalAdjustment
+from ..incremental.verdicts import Policy
+from ..io.project import Project
+from ..report.live import MISSING, LiveView, live_view
+from ..service.requests import LONGEST
+from ..service.stream import Stream
+from ..service.stream import __doc__ as protocol
 from .options import add_probabilities, add_project, read
-from .report.live import MISSING, LiveView, live_view
 
 FINE, INTERRUPTED = 0, 130
 ALPHA = 0.001

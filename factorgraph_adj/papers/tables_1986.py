@@ -13,12 +13,17 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from ..experiment.el_hakim_1986 import (
+    Line,
+    edge_lines,
+    simulate_aerial_1986,
+    simulate_close_range_1986,
+)
+from ..experiment.simulate import Seed
 from ..observations import ControlPoint
 from ..quality.reliability import Reliability, reliability
 from ..solve.batch import adjust
 from ..types import Array
-from .el_hakim_1986 import Line, edge_lines, simulate_aerial_1986, simulate_close_range_1986
-from .simulate import Seed
 
 SEED: Seed = 1
 """Of the measuring errors; redundancy numbers hardly depend on it."""

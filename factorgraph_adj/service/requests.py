@@ -10,13 +10,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from ..entities import Camera
 from ..errors import InputError, Problem, known
 from ..io.context import ImageAxes, RecordContext
 from ..io.json_records import camera_of, observation_of
 from ..io.records import label
 from ..io.tables import Row
-from ..network import Network
+from ..network.entities import Camera
+from ..network.network import Network
 from ..observations import AnyObservation
 
 LONGEST = 1 << 26

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError, Problem
-from .models.lens import Lens
-from .types import Array, Index
+from ..errors import InputError, Problem
+from ..models.lens import Lens
+from ..types import Array, Index
 
 REFRACTION_OF_THE_NETWORK = ""
 """Name of the refraction group of observations that name none."""
