@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
-from ..observations import AnyObservation, Correlated, Direction, ImagePoint, Observation
+from ..models.variables import UNKNOWNS, VariableKind, unknown_kind
+from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..rotation import world_R_camera
 from ..types import Array, Mask
 from .entities import (
@@ -23,16 +24,33 @@ from .entities import (
     REFRACTION_OF_THE_NETWORK,
     Camera,
     ImageTable,
+    Key,
     Parameter,
     Photo,
     Point,
     parameter,
+    parameter_key,
+    parameter_name,
     sigmas,
     triple,
 )
 
 DatumChoice: TypeAlias = Literal["given", "free"]
 """Datum from what is given (control, fixed, weighted), or a free network."""
+
+
+class _OfKind:
+    """Attribute of a network: its stated unknowns of one kind by key."""
+
+    def __init__(self, kind: VariableKind) -> None:
+        self.kind = kind
+
+    def __get__(self, network: Network, owner: object = None) -> dict[Any, Parameter]:
+        return network.of_kind(self.kind)
+
+    def __set__(self, network: Network, given: Mapping[Any, Parameter]) -> None:
+        # A copy of the network may share the table of kinds, so that it is not written into.
+        network.parameters = {**network.parameters, self.kind: dict(given)}
 
 
 class Network:
@@ -59,10 +77,8 @@ class Network:
         self.points: dict[str, Point] = {}
         self.cameras: dict[str, Camera] = {}
         self.photos: dict[str, Photo] = {}
-        self.orientations: dict[tuple[str, str], Parameter] = {}
-        self.refractions: dict[str, Parameter] = {}
-        self.verticals: dict[str, Parameter] = {}
-        self.distance_meters: dict[str, Parameter] = {}
+        self.parameters: dict[VariableKind, dict[Any, Parameter]] = {}
+        """Unknowns besides points, photos and cameras, by kind and name."""
         self.observations: dict[str, Observation] = {}
         self.clusters: list[tuple[tuple[str, ...], Array]] = []
         self.images = ImageTable()
@@ -272,6 +288,46 @@ class Network:
 
     # -- other unknowns -----------------------------------------------------------------------
 
+    def set_unknown(
+        self,
+        kind: VariableKind,
+        key: Key,
+        values: Sequence[float] | None = None,
+        *,
+        fixed: bool | Iterable[str] = False,
+        sigma: float | Sequence[float] | Mapping[str, float] | None = None,
+    ) -> None:
+        """State an unknown of any kind; its components are free unless held or weighted.
+
+        Args:
+            kind: name of the kind, see `factorgraph_adj.models.variables.UNKNOWNS`.
+            key: name of the unknown, or several, such as station and set.
+            values: values of the components, SI; none: the start values of the kind.
+            fixed: hold all components, or those that are named.
+            sigma: standard deviations of weighted components, SI: one for all, one for each, or
+                some by name.
+
+        Raises:
+            InputError: an unknown kind or point, values that are not finite or not as many as
+                there are components, a component that is held and weighted.
+        """
+        record = unknown_kind(kind)
+        if record.table is None:
+            raise InputError(f"a {record.noun} is no parameter: use add_{record.noun}")
+        keys = (key,) if isinstance(key, str) else tuple(key)
+        if len(keys) != len(record.table.keys):
+            what = " and ".join(record.table.keys)
+            raise InputError(Problem(f"it is named by {what}, not by {key!r}", record.noun))
+        where = f"{record.noun} {parameter_name(key)!r}"
+        if record.at_point:
+            self._known(keys[0], self.points, "point", where)
+        start = [c.start for c in record.components] if values is None else values
+        self.of_kind(kind)[key] = parameter(record, start, fixed, sigma, where)
+
+    def of_kind(self, kind: VariableKind) -> dict[Any, Parameter]:
+        """Return the stated unknowns of a kind by key."""
+        return self.parameters.setdefault(kind, {})
+
     def set_orientation(
         self,
         station: str,
@@ -285,8 +341,7 @@ class Network:
 
         Without this call it is free and found from the directions.
         """
-        self._known(station, self.points, "point", "orientation")
-        self.orientations[station, set] = parameter((value,), fixed, sigma, f"set {station}/{set}")
+        self.set_unknown("orientation", (station, set), (value,), fixed=fixed, sigma=sigma)
 
     def set_refraction(
         self,
@@ -300,7 +355,7 @@ class Network:
 
         The group of observations that name none is the network's, held at 0 until this call.
         """
-        self.refractions[group] = parameter((value,), fixed, sigma, f"refraction {group!r}")
+        self.set_unknown("refraction", group, (value,), fixed=fixed, sigma=sigma)
 
     def set_vertical(
         self,
@@ -320,8 +375,7 @@ class Network:
             sigma: standard deviations, radians.
             fixed: hold it. Stations without this call have ξ = η = 0, held.
         """
-        self._known(station, self.points, "point", "vertical")
-        self.verticals[station] = parameter((xi, eta), fixed, sigma, f"vertical of {station!r}")
+        self.set_unknown("vertical", station, (xi, eta), fixed=fixed, sigma=sigma)
 
     def set_distance_meter(
         self,
@@ -343,20 +397,23 @@ class Network:
             sigma_zero: standard deviation of a weighted constant, metres.
             free: which are unknown without a prior; the others are held.
         """
-        where = f"distance meter {name!r}"
         asked = set(free)
         if not asked <= {"scale", "zero"}:
+            where = f"distance meter {name!r}"
             raise InputError(Problem(f"free must be some of scale, zero, not {asked}", where))
-        given = [np.inf if s is None else s for s in (sigma_scale, sigma_zero)]
-        sigma = sigmas(given, 2, where)
-        self.distance_meters[name] = Parameter(
-            (float(scale), float(zero)),
-            tuple(
-                n not in asked and s == np.inf
-                for n, s in zip(("scale", "zero"), sigma, strict=True)
-            ),
-            sigma,
-        )
+        given = {"scale": sigma_scale, "zero": sigma_zero}
+        sigma = {n: np.inf if s is None else s for n, s in given.items()}
+        held = [n for n, s in sigma.items() if s == np.inf and n not in asked]
+        self.set_unknown("edm", name, (scale, zero), fixed=held, sigma=sigma)
+
+    orientations = _OfKind("orientation")
+    """Orientation unknowns by station and set."""
+    refractions = _OfKind("refraction")
+    """Coefficients of refraction by group."""
+    verticals = _OfKind("vertical")
+    """Deflections of the vertical by station."""
+    distance_meters = _OfKind("edm")
+    """Scales and zero constants by distance meter."""
 
     # -- observations -------------------------------------------------------------------------
 
@@ -467,38 +524,34 @@ class Network:
         for name, value in vars(self).items():
             if isinstance(value, dict | list):
                 setattr(other, name, value.copy())
+        other.parameters = {kind: given.copy() for kind, given in self.parameters.items()}
         other.images = self.images.copy()
         return other
 
     # -- helpers ------------------------------------------------------------------------------
 
     def _check_names(self, o: Observation, seen: set[str]) -> None:
-        where = o.label()
-        for attribute in ("station", "target", "target2", "point"):
-            name = getattr(o, attribute, None)
+        record, where = o.record, o.label()
+        for name in o.points():
+            self._known(name, self.points, "point", where)
+        for attribute in record.photos:
+            self._known(getattr(o, attribute), self.photos, "photo", where)
+        for kind, attribute in record.parameters:
+            unknown, name = UNKNOWNS[kind], getattr(o, attribute)
+            if unknown.absent != "refused":
+                continue
+            if name is None and unknown.default is None:
+                raise InputError(Problem(f"{attribute} must name a {unknown.noun}", where))
             if name is not None:
-                self._known(name, self.points, "point", where)
-        if hasattr(o, "photo"):
-            self._known(o.photo, self.photos, "photo", where)
-        for attribute, names, what in (
-            ("refraction", self.refractions, "refraction group"),
-            ("instrument", self.distance_meters, "distance meter"),
-        ):
-            name = getattr(o, attribute, None)
-            if name is not None:
-                self._known(name, names, what, where)
+                self._known(name, self.parameters.get(kind, {}), unknown.noun, where)
         ident = getattr(o, "id", None)
         if ident is not None:
             if ident in self.observations or ident in seen:
                 raise InputError(Problem(f"duplicate id {ident!r}", where))
             seen.add(ident)
-        if o.kind.startswith("astronomic") and isinstance(self.frame, LocalFrame):
-            raise InputError(
-                Problem(
-                    "astronomic latitude and longitude need a geocentric or topocentric frame",
-                    where,
-                )
-            )
+        if record.fixes == "place" and isinstance(self.frame, LocalFrame):
+            what = o.kind.replace("_", " ")
+            raise InputError(Problem(f"{what} needs a geocentric or topocentric frame", where))
 
     def _insert(self, o: Observation) -> str:
         ident: str | None = getattr(o, "id", None)
@@ -514,8 +567,10 @@ class Network:
             while str(self._next_id) in self.observations:
                 self._next_id += 1
             ident = str(self._next_id)
-        if isinstance(o, Direction):
-            self.orientations.setdefault((o.station, o.set), FREE_ORIENTATION)
+        for kind, attribute in o.record.parameters:
+            if UNKNOWNS[kind].absent == "found":
+                key = parameter_key(UNKNOWNS[kind], attribute, o)
+                self.of_kind(kind).setdefault(key, FREE_ORIENTATION)
         self.observations[ident] = o
         return ident
 
@@ -525,7 +580,7 @@ class Network:
         if name in names:
             raise InputError(Problem(f"duplicate name of a {what}", f"{what} {name!r}"))
 
-    def _known(self, name: str, names: Mapping[str, object], what: str, where: str) -> None:
+    def _known(self, name: str, names: Mapping[Any, object], what: str, where: str) -> None:
         if name not in names:
             raise InputError(Problem(f"unknown {what} {name!r}; known: {known(names)}", where))
 

@@ -17,7 +17,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns, Variables, calibration_name
 from ..models.image import depth
-from ..models.registry import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..solve.datum import parts
 from ..types import Array, Index, Mask
@@ -27,14 +27,6 @@ Sources: TypeAlias = Mapping[tuple[str, str], str]
 TINY = 5
 """Points and photos below which a free network may leave single points undetermined."""
 AXES = ("x", "y", "z")
-OTHERS: dict[VariableKind, str] = {
-    "calibration": "calibration of camera",
-    "orientation": "orientation of set",
-    "refraction": "refraction group",
-    "vertical": "vertical of station",
-    "edm": "distance meter",
-}
-"""Unknowns besides points and photos, as messages call them."""
 LEAST_RADIUS = 6_300_000.0
 """Metres from the centre of the Earth, deeper than any point that is measured."""
 
@@ -147,13 +139,14 @@ def _photos(equations: Equations, at: Sources) -> Iterator[Problem]:
 
 def _others(equations: Equations) -> Iterator[Problem]:
     """Find unknowns besides points and photos that nothing observes."""
-    for kind, noun in OTHERS.items():
-        table = equations.unknowns.tables[kind]
+    for kind, table in equations.unknowns.tables.items():
+        if kind in ("point", "pose"):
+            continue  # they have checks of their own
         rows, _ = _touching(equations, kind)
         for i in np.flatnonzero((rows == 0) & table.free.any(axis=1)):
             yield Problem(
                 "it is unknown, but no observation depends on it: hold it, or take it out",
-                f"{noun} {table.names[i]!r}",
+                f"{UNKNOWNS[kind].noun} {table.names[i]!r}",
             )
 
 
@@ -248,9 +241,9 @@ def _hold(
     everything = np.ones((n, 3), dtype=bool)
     if "axis" in block.constants:
         held.add(part, block.constants["axis"])
-    elif block.kind in ("photo_position", "weighted_position"):
+    elif block.fixes == "coordinates":
         held.add_axes(part, np.isfinite(block.sigma))
-    elif block.kind.startswith("astronomic"):
+    elif block.fixes == "place":
         held.add_axes(part, everything)
     for table, index, kind in tables:
         fixed = ~table.free[index][:, :3] if kind == "point" else ~table.free[index][:, 3:6]
