@@ -82,7 +82,7 @@ class ObservationKind:
 
     @cached_property
     def texts(self) -> tuple[str, ...]:
-        """Attributes that name such parameters and no point: ``set``, ``instrument`` …"""
+        """Attributes that name such parameters and no point, such as ``set``."""
         return tuple(dict.fromkeys(a for _, a in self.parameters if a not in self.named))
 
     @cached_property

@@ -101,8 +101,8 @@ def undetermined(
             names.append(name)
             why = _support(system, kind, number, diagonal)
             lines.append(
-                f"{UNKNOWNS[kind].noun} {name!r} is not determined ({why}; weakest component: {weakest},"
-                f" share {share:.2f})"
+                f"{UNKNOWNS[kind].noun} {name!r} is not determined ({why}; weakest component: "
+                f"{weakest}, share {share:.2f})"
             )
         if len(shares) > LISTED:
             lines.append(f"… and {len(shares) - LISTED} more")
