@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from time import perf_counter
 
-from tests.incremental.test_equality import CASES
+from tests.networks.arriving import CASES
 from tests.support.arrivals import Moment
 
 

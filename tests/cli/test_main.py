@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import signal
@@ -16,12 +15,9 @@ from factorgraph_adj.cli import main as cli
 from factorgraph_adj.io.write_project import write_project
 from tests.networks.projects import OBSERVATIONS, POINTS, PROJECT, write
 from tests.networks.small_block import small_block
+from tests.support.command import FILES, Terminal, contents
 from tests.support.places import data_dir
 
-FILES = {
-    *("protocol.txt", "solution.json", "points.csv", "photos.csv"),
-    *("observations.csv", "unknowns.csv"),
-}
 TEXT = {"encoding": "utf-8", "capture_output": True, "timeout": 120, "check": False}
 
 
@@ -53,10 +49,6 @@ def block(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("block") / "project.toml"
     write_project(small_block(), path)
     return path
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {f.name: f.read_bytes() for f in folder.iterdir()}
 
 
 def test_a_good_project_ends_with_0_protocol_and_files(block, tmp_path):
@@ -279,13 +271,6 @@ def test_a_reader_that_stops_early_is_no_fault(block):
     result = subprocess.run(command, shell=True, **TEXT)
     assert result.stdout == "Adjustment of small block\n"
     assert result.stderr == ""
-
-
-class Terminal(io.StringIO):
-    """A stream that says it is a terminal."""
-
-    def isatty(self) -> bool:
-        return True
 
 
 @pytest.mark.parametrize("rich", [True, False])

@@ -14,9 +14,8 @@ import pytest
 from factorgraph_adj.cli import main as cli
 from factorgraph_adj.io.write_project import write_project
 from factorgraph_adj.quality.rejections import Unresolved
-from tests.cli.test_main import FILES, Terminal, contents
-from tests.networks.small_block import small_block
-from tests.report.test_reliability import blundered
+from tests.networks.small_block import blundered, small_block
+from tests.support.command import FILES, Terminal, contents
 from tests.support.places import data_dir
 
 TWO_ASIDE = "2 observations set aside\n"

@@ -21,7 +21,7 @@ from factorgraph_adj.io.write_project import network_files
 from factorgraph_adj.service.requests import LONGEST
 from tests.networks.projects import FILES, write
 from tests.networks.projects import POINTS as MEASURED
-from tests.service.test_stream import ARRIVALS, POINTS, WRONG, YARD
+from tests.networks.yard import ARRIVALS, POINTS, WRONG, YARD
 
 POSIX = pytest.mark.skipif(os.name == "nt", reason="signals of another process need POSIX")
 SECONDS = 60

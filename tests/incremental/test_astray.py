@@ -27,7 +27,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
-from tests.quality.test_datum_change import images_only
+from tests.networks.small_block import images_only
 from tests.support.arrivals import bare, batch, difference, items
 from tests.support.soak import plan
 

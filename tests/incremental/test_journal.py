@@ -30,11 +30,12 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import OBSERVATIONS
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.stochastic import StandardDeviation
-from tests.io.test_project import FRAMES, assert_same, assert_same_network, everything
 from tests.networks.every_kind import FRAMES as EVERY_FRAME
 from tests.networks.every_kind import LENSES_USED, OBSERVED
+from tests.networks.everything import FRAMES, everything
 from tests.networks.small_block import small_block
 from tests.support.places import data_dir
+from tests.support.same import assert_same, assert_same_network
 
 SEEDS = range(40)
 

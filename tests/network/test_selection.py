@@ -24,17 +24,7 @@ from factorgraph_adj.observations import (
 )
 from factorgraph_adj.solve.batch import adjust
 from tests.networks.small_block import small_block
-
-
-def contents(network: Network) -> dict[str, object]:
-    """Return everything that a network says, in a form that can be compared."""
-    said = {k: deepcopy(v) for k, v in vars(network).items() if k not in ("images", "clusters")}
-    said["images"] = [c.tolist() for c in network.images.columns()]
-    said["image ids"] = dict(network.images.ids)
-    said["clusters"] = [(ids, c.tolist()) for ids, c in network.clusters]
-    for name in ("photos", "observations"):  # arrays inside do not compare
-        said[name] = repr(said[name])
-    return said
+from tests.support.same import contents
 
 
 def scene() -> Network:

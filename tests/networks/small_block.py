@@ -6,6 +6,8 @@ from two stations, a levelled loop, and check points; noise from a seed.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -83,3 +85,30 @@ def small_block(seed: int = 1) -> Network:
     """Return the block, measured and with rough approximate values."""
     measured = measure(plan(), seed=seed)
     return disturb(measured, seed=seed, points=0.02, centres=0.1, attitudes=0.02)
+
+
+def images_only() -> Network:
+    """Return the photos of the small block without its terrestrial observations."""
+    block = small_block()
+    out = Network("images", frame=block.frame)
+    for p in block.points.values():
+        if p.name.startswith("P"):
+            out.add_point(p.name, p.coordinates)
+    out.cameras.update(block.cameras)
+    for photo in block.photos.values():
+        out.add_photo(photo.name, photo.camera, position=photo.position, rotation=photo.rotation)
+    out.add(*block.image_points())
+    return out
+
+
+@cache
+def blundered() -> Network:
+    """Return the small block with a wrong distance and a wrong image coordinate."""
+    network = small_block()
+    name = next(i for i, x in network.observations.items() if isinstance(x, SlopeDistance))
+    wrong = network.observations[name]
+    network.observations[name] = replace(wrong, value=wrong.value + 0.02)
+    xy = network.images.xy[0].copy()
+    xy[5] += (0.08, 0.0)
+    network.images.xy = [xy, *network.images.xy[1:]]
+    return network

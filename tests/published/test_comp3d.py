@@ -14,23 +14,11 @@ from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.units import ARCSEC, GON
 from tests.loaders import comp3d
+from tests.networks.comp3d import LATITUDE, ORIGIN, deflected, network_of_topo
 from tests.support.places import data_dir
 
 MICROMETRE = 1e-6
 AXES = ("x", "y", "z")
-LATITUDE, REFRACTION = 44.38, 0.12
-"""Of the project comp3d_topo (its file ex_ref.comp), degrees."""
-
-
-def network_of_topo(frame=None):
-    folder = data_dir("comp3d_topo")
-    return comp3d.read_network(
-        folder / "figure.cor",
-        folder / "figure.obs",
-        latitude=LATITUDE,
-        refraction=REFRACTION,
-        frame=frame,
-    )
 
 
 def expected(name, file):
@@ -137,20 +125,6 @@ def test_a_topocentric_frame_needs_no_reduction_of_the_azimuth():
 
 
 # -- deflections of the vertical --------------------------------------------------------------
-
-ORIGIN = comp3d.Origin(48.8)
-"""Of the project comp3d_dev_vert (its file ex_ref.comp)."""
-
-
-def deflected(*, deflections=True):
-    folder = data_dir("comp3d_dev_vert")
-    return comp3d.read_network(
-        folder / "coord.cor",
-        folder / "obs.obs",
-        latitude=ORIGIN.latitude,
-        refraction=REFRACTION,
-        deflections=deflections,
-    )
 
 
 @pytest.fixture(scope="module")

@@ -11,13 +11,12 @@ import pytest
 
 from factorgraph_adj.frames import LocalFrame, TopocentricFrame
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance, ZenithAngle
+from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.solution import Solution
 from tests.loaders import mmvii
+from tests.networks.mmvii import MILLIMETRE, example_3
 from tests.support.places import data_dir
-
-MILLIMETRE = 1e-3
 
 
 def sigma0_of_mmvii(solution: Solution) -> float:
@@ -78,22 +77,3 @@ def test_example_3_a_polar_point_with_the_curvature_of_the_earth():
     assert sigma0_of_mmvii(solution) == pytest.approx(1.00918, abs=5e-6)
     flat = adjust(example_3(LocalFrame(), refraction=0.0))
     assert abs(sigma0_of_mmvii(flat) - 1.00918) > 5e-4
-
-
-def example_3(frame: LocalFrame | TopocentricFrame, *, refraction: float = 0.12) -> Network:
-    """Return the survey; its new point Tr1 has no coordinates."""
-    network = Network("Ex3", frame=frame)
-    network.add_point("Ori1", (100, 110, 100), sigma=MILLIMETRE)
-    network.add_point("St1", (100, 100, 100), sigma=MILLIMETRE)
-    network.add_point("Tr1")
-    network.set_refraction(value=refraction, fixed=True)
-    orientation = 2.2
-    network.add(
-        Direction("St1", "Ori1", -orientation, sigma=1e-4),
-        Direction("St1", "Tr1", np.pi / 4 - orientation, sigma=1e-4),
-        ZenithAngle("St1", "Tr1", np.pi / 2, sigma=1e-4),
-        SlopeDistance("St1", "Tr1", 10.0, sigma=MILLIMETRE),
-        SlopeDistance("St1", "Tr1", 10.002, sigma=MILLIMETRE),
-        HeightDifference("St1", "Tr1", 0.0002, sigma=1e-4),
-    )
-    return network

@@ -26,8 +26,9 @@ from factorgraph_adj.types import Array, Index, Mask
 from factorgraph_adj.units import ARCSEC, CC, GON
 from tests.loaders import aicon, comp3d, dbat, snap
 from tests.loaders.gama_result import GamaObservation
-from tests.published.test_comp3d import LATITUDE, REFRACTION
-from tests.published.test_gama import (
+from tests.loaders.snap import radius_in_azimuth
+from tests.networks.comp3d import LATITUDE, REFRACTION
+from tests.networks.gama import (
     FOLDER,
     GAMA_STOPS,
     LINEARISED_ELSEWHERE,
@@ -36,7 +37,6 @@ from tests.published.test_gama import (
     solved,
     state_at,
 )
-from tests.published.test_snap import radius_in_azimuth
 from tests.support.dense import DenseReliability
 from tests.support.places import data_dir
 

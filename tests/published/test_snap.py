@@ -20,7 +20,7 @@ from factorgraph_adj.observations import GnssVector
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.types import Array
 from tests.loaders import snap
-from tests.loaders.snap import FRAME, Row, dms
+from tests.loaders.snap import FRAME, Row, dms, radius_in_azimuth
 from tests.support.differences import columns_of
 from tests.support.places import data_dir
 
@@ -235,22 +235,6 @@ def test_the_horizontal_distance_of_snap_is_another_one(rows: Rows) -> None:
 
 
 # -- refraction -----------------------------------------------------------------------------------
-
-
-def radius_in_azimuth(network: Network) -> float:
-    """Return Euler's radius of curvature in the azimuth of the sights, weighted by S²."""
-    total = weights = 0.0
-    for observation in network.observations.values():
-        if getattr(observation, "refraction", None) != "TEST":
-            continue
-        a, b = (np.array(network.points[n].coordinates) for n in observation.names())
-        east, north, _ = FRAME.basis(a[None], np.zeros((1, 2))).enu[0] @ (b - a)
-        latitude, _, height = FRAME.ellipsoid.to_geodetic(a)
-        m, n = FRAME.ellipsoid.radii(np.asarray(latitude))
-        s2 = east**2 + north**2
-        curvature = (north**2 / (m + height) + east**2 / (n + height)) / s2
-        total, weights = total + s2 / curvature, weights + s2
-    return float(total / weights)
 
 
 def test_a_refraction_coefficient_is_found_as_snap_finds_it(folder: Path) -> None:

@@ -49,9 +49,9 @@ from factorgraph_adj.units import GON
 from tests.loaders import comp3d
 from tests.loaders.aicon import MM, point_reference, read_aicon
 from tests.loaders.gama_result import NAMESPACE
+from tests.networks.comp3d import network_of_topo
+from tests.networks.gama import FOLDER, NETWORKS, solved
 from tests.networks.small_block import small_block
-from tests.published.test_comp3d import network_of_topo
-from tests.published.test_gama import FOLDER, NETWORKS, solved
 from tests.support.dense import Dense
 from tests.support.places import data_dir
 

@@ -13,8 +13,8 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.observations import GnssVector, HeightDifference, SlopeDistance
 from factorgraph_adj.quality.groups import noncentrality_of_group
 from factorgraph_adj.quality.reliability import critical_tau, noncentrality
+from tests.networks.simulated import gnss, levelling
 from tests.networks.small_block import small_block
-from tests.quality.test_reliability import gnss, levelling
 from tests.support.dense import DenseReliability
 
 

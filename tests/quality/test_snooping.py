@@ -20,8 +20,8 @@ from factorgraph_adj.quality.rejections import Round, Snooping
 from factorgraph_adj.quality.reliability import critical_tau, reliability
 from factorgraph_adj.quality.snooping import snoop
 from factorgraph_adj.solve.batch import adjust
-from tests.network.test_selection import contents
 from tests.networks.trilateration import SIGMA, trilateration
+from tests.support.same import contents
 
 # -- mixed networks -----------------------------------------------------------------------------
 

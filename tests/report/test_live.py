@@ -16,7 +16,8 @@ from rich.console import Console
 from factorgraph_adj.cli import main as cli
 from factorgraph_adj.report.live import LATENCIES, REMEMBERED, LiveView, live_view
 from tests.networks.projects import write
-from tests.service.test_stream import ARRIVALS, WRONG, YARD, open_stream
+from tests.networks.yard import ARRIVALS, WRONG, YARD
+from tests.support.told import open_stream
 
 
 def told(tmp_path, *lines: object) -> LiveView:

@@ -41,8 +41,8 @@ from factorgraph_adj.report.plots.statistics import spread
 from factorgraph_adj.report.plots.style import exaggeration, length, readable
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.solve.tree import SingularError
+from tests.networks.simulated import NETWORKS, gnss, levelling
 from tests.networks.small_block import CHECKED, SIGHTED, small_block
-from tests.quality.test_reliability import NETWORKS, gnss, levelling
 from tests.support.places import ROOT
 
 pytest.importorskip("matplotlib")

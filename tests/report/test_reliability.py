@@ -31,9 +31,9 @@ from factorgraph_adj.report.text import protocol, render
 from factorgraph_adj.report.weakest import point_redundancy, weakest_points
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.units import ANGLE
-from tests.networks.small_block import box, small_block
-from tests.quality.test_reliability import NETWORKS, gnss, levelling
-from tests.report.test_protocol import assert_printed, row, section
+from tests.networks.simulated import NETWORKS, gnss, levelling
+from tests.networks.small_block import blundered, box, small_block
+from tests.support.printed import assert_printed, row, section
 
 NINE_DIGITS = 1e-8
 """What a table's figures are rounded to, relative."""
@@ -42,19 +42,6 @@ NINE_DIGITS = 1e-8
 @cache
 def solution():
     return adjust(small_block())
-
-
-@cache
-def blundered() -> Network:
-    """Return the small block with a wrong distance and a wrong image coordinate."""
-    network = small_block()
-    name = next(i for i, x in network.observations.items() if isinstance(x, o.SlopeDistance))
-    wrong = network.observations[name]
-    network.observations[name] = replace(wrong, value=wrong.value + 0.02)
-    xy = network.images.xy[0].copy()
-    xy[5] += (0.08, 0.0)
-    network.images.xy = [xy, *network.images.xy[1:]]
-    return network
 
 
 @cache

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import random
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,90 +22,11 @@ from factorgraph_adj.service.stream import COMMANDS, Stream
 from factorgraph_adj.units import ANGLE
 from tests.networks.projects import FILES, write
 from tests.networks.small_block import SIGMA_MM, small_block
+from tests.networks.yard import ARRIVALS, POINTS, PROJECT, WRONG, YARD
+from tests.support.told import Told, open_stream, state
 
 MGON = ANGLE["mgon"]
-PROJECT = """\
-name = "yard"
-[sigma.slope_distance]
-sigma_mm = 2
-[sigma.zenith_angle]
-sigma_mgon = 1
-[sigma.direction]
-sigma_mgon = 1
-[sigma.height_difference]
-sigma_mm = 0.5
-"""
-POINTS = "name,x,y,z,fixed\nA,0,0,100,xyz\nB,80,0,101,xyz\nC,,,,\n"
-YARD = {"project.toml": PROJECT, "points.csv": POINTS}
-ARRIVALS = (
-    {"kind": "direction", "id": "r1", "station": "A", "target": "B", "value": 0.0},
-    {"kind": "direction", "id": "r2", "station": "A", "target": "C", "value": 334.4035},
-    {"kind": "zenith_angle", "id": "z1", "station": "A", "target": "C", "value": 98.3621},
-    {"kind": "slope_distance", "id": "s1", "station": "A", "target": "C", "value": 58.3268},
-    {"kind": "slope_distance", "id": "s2", "station": "B", "target": "C", "value": 70.7141},
-    {"kind": "zenith_angle", "id": "z2", "station": "B", "target": "C", "value": 99.5507},
-    {"kind": "height_difference", "id": "h1", "station": "A", "target": "C", "value": 1.4996},
-)
-WRONG = {**ARRIVALS[4], "id": "s3", "value": 70.9}
 COORDINATES = ("x", "y", "z")
-
-
-class Told:
-    """A stream that is told objects, and numbers its lines."""
-
-    def __init__(self, told: Stream) -> None:
-        self.stream, self.number = told, 0
-
-    @property
-    def inc(self) -> IncrementalAdjustment:
-        return self.stream.adjustment
-
-    def raw(self, line: str | bytes) -> dict:
-        self.number += 1
-        answer = self.stream.answer(line, self.number)
-        assert answer["line"] == self.number
-        assert answer["seconds"] > 0
-        json.dumps(answer, allow_nan=False)
-        return answer
-
-    def __call__(self, *fields: dict, **command: object) -> dict:
-        """Return the answer to the last of some lines, or to a command; all must be fine."""
-        for line in (*fields, *([command] if command else ())):
-            answer = self.raw(json.dumps(line))
-            assert answer["ok"], answer["error"]
-        return answer
-
-    def refused(self, line: object) -> list[dict]:
-        """Return what is wrong with a line, which changes nothing."""
-        before = state(self.inc)
-        answer = self.raw(line if isinstance(line, str | bytes) else json.dumps(line))
-        assert answer["ok"] is False
-        assert answer["error"]
-        assert state(self.inc) == before
-        return answer["error"]
-
-
-def state(inc: IncrementalAdjustment) -> tuple:
-    """Return all that a line could change, every number to the bit."""
-    network = inc.network()
-    determined = [n for n in network.points if n in inc.described.points]
-    return (
-        network_files(network),
-        network_files(inc.described),
-        [(w.id, w.lacks) for w in inc.waiting],
-        [v.id for v in inc.suspects],
-        [v.id for v in inc.rejected],
-        [inc.estimate(n).tolist() for n in determined],
-        [inc.covariance(n).tolist() for n in determined],
-        inc.redundancy,
-        repr(inc.vtpv),
-    )
-
-
-def open_stream(folder: Path, files: dict[str, str] = YARD, **options) -> Told:
-    project = load_project(write(folder, files))
-    inc = IncrementalAdjustment(project.network, **options)
-    return Told(Stream(inc, context=project.context))
 
 
 @pytest.fixture

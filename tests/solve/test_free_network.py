@@ -11,8 +11,8 @@ from factorgraph_adj.solve.datum import FreeDatum, find_defects, middle, transfo
 from factorgraph_adj.solve.free_network import datum_columns, moved_from, onto_constraints
 from factorgraph_adj.solve.linear import LinearSystem
 from factorgraph_adj.types import Array
+from tests.networks.free import FREE, adjusted
 from tests.networks.trilateration import trilateration
-from tests.quality.test_datum_change import FREE, adjusted
 
 EXACT = 1e-11
 """What rounding leaves, relative to the extent of the points."""
