@@ -45,7 +45,8 @@ def test_no_module_imports_a_test_module(name):
 def test_imports_of_every_form_are_seen():
     text = (
         "import tests.solve.test_a\nfrom tests.solve.test_b import x\n"
-        "from tests.solve import test_c\nfrom .test_d import x\nfrom . import test_e\nfrom ..io.test_f import x\nimport numpy\n"
+        "from tests.solve import test_c\nfrom .test_d import x\nfrom . import test_e\n"
+        "from ..io.test_f import x\nimport numpy\n"
     )
     assert imported(text, TESTS / "solve" / "test_solution.py") == {
         *("tests.solve.test_a", "tests.solve.test_b", "tests.solve.test_c"),
