@@ -18,7 +18,7 @@ import gtsam
 import numpy as np
 
 from ..errors import InputError, Problem, known
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
 from ..rotation import log_rotation, right_jacobian_inverse
 from ..types import Array
 from .equations import Equations
@@ -79,7 +79,8 @@ class KeyMap:
         number = key & _NUMBER
         shown = gtsam.DefaultKeyFormatter(key)
         if kind is None or number >= len(self.unknowns[kind].names):
-            held = ", ".join(f"{k.letter} {name}" for name, k in UNKNOWNS.items())
+            names = sorted(UNKNOWNS, key=lambda name: name not in ENTITIES)
+            held = ", ".join(f"{UNKNOWNS[name].letter} {name}" for name in names)
             raise InputError(f"key {shown} belongs to no variable of the network (keys: {held})")
         table = self.unknowns[kind]
         if table.offset[number] < 0:
