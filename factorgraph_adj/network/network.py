@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
-from ..models.variables import UNKNOWNS, VariableKind, unknown_kind
+from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds, unknown_kind
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..rotation import world_R_camera
 from ..types import Array, Mask
@@ -77,7 +77,9 @@ class Network:
         self.points: dict[str, Point] = {}
         self.cameras: dict[str, Camera] = {}
         self.photos: dict[str, Photo] = {}
-        self.parameters: dict[VariableKind, dict[Any, Parameter]] = {}
+        self.parameters: dict[VariableKind, dict[Any, Parameter]] = {
+            kind.name: {} for kind in parameter_kinds()
+        }
         """Unknowns besides points, photos and cameras, by kind and name."""
         self.observations: dict[str, Observation] = {}
         self.clusters: list[tuple[tuple[str, ...], Array]] = []
