@@ -28,9 +28,9 @@ from ..planning.targets import (
     limit_of,
 )
 from ..units import LENGTH
+from .exit_codes import DOUBTFUL, FINE
 from .options import add_probabilities, add_project, count, read
 
-FINE, FAILED = 0, 1
 LISTED = 20
 """Rows of a list, unless --rows says otherwise."""
 NO_READINGS = "No readings are needed: observations.csv may go without its column value."
@@ -87,7 +87,7 @@ def _plan(options: argparse.Namespace) -> int:
             raise InputError(Problem("has no [[target]]", options.targets))
     found = plan(project.network, wishes.targets, alpha=options.alpha, power=options.power)
     print(render_plan(found, options.rows or LISTED))
-    return FINE if found.met else FAILED
+    return FINE if found.met else DOUBTFUL
 
 
 def _propose(options: argparse.Namespace) -> int:
@@ -113,7 +113,7 @@ def _propose(options: argparse.Namespace) -> int:
         if not unmet.explains(error):
             raise
         print(render_unmet(unmet, error, rows))
-        return FAILED
+        return DOUBTFUL
     print(render_proposal(found, rows))
     if out is not None:
         write_project(found.plan.network, out, units=project.units)

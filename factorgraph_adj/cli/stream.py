@@ -26,9 +26,9 @@ from ..report.live import MISSING, LiveView, live_view
 from ..service.requests import LONGEST
 from ..service.stream import Stream
 from ..service.stream import __doc__ as protocol
+from .exit_codes import FINE, INTERRUPTED
 from .options import add_probabilities, add_project, read
 
-FINE, INTERRUPTED = 0, 130
 ALPHA = 0.001
 """Of one test, where nothing is stated."""
 
