@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..errors import InputError, Problem
 from ..io.project import Project
+from ..io.readers import READERS
 from ..quality.global_test import global_test
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
@@ -22,7 +23,7 @@ from ..solve.solution import Solution
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
 from .messages import iteration, progress
-from .options import add_adjustment, add_project, count, probability, read
+from .options import add_adjustment, add_project, count, probability
 
 SUSPECTS = 15
 """Number of suspects that the protocol lists where --rows is not given."""
@@ -80,7 +81,7 @@ def _solve(options: argparse.Namespace) -> Adjusted:
         InputError: options that contradict each other, or problems of the input.
     """
     _refuse_options(options)
-    project = read(options.project)
+    project = READERS.load(options.project)
     network = project.network
     if options.datum is not None:
         network.datum = options.datum

@@ -7,10 +7,11 @@ import sys
 
 from ..errors import InputError
 from ..io.project import Project
+from ..io.readers import READERS
 from ..validate.check import check
 from .exit_codes import BAD_INPUT, FINE
 from .messages import complain
-from .options import add_project, read
+from .options import add_project
 
 
 def add_check(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -22,7 +23,7 @@ def add_check(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
 
 def _check(options: argparse.Namespace) -> int:
     try:
-        project = read(options.project)
+        project = READERS.load(options.project)
     except InputError as error:
         complain(error.problems)
         _hint_at_plan(options.project, len(error.problems))
@@ -51,7 +52,7 @@ def refuse_problems(project: Project) -> None:
 def _hint_at_plan(name: str, n_problems: int) -> None:
     """Say that a design needs no readings, where readings are what the input lacks."""
     try:
-        read(name, readings=False)
+        READERS.load(name, readings=False)
     except InputError as error:
         if len(error.problems) >= n_problems:
             return

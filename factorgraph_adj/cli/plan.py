@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import AdjustmentError, InputError, Problem
 from ..io.project import Project
+from ..io.readers import READERS
 from ..io.write_project import write_project
 from ..planning.candidates import identified, with_candidates
 from ..planning.files import Wishes, read_wishes
@@ -29,7 +30,7 @@ from ..planning.targets import (
 )
 from ..units import LENGTH
 from .exit_codes import DOUBTFUL, FINE
-from .options import add_probabilities, add_project, count, read
+from .options import add_probabilities, add_project, count
 
 LISTED = 20
 """Rows of a list, unless --rows says otherwise."""
@@ -79,7 +80,7 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    project = read(options.project, readings=False)
+    project = READERS.load(options.project, readings=False)
     wishes = Wishes((), ())
     if options.targets is not None:
         wishes = read_wishes(options.targets, project, candidates=False)
@@ -91,7 +92,7 @@ def _plan(options: argparse.Namespace) -> int:
 
 
 def _propose(options: argparse.Namespace) -> int:
-    project = read(options.project, readings=False)
+    project = READERS.load(options.project, readings=False)
     wishes = read_wishes(options.candidates, project)
     problems = [
         Problem(f"has no [[{what}]]", options.candidates)
