@@ -16,7 +16,7 @@ from rich.console import Console
 from test_stream import ARRIVALS, WRONG, YARD, open_stream
 
 from factorgraph_adj.cli import main as cli
-from factorgraph_adj.report.live import LATENCIES, REMEMBERED, LiveView, live_view
+from factorgraph_adj.cli.live import LATENCIES, REMEMBERED, LiveView, live_view
 
 
 def told(tmp_path, *lines: object) -> LiveView:

@@ -60,8 +60,8 @@ of one entry may import one another, those of two entries of a line may not."""
 
 DECLARED = {"gtsam", "numpy", "scipy"}
 EXTRAS = {
-    "rich": ("cli", "report"),
-    "matplotlib": ("cli", "report"),
+    "rich": ("cli",),
+    "matplotlib": ("report", "papers"),
     "distributed": ("experiment",),
     "pandas": ("experiment",),
 }

@@ -11,9 +11,9 @@ from pathlib import Path
 from ..errors import InputError, Problem
 from ..io.project import Project
 from ..io.readers import READERS
-from ..quality.global_test import global_test
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
+from ..quality.unit_weight import global_test
 from ..quality.variance_components import VarianceComponents, variance_components
 from ..report.context import Report
 from ..report.tables import write_tables

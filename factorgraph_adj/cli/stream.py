@@ -23,11 +23,11 @@ from ..incremental.adjustment import IncrementalAdjustment
 from ..incremental.verdicts import Policy
 from ..io.project import Project
 from ..io.readers import READERS
-from ..report.live import MISSING, LiveView, live_view
 from ..service.requests import LONGEST
 from ..service.stream import Stream
 from ..service.stream import __doc__ as protocol
 from .exit_codes import FINE, INTERRUPTED
+from .live import MISSING, LiveView, live_view
 from .options import add_probabilities, add_project
 
 ALPHA = 0.001
