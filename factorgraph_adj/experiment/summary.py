@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from math import nan, sqrt
 
 import numpy as np
-from scipy import stats
 
 from ..errors import InputError, known
+from ..quality.distributions import chi2_quantile, chi2_upper_quantile, student_quantile
 from ..report import layout
 from ..types import Array
 from .repetition import Repetition
@@ -256,7 +256,7 @@ def _moments(values: Array) -> tuple[float, float]:
 def _of_mean(mean: float, s: float, n: int, confidence: float) -> tuple[float, float]:
     if n < 2:
         return nan, nan
-    half = float(stats.t.isf((1 - confidence) / 2, n - 1)) * s / sqrt(n)
+    half = -student_quantile((1 - confidence) / 2, n - 1) * s / sqrt(n)
     return mean - half, mean + half
 
 
@@ -264,5 +264,5 @@ def _of_deviation(s: float, n: int, confidence: float) -> tuple[float, float]:
     if n < 2:
         return nan, nan
     tail = (1 - confidence) / 2
-    low, high = stats.chi2.isf(tail, n - 1), stats.chi2.ppf(tail, n - 1)
-    return s * sqrt((n - 1) / float(low)), s * sqrt((n - 1) / float(high))
+    low, high = float(chi2_upper_quantile(tail, n - 1)), chi2_quantile(tail, n - 1)
+    return s * sqrt((n - 1) / low), s * sqrt((n - 1) / high)
