@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import replace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -14,25 +14,11 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.graph.equations import compile_network
-from factorgraph_adj.models.base import Linearised
-from factorgraph_adj.models.lens import Lens
-from factorgraph_adj.models.registry import LENSES, register_lens
-from factorgraph_adj.models.variables import Component, UnknownTable, register_unknown, unknown_kind
-from factorgraph_adj.observations import (
-    KINDS,
-    Observation,
-    ObservationKind,
-    SlopeDistance,
-    Weight,
-    observation_kind,
-    register_observation,
-)
-from factorgraph_adj.observations.weights import LENGTHS
+from factorgraph_adj.models.variables import UnknownTable, unknown_kind
 from factorgraph_adj.solve.datum import generators
 from tests.networks import extension
 from tests.networks.extension import (
     DRIFT,
-    SAME_POINT,
     SIMILARITY,
     TRUE,
     SamePoint,
@@ -275,98 +261,6 @@ def test_taking_observations_out_takes_their_unknowns_along() -> None:
     assert list(network.of_kind("drift")) == ["old", "new"]
 
 
-# -- wrong registrations --------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("change", "what"),
-    [
-        ({"name": "Similarity 2"}, "lower-case letters"),
-        ({"name": "edm"}, "a kind of this name is registered already"),
-        ({"name": "other", "noun": ""}, "its noun is missing"),
-        ({"name": "other"}, "its letter 's' belongs to the kind 'similarity'"),
-        ({"name": "other", "letter": "xx"}, "must be one letter"),
-        ({"name": "other", "letter": "x"}, "its table 'similarities' belongs to the kind"),
-        ({"name": "other", "letter": "x", "table": None}, "its table is missing"),
-        ({"name": "other", "letter": "x", "motions": None}, "it connects, so that motions"),
-        ({"name": "other", "components": (Component("a"), Component("a"))}, "different names"),
-        ({"name": "other", "variable_size": True}, "cannot have fewer components"),
-        ({"name": "other", "components": (Component("a"),) * 1}, "three components of rotation"),
-        ({"name": "other", "default": (0.0,)}, "its default must be 7 values"),
-        ({"name": "other", "absent": "default"}, "absent names mean a default"),
-    ],
-)
-def test_a_wrong_kind_of_unknown_is_refused(change: dict[str, Any], what: str) -> None:
-    with pytest.raises(fga.InputError, match=what):
-        register_unknown(replace(SIMILARITY, **change))
-
-
-@dataclass(frozen=True)
-class Interval(SlopeDistance):
-    """A distance by another instrument."""
-
-    kind: ClassVar[str] = "interval"
-
-
-@dataclass(frozen=True)
-class Nameless(SlopeDistance):
-    """A class without a name of a kind."""
-
-    kind: ClassVar[str] = ""
-
-
-@dataclass(frozen=True)
-class Several(SamePoint):
-    """A vector whose components tables do not know."""
-
-    kind: ClassVar[str] = "several"
-    components: ClassVar[tuple[str, ...]] = ("u", "v")
-
-
-def _no_answer(frame: Any, a: Any, b: Any, c: Any, *, observed: Any) -> Linearised:
-    raise NotImplementedError
-
-
-INTERVAL = replace(KINDS["slope_distance"], observation=Interval)
-
-
-@pytest.mark.parametrize(
-    ("kind", "what"),
-    [
-        (SAME_POINT, "a kind of this name is registered already"),
-        (replace(INTERVAL, observation=Nameless), "no name of a kind"),
-        (replace(INTERVAL, weight=None), "weight must say how they make a variance"),
-        (replace(INTERVAL, weight=Weight(LENGTHS.variance, ("length",))), "parts of its weight"),
-        (replace(INTERVAL, variables=(("place", "station"),)), "unknown kind of unknowns 'place'"),
-        (replace(INTERVAL, variables=(("point", "from"),)), "no attribute 'from'"),
-        (replace(INTERVAL, variables=()), "its variables are missing"),
-        (replace(INTERVAL, constants=("width",)), "no attribute 'width' for a constant"),
-        (replace(INTERVAL, constants=()), "its model needs the keyword 'instrument_height'"),
-        (replace(INTERVAL, model=_no_answer), "its model has no keyword 'instrument_height'"),
-        (replace(INTERVAL, variables=(("point", "station"),)), "must take the frame and 1"),
-        (replace(INTERVAL, model=3), "its model must be a function"),
-        (replace(INTERVAL, unit="foot"), "its unit must be m, rad"),
-        (replace(INTERVAL, circular=True), "its unit must be rad"),
-        (replace(SAME_POINT, observation=Several), "must be x, y and z"),
-        (replace(INTERVAL, observation=int), "must be a frozen dataclass derived from Observation"),
-    ],
-)
-def test_a_wrong_kind_of_observation_is_refused(kind: ObservationKind, what: str) -> None:
-    with pytest.raises(fga.InputError, match=what):
-        register_observation(kind)
-
-
-def test_a_kind_that_is_not_registered_is_refused_when_it_is_made() -> None:
-    with pytest.raises(
-        fga.InputError, match="unknown kind of observation 'interval'; valid: slope"
-    ):
-        Interval("A", "B", 10.0, sigma=0.002)
-    with pytest.raises(fga.InputError, match="unknown kind of observation 'interval'"):
-        observation_kind("interval")
-    with pytest.raises(fga.InputError, match="unknown kind of unknowns 'frame'; valid: point"):
-        unknown_kind("frame")
-
-
 def test_an_unknown_of_a_kind_that_the_network_does_not_state_is_named() -> None:
     network = two_epochs()
     with pytest.raises(fga.InputError, match="unknown similarity 'other'; known: shift"):
@@ -379,53 +273,6 @@ def test_an_unknown_of_a_kind_that_the_network_does_not_state_is_named() -> None
         network.set_unknown("similarity", "x", TRUE, fixed=["scale"])
     with pytest.raises(fga.InputError, match="tx: either fixed or sigma"):
         network.set_unknown("similarity", "x", TRUE, fixed=["tx"], sigma={"tx": 1.0})
-
-
-# -- a kind of distance weighs as the distances do ------------------------------------------------
-
-
-def test_a_new_distance_weighs_by_its_own_record_as_a_slope_distance_does() -> None:
-    """Once its ppm was ignored without a word, and a centring for angles was applied."""
-    sigma = fga.StandardDeviation(0.002, ppm=20, centring_target=0.003)
-    register_observation(INTERVAL)
-    try:
-        weighed = {}
-        for cls in (SlopeDistance, Interval):
-            network = fga.Network("line")
-            network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
-            network.add_point("B", (240.0, 0.0, 0.0), fixed="yz")
-            network.add(cls("A", "B", 240.0, sigma=sigma))
-            solution = fga.adjust(network)
-            weighed[cls.kind] = float(solution.observations.sigmas[0])
-            path_kind: type[Observation] = type(network.observations["1"])
-            assert path_kind is cls
-    finally:
-        del KINDS["interval"]
-    assert weighed["interval"] == weighed["slope_distance"]
-    assert weighed["interval"] == pytest.approx(np.hypot(0.002 + 20e-6 * 240, 0.003), rel=1e-12)
-
-
-# -- a lens ---------------------------------------------------------------------------------------
-
-
-def test_a_lens_is_a_class_and_one_call() -> None:
-    @dataclass(frozen=True)
-    class Named(Lens):
-        """An ideal camera under another name."""
-
-        kind: ClassVar[str] = "named"
-
-    register_lens(Named)
-    try:
-        assert LENSES["named"] is Named
-        with pytest.raises(fga.InputError, match="registered already"):
-            register_lens(type("Other", (Lens,), {"kind": "named"}))
-        with pytest.raises(fga.InputError, match="must be a class derived from Lens"):
-            register_lens(int)  # type: ignore[arg-type]
-    finally:
-        del LENSES["named"]
-    with pytest.raises(fga.InputError, match="registered already"):
-        register_lens(type("Same", (Lens,), {}))
 
 
 def test_the_records_are_those_of_the_documentation() -> None:

@@ -69,7 +69,7 @@ class Project:
     network: Network
     """What is measured and asked for."""
     path: Path
-    """The TOML file."""
+    """The file that was read."""
     context: RecordContext = field(default_factory=RecordContext)
     """What further records of this project need not say themselves."""
     options: AdjustOptions = field(default_factory=AdjustOptions)

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..models.lens import Lens
 from ..models.variables import UnknownKind
-from ..types import Array, Index
+from ..types import Array, Index, Mask
 
 REFRACTION_OF_THE_NETWORK = ""
 """Name of the refraction group of observations that name none."""
@@ -120,6 +120,15 @@ class ImageTable:
             ids=dict(self.ids),
             sources=dict(self.sources),
         )
+
+    def kept(self, keep: Mask) -> ImageTable:
+        """Return a table of the rows with ``keep`` (n,) true."""
+        new = np.cumsum(keep) - 1
+        out = ImageTable()
+        out.append(*(c[keep] for c in self.columns()))  # type: ignore[arg-type]
+        out.ids = {int(new[r]): v for r, v in self.ids.items() if keep[r]}
+        out.sources = {int(new[r]): v for r, v in self.sources.items() if keep[r]}
+        return out
 
     def append(self, photo: Index, point: Index, xy: Array, sigma: Array) -> None:
         """Add rows."""

@@ -17,8 +17,8 @@ from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds, unknown_kind
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
-from ..rotation import world_R_camera
 from ..types import Array, Mask
+from .checked import checked_camera, checked_image_points, checked_photo, checked_point
 from .entities import (
     FREE_ORIENTATION,
     REFRACTION_OF_THE_NETWORK,
@@ -31,8 +31,6 @@ from .entities import (
     parameter,
     parameter_key,
     parameter_name,
-    sigmas,
-    triple,
 )
 
 DatumChoice: TypeAlias = Literal["given", "free"]
@@ -115,24 +113,9 @@ class Network:
         Raises:
             InputError: duplicate name, bad numbers, a held or weighted component without value.
         """
-        where = f"point {name!r}"
         self._new(name, self.points, "point")
-        if not set(fixed) <= set("xyz"):
-            raise InputError(Problem(f"fixed must be some of x, y, z, not {fixed!r}", where))
-        unknown = (np.nan, np.nan, np.nan)
-        xyz = unknown if coordinates is None else triple(coordinates, "coordinates", where)
-        held = ("x" in fixed, "y" in fixed, "z" in fixed)
-        weights = None if sigma is None else sigmas(sigma, 3, where)
-        for i, axis in enumerate("xyz"):
-            if np.isnan(xyz[i]) and (held[i] or (weights is not None and weights[i] < np.inf)):
-                raise InputError(Problem(f"{axis} is held or weighted but has no value", where))
-        self.points[name] = Point(
-            name,
-            xyz,
-            held,
-            weights,  # type: ignore[arg-type]
-            datum,
-            None if check is None else triple(check, "check coordinates", where),
+        self.points[name] = checked_point(
+            name, coordinates, fixed=fixed, sigma=sigma, datum=datum, check=check
         )
         self._point_number[name] = len(self._point_number)
 
@@ -174,47 +157,9 @@ class Network:
             unit: unit of its image coordinates, for reports.
             per_photo: every photo gets a calibration of its own.
         """
-        where = f"camera {name!r}"
         self._new(name, self.cameras, "camera")
-        names = lens.names
-        weights = dict(sigma or {})
-        unknown = [
-            n
-            for n in (*(values if isinstance(values, Mapping) else ()), *free, *weights)
-            if n not in names
-        ]
-        if unknown:
-            raise InputError(
-                Problem(
-                    f"unknown calibration parameter {', '.join(unknown)} of lens model "
-                    f"{lens.kind!r}; known: {', '.join(names)}",
-                    where,
-                )
-            )
-        if isinstance(values, Mapping):
-            numbers = [float(values.get(n, 0.0)) for n in names]
-        else:
-            numbers = [float(v) for v in values]
-        if len(numbers) != len(names) or not np.all(np.isfinite(numbers)):
-            raise InputError(
-                Problem(f"values must be {len(names)} finite numbers ({', '.join(names)})", where)
-            )
-        if not numbers[0] > 0:
-            raise InputError(
-                Problem(f"the principal distance must be positive, not {numbers[0]}", where)
-            )
-        bad = [n for n, s in weights.items() if not s > 0]
-        if bad:
-            raise InputError(Problem(f"sigma of {', '.join(bad)} must be > 0", where))
-        free = set(free)
-        self.cameras[name] = Camera(
-            name,
-            lens,
-            tuple(numbers),
-            tuple(n not in free and n not in weights for n in names),
-            tuple(float(weights.get(n, np.inf)) for n in names),
-            unit,
-            per_photo,
+        self.cameras[name] = checked_camera(
+            name, lens, values, free=free, sigma=sigma, unit=unit, per_photo=per_photo
         )
 
     def add_photo(
@@ -248,43 +193,15 @@ class Network:
             raise InputError(
                 Problem("photos need a right-handed frame: choose axes en, nw, ws or se", where)
             )
-        at = None if position is None else triple(position, "position", where)
-        if at is not None and any(np.isnan(v) for v in at):
-            raise InputError(Problem(f"position must be finite or none, not {at}", where))
-        if rotation is None and omega_phi_kappa is not None:
-            rotation = world_R_camera(*triple(omega_phi_kappa, "omega_phi_kappa", where))
-        if rotation is not None:
-            rotation = np.asarray(rotation, dtype=float)
-            if (
-                rotation.shape != (3, 3)
-                or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
-                or np.linalg.det(rotation) < 0
-            ):
-                raise InputError(Problem("rotation must be a 3 × 3 rotation matrix", where))
-            if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-14:
-                # Given with few digits: the nearest rotation. Others stay as they are, to the bit.
-                u, _, vt = np.linalg.svd(rotation)
-                rotation = u @ vt
-        held = (bool(fixed),) * 6 if isinstance(fixed, bool) else tuple(map(bool, fixed))
-        if len(held) != 6:
-            raise InputError(Problem("fixed must be true, false or six flags", where))
-        if any(held[:3]) != all(held[:3]):
-            raise InputError(
-                Problem("hold all three rotations of a photo or none: they do not commute", where)
-            )
-        weighted = sigma_position is not None or sigma_attitude is not None
-        if (any(held) or weighted) and (at is None or rotation is None):
-            raise InputError(Problem("a held or weighted photo needs its orientation", where))
-        if sigma_attitude is not None and not sigma_attitude > 0:
-            raise InputError(Problem("sigma_attitude must be > 0", where))
-        self.photos[name] = Photo(
+        self.photos[name] = checked_photo(
             name,
             camera,
-            at,
-            rotation,
-            held,
-            None if sigma_position is None else sigmas(sigma_position, 3, where),  # type: ignore[arg-type]
-            sigma_attitude,
+            position=position,
+            omega_phi_kappa=omega_phi_kappa,
+            rotation=rotation,
+            fixed=fixed,
+            sigma_position=sigma_position,
+            sigma_attitude=sigma_attitude,
         )
         self._photo_number[name] = len(self._photo_number)
 
@@ -465,26 +382,9 @@ class Network:
         """
         where = f"photo {photo!r}"
         self._known(photo, self.photos, "photo", where)
-        measured = np.array(xy, dtype=float).reshape(-1, 2)
-        weights = np.array(np.broadcast_to(np.asarray(sigma, dtype=float), measured.shape))
-        if len(measured) != len(points):
-            raise InputError(Problem(f"{len(points)} points but {len(measured)} rows", where))
-        problems = [
-            Problem(f"unknown point {p!r}; known: {known(self.points)}", f"image point {photo}/{p}")
-            for p in points
-            if p not in self._point_number
-        ]
-        for bad, what in (
-            (~np.isfinite(measured).all(axis=1), "coordinates must be finite numbers"),
-            (~(weights > 0).all(axis=1), "sigma must be greater than zero"),
-            (~np.isfinite(weights).all(axis=1), "sigma must be a finite number"),
-        ):
-            problems += [
-                Problem(what, f"image point {photo}/{points[i]}")
-                for i in np.flatnonzero(bad).tolist()
-            ]
-        if problems:
-            raise InputError(problems)
+        measured, weights = checked_image_points(
+            photo, points, xy, sigma=sigma, known_points=self._point_number
+        )
         number = np.fromiter(
             (self._point_number[p] for p in points), dtype=np.intp, count=len(points)
         )
@@ -512,13 +412,7 @@ class Network:
 
     def image_mask(self, keep: Mask) -> None:
         """Keep only the image points with ``keep`` (n,) true."""
-        columns = self.images.columns()
-        ids, sources = self.images.ids, self.images.sources
-        new = np.cumsum(keep) - 1
-        self.images = ImageTable()
-        self.images.append(*(c[keep] for c in columns))  # type: ignore[arg-type]
-        self.images.ids = {int(new[r]): v for r, v in ids.items() if keep[r]}
-        self.images.sources = {int(new[r]): v for r, v in sources.items() if keep[r]}
+        self.images = self.images.kept(keep)
 
     def copy(self) -> Network:
         """Return a network of its own with the same entities, which are frozen and shared."""

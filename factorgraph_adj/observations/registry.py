@@ -12,15 +12,12 @@ import inspect
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from ..errors import InputError, Problem, known
 from ..models.base import Linearised
 from ..models.variables import ENTITIES, UNKNOWNS
 from .weights import PARTS, Weight
-
-if TYPE_CHECKING:
-    from .base import Observation
 
 Unit: TypeAlias = Literal["m", "rad", "image", "mixed"]
 """Unit of observed values: metres, radians, image units, or those of several components."""
@@ -30,8 +27,9 @@ Unit: TypeAlias = Literal["m", "rad", "image", "mixed"]
 class ObservationKind:
     """What the package knows of a kind of observation."""
 
-    observation: type[Observation]
-    """The class; its ``kind`` is the name, its fields are the columns of tables."""
+    observation: type[Any]
+    """The class, derived from `Observation`: its ``kind`` is the name of the kind, its fields are
+    the columns of tables."""
     variables: tuple[tuple[str, str], ...]
     """Kind of each unknown that the model takes, and the attribute that names it, in order."""
     model: Callable[..., Linearised] | None
@@ -57,7 +55,7 @@ class ObservationKind:
     @property
     def name(self) -> str:
         """Name of the kind."""
-        return self.observation.kind
+        return str(self.observation.kind)
 
     @cached_property
     def named(self) -> tuple[str, ...]:

@@ -14,14 +14,13 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from ..errors import AdjustmentError, InputError, known
 from ..models.variables import UNKNOWNS, VariableKind
 from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array, Index, Mask
+from .distributions import normal_quantile, student_quantile
 from .ties import NO_PARTNERS, Tie, partners_of_photos, partners_of_points
 
 INTERIOR = ("c", "x0", "y0")
@@ -227,9 +226,10 @@ def significance(
         solution = replace(solution, reference=None)
     posterior = solution.variance == "a-posteriori" and solution.redundancy > 0
     quantile = 1.0 - alpha / 2.0
-    critical = float(
-        student.ppf(quantile, solution.redundancy) if posterior else norm.ppf(quantile)
-    )
+    if posterior:
+        critical = student_quantile(quantile, solution.redundancy)
+    else:
+        critical = normal_quantile(quantile)
     try:
         variables = list(_variables(solution))
     except SingularError as error:
