@@ -17,10 +17,11 @@ from .plan import make_plan
 from .rays import Rays
 from .tree import SingularError, TreeFactors
 
-REGULARISED = 1e-10
-"""Share of its diagonal added to N to make it invertible for the search."""
 NULL = 1e-7
 """|A z| relative to independent unknowns, below which z counts as undetermined."""
+REGULARISED = NULL**2
+"""Share of its diagonal added to N to make it invertible for the search: what it adds to |A z|²
+of a combination that is just determined. With more, many weak ones hide one without anything."""
 MOST = 40
 """Largest number of undetermined combinations that are looked for."""
 PROBES = 4
@@ -100,24 +101,30 @@ def unnoticed(
     live = factor.free
     z = np.zeros((len(diagonal), min(PROBES, int(live.sum()))))
     z[live] = np.random.default_rng(1).standard_normal((int(live.sum()), z.shape[1]))
+    motions = _motions(scale, defects)
     for _ in range(2):
-        z = _beside(scale * factor.solve(scale * z), scale, defects)
+        z = scale * factor.solve(scale * z)
+        z -= motions @ (motions.T @ z)
         z[live], _ = np.linalg.qr(z[live])
     # Columns that are parallel to rounding leave anything beside the first: motions as well.
-    u, s, _ = np.linalg.svd(_beside(z, scale, defects), full_matrices=False)
-    z = u[:, s > 0.5]
+    z = _beside(z, motions)
     az = system.times(z / scale)
     empty = np.zeros((z.shape[1], z.shape[1]))  # there may be fewer observations than columns
     _, noticed, right = np.linalg.svd(np.concatenate([az, empty]), full_matrices=False)
     return np.asarray(z @ right[noticed < UNNOTICED].T)
 
 
-def _beside(z: Array, scale: Array, defects: Sequence[Defect]) -> Array:
-    """Return z without its part along the motions of the datum; both scaled."""
-    if not defects:
-        return z
-    basis, _ = np.linalg.qr(scale * np.concatenate([d.motions for d in defects], axis=1))
-    return np.asarray(z - basis @ (basis.T @ z))
+def _motions(scale: Array, defects: Sequence[Defect]) -> Array:
+    """Return an orthonormal basis (n_columns, d) of the motions of the datum, scaled."""
+    none = np.zeros((len(scale), 0))
+    basis, _ = np.linalg.qr(np.concatenate([none, *(scale * d.motions for d in defects)], axis=1))
+    return np.asarray(basis)
+
+
+def _beside(z: Array, motions: Array) -> Array:
+    """Return an orthonormal basis of z beside the motions of the datum, all of them scaled."""
+    u, s, _ = np.linalg.svd(z - motions @ (motions.T @ z), full_matrices=False)
+    return np.asarray(u[:, s > 0.5])
 
 
 def undetermined(
@@ -146,13 +153,12 @@ def undetermined(
     scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)[:, None]
     lines, names = [], []
     concerned: list[tuple[str, str]] = []
-    if defects:
-        u, s, _ = np.linalg.svd(_beside(z, scale, defects), full_matrices=False)
-        z = u[:, s > 0.5]
-        if not free:
-            lines += describe_defects(unknowns, defects)
+    motions = _motions(scale, defects)
+    z = _beside(z, motions)
     if z.shape[1] == 0 and known is not None:
-        z = known
+        z = _beside(known, motions)
+    if not free:
+        lines += describe_defects(unknowns, defects)
     n_datum = 0 if free else sum(d.size for d in defects)
     if z.shape[1]:
         shares = _shares(unknowns, z)
