@@ -202,6 +202,36 @@ def _disagreeing(register: Register, units: Iterable[Unit], reason: str) -> dict
     }
 
 
+def determined(
+    network: Network, register: Register, units: Sequence[Unit], *, datum: DatumChoice
+) -> list[Unit]:
+    """Return units whose variables have full rank together, at given or approximate values.
+
+    Whether their adjustment comes to rest is not looked at. The other units may still be
+    determined among themselves: `find` looks at them more closely.
+
+    Args:
+        network: everything that was described.
+        register: what is known.
+        units: all units of a network.
+        datum: given or free.
+    """
+    lacks: dict[Variable, str] = {}
+    left = list(units)
+    try:
+        while left := _counted(network, register, left, lacks):
+            local = local_network(network, register, left, datum=datum)
+            if datum == "given" and not _placed(local):
+                return []
+            lost = _unreachable(compile_rows(local), left, lacks, datum)
+            if not lost:
+                return left
+            left = [u for u in left if not lost.intersection(u.variables)]
+    except (AdjustmentError, OverflowError):
+        pass  # `find` names the observations
+    return []
+
+
 def _countable(
     network: Network,
     register: Register,
@@ -209,6 +239,22 @@ def _countable(
     lacks: dict[Variable, str],
     *,
     free: bool,
+) -> list[Unit]:
+    """Return the units of `_counted`; none where all of them are fewer rows than components."""
+    units = _counted(network, register, units, lacks)
+    waiting = dict.fromkeys(v for u in units for v in pending(register, u))
+    needs = [components(network, v) for v in waiting]
+    total = sum(size for size, _ in needs)
+    n_rows = sum(u.n_scalars for u in units) + sum(own for _, own in needs)
+    if n_rows >= total - (7 if free else 0):
+        return units
+    for v in waiting:
+        lacks[v] = f"{n_rows} readings for {total} unknowns that hang together"
+    return []
+
+
+def _counted(
+    network: Network, register: Register, units: list[Unit], lacks: dict[Variable, str]
 ) -> list[Unit]:
     """Return the units whose waiting variables all have as many rows as components."""
     needs: dict[Variable, tuple[int, int]] = {}
@@ -222,12 +268,10 @@ def _countable(
             for v in pending(register, u):
                 rows[v] = rows.get(v, 0) + u.n_scalars
         lost = set()
-        total = weights = 0
         for v, n in rows.items():
             if v not in needs:
                 needs[v] = components(network, v)
             size, own = needs[v]
-            total, weights = total + size, weights + own
             if n + own < size:
                 lost.add(v)
                 usable = sum(u.n_scalars for u in every[v])
@@ -236,11 +280,6 @@ def _countable(
                     f"{NOUN[v[0]]} {v[1]!r} has {describe(every[v], v)}: "
                     f"{n + own} of the {size} readings that it needs{of_known}"
                 )
-        n_rows = sum(u.n_scalars for u in units) + weights
-        if not lost and n_rows < total - (7 if free else 0):
-            for v in rows:
-                lacks[v] = f"{n_rows} readings for {total} unknowns that hang together"
-            return []
         if not lost:
             return units
         units = [u for u in units if not lost & set(u.variables)]
