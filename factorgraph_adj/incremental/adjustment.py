@@ -126,14 +126,15 @@ class IncrementalAdjustment(Absorbing):
     def _begin(self, start: Solution | None) -> None:
         """Put the network's own observations in; what they do not determine waits."""
         book = self._book
-        network, loose = book.network, list[Unit]()
-        if not network.observations and not network.n_image_points:
+        if not book.inside:
             return
+        loose: list[Unit] = []
+        network = book.adjustable()
         solution = self._adjusted(network, start)
         if solution is None or not solution.converged:
             loose = self._set_aside()
-            network = book.adjustable()
-            if solution is None or loose:
+            if loose:
+                network = book.adjustable()
                 solution = self._adjusted(network, start)
         if book.inside:
             try:

@@ -18,6 +18,7 @@ import numpy as np
 from ..approximate import reach
 from ..errors import AdjustmentError, DatumError, InputError, Problem
 from ..graph.equations import Equations, compile_rows
+from ..graph.variables import State
 from ..network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
 from ..quality.snooping import snoop
@@ -223,13 +224,34 @@ def determined(
             local = local_network(network, register, left, datum=datum)
             if datum == "given" and not _placed(local):
                 return []
-            lost = _unreachable(compile_rows(local), left, lacks, datum)
+            equations = compile_rows(local)
+            state, lost = _started(equations, lacks, datum)
             if not lost:
-                return left
+                loose = _loose(equations, state, left, lacks, datum)
+                if not loose:
+                    return left
+                lost = _weakest(network, left, loose)
             left = [u for u in left if not lost.intersection(u.variables)]
     except (AdjustmentError, OverflowError):
         pass  # `find` names the observations
     return []
+
+
+def _weakest(network: Network, units: Sequence[Unit], variables: set[Variable]) -> set[Variable]:
+    """Return those of some variables that have fewest readings beyond their components.
+
+    What is loose may move much that is not: a free network tilts with a zenith angle to a point
+    that nothing else determines. Without that point it is at rest.
+    """
+    spare: dict[Variable, int] = {}
+    for v in variables:
+        size, own = components(network, v)
+        spare[v] = own - size
+    for u in units:
+        for v in variables.intersection(u.variables):
+            spare[v] += u.n_scalars
+    least = min(spare.values())
+    return {v for v, n in spare.items() if n == least}
 
 
 def _countable(
@@ -289,20 +311,42 @@ def _counted(
 def _unreachable(
     equations: Equations, units: list[Unit], lacks: dict[Variable, str], datum: DatumChoice
 ) -> set[Variable]:
-    """Return variables without approximate values, or that the observations do not determine."""
+    """Return variables without approximate values, or that the observations do not determine.
+
+    Points come first: a photo may do without one of its points.
+    """
+    state, lost = _started(equations, lacks, datum)
+    return lost or _points_first(_loose(equations, state, units, lacks, datum))
+
+
+def _started(
+    equations: Equations, lacks: dict[Variable, str], datum: DatumChoice
+) -> tuple[State, set[Variable]]:
+    """Return approximate values, and the variables for which there are none."""
     state, problems = reach(equations, datum=datum)
-    unknowns = equations.unknowns
     lost: set[Variable] = set()
-    for kind, table in unknowns.tables.items():
+    for kind, table in equations.unknowns.tables.items():
         for i in np.flatnonzero(np.isnan(state[kind]).any(axis=1)).tolist():
             if problems or kind != "calibration":
                 lost.add((kind, table.names[i]))
-    if problems and lost:
-        geometric = {v for v in lost if v[0] in ("point", "pose")}
-        lost = geometric or lost
-        for v in lost:
-            lacks[v] = _why(problems, v)
-        return lost
+    if not problems:
+        return state, set()
+    lost = {v for v in lost if v[0] in ("point", "pose")} or lost
+    for v in lost:
+        lacks[v] = _why(problems, v)
+    return state, lost
+
+
+def _loose(
+    equations: Equations,
+    state: State,
+    units: list[Unit],
+    lacks: dict[Variable, str],
+    datum: DatumChoice,
+) -> set[Variable]:
+    """Return the variables that the null space of the observations at a state moves."""
+    unknowns = equations.unknowns
+    lost: set[Variable] = set()
     system = LinearSystem(equations.weighted_at(state), state)
     diagonal = system.diagonal()
     z = _null(system, diagonal)
@@ -336,7 +380,6 @@ def _unreachable(
             lost.add(v)
             of = [u for u in units if v in u.variables]
             lacks[v] = f"{NOUN[kind]} {v[1]!r} is not determined by {describe(of, v)}"
-    lost = _points_first(lost)
     if not lost:  # spread thinly over very many: all of them
         for kind, number in unknowns.active():
             if share[unknowns.columns(kind, number)].any():

@@ -148,9 +148,7 @@ def filtered(network: Network, stays: Callable[[VariableKind, str], bool]) -> Ne
     if len(photos) < len(network.photos) or len(points) < len(network.points):
         _keep(out, photos, points)
     used = {f.camera for f in out.photos.values()}
-    out.cameras = {
-        n: c for n, c in network.cameras.items() if n in used or stays("calibration", n)
-    }
+    out.cameras = {n: c for n, c in network.cameras.items() if n in used or stays("calibration", n)}
     out.orientations = {
         k: p
         for k, p in network.orientations.items()

@@ -4,21 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
 
 from ..entities import FREE_ORIENTATION, Parameter
+from ..frames import LocalFrame
 from ..graph.make_blocks import variable_name
 from ..graph.variables import calibration_name
 from ..models.registry import KINDS, VariableKind
 from ..network import Network
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation, n_scalars
 from ..types import Array
-from .register import Register
+from .register import WIDTH, Register
 
 Variable: TypeAlias = tuple[VariableKind, str]
 """Kind and name."""
+TRIANGLE = np.array([[0.0, 0.0, 0.0], [60.0, 80.0, 25.0], [-70.0, 45.0, 10.0]])
+"""Points of a sight, metres, for which it is worked out which verticals it notices."""
+ROUNDING = 1e-9
+"""Largest partial by a vertical, metres or radians per radian, that is nothing but rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +98,7 @@ def unit_of(
 
 
 def variables_of(network: Network, o: Observation) -> Iterator[Variable]:
-    """Return what an observation depends on."""
+    """Return what an observation depends on: verticals only where their partials are not zero."""
     if isinstance(o, ImagePoint):
         yield "pose", o.photo
         yield "calibration", calibration_name(network, o.photo)
@@ -102,8 +108,42 @@ def variables_of(network: Network, o: Observation) -> Iterator[Variable]:
     if kind is None:
         yield "point", o.point  # type: ignore[attr-defined]
         return
+    upright: frozenset[str] = frozenset()
+    if network.verticals:
+        raised = tuple(bool(np.any(getattr(o, c))) for c in kind.constants)
+        upright = _upright(kind.name, raised)
     for what, attribute in kind.variables:
+        if what == "vertical" and attribute in upright:
+            continue
         yield what, variable_name(network, what, attribute, o)
+
+
+@cache
+def _upright(name: str, raised: tuple[bool, ...]) -> frozenset[str]:
+    """Return the points of a kind of observation whose verticals it does not notice.
+
+    A slope distance between the marks themselves is the same in every horizon: its partials by
+    verticals are nothing but rounding. They are worked out for one sight.
+
+    Args:
+        name: of the kind.
+        raised: which of its constants, the heights of instrument and target, are not zero.
+    """
+    kind = KINDS[name]
+    if not any(what == "vertical" for what, _ in kind.variables):
+        return frozenset()
+    points = [attribute for what, attribute in kind.variables if what == "point"]
+    values = [
+        TRIANGLE[[points.index(attribute)]] if what == "point" else np.zeros((1, WIDTH[what]))
+        for what, attribute in kind.variables
+    ]
+    heights = {c: np.array([float(on)]) for c, on in zip(kind.constants, raised, strict=True)}
+    partials = kind.model(LocalFrame(), *values, observed=np.zeros((1, 1)), **heights).jacobians
+    return frozenset(
+        attribute
+        for (what, attribute), a in zip(kind.variables, partials, strict=True)
+        if what == "vertical" and float(np.abs(a).max()) < ROUNDING
+    )
 
 
 def components(network: Network, variable: Variable) -> tuple[int, int]:
