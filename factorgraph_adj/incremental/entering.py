@@ -46,6 +46,8 @@ SPARE = 1
 """Readings more than its components that a point has at most to be one that may wait on."""
 SHARE = 0.05
 """Part of a null vector's length in a variable from which on the variable counts as moved."""
+EVER_SO_LITTLE = 1e-6
+"""The same where the weakest of all that moves is looked for."""
 LEFT_AT_REST = 1e-7
 """Bound of the last step of a local adjustment, relative to σ."""
 
@@ -227,7 +229,7 @@ def determined(
             equations = compile_rows(local)
             state, lost = _started(equations, lacks, datum)
             if not lost:
-                loose = _loose(equations, state, left, lacks, datum)
+                loose = _loose(equations, state, left, lacks, datum, least=EVER_SO_LITTLE)
                 if not loose:
                     return left
                 lost = _weakest(network, left, loose)
@@ -343,8 +345,19 @@ def _loose(
     units: list[Unit],
     lacks: dict[Variable, str],
     datum: DatumChoice,
+    *,
+    least: float = SHARE,
 ) -> set[Variable]:
-    """Return the variables that the null space of the observations at a state moves."""
+    """Return the variables that the null space of the observations at a state moves.
+
+    Args:
+        equations: of the units.
+        state: where they are linearised.
+        units: the units.
+        lacks: gets why they are not determined.
+        datum: given or free.
+        least: part of a null vector's length in a variable that counts as moved.
+    """
     unknowns = equations.unknowns
     lost: set[Variable] = set()
     system = LinearSystem(equations.weighted_at(state), state)
@@ -375,7 +388,7 @@ def _loose(
         return set()
     share = np.sum(z * z, axis=1)
     for kind, number in unknowns.active():
-        if share[unknowns.columns(kind, number)].sum() > SHARE:
+        if share[unknowns.columns(kind, number)].sum() > least:
             v = (kind, unknowns[kind].names[number])
             lost.add(v)
             of = [u for u in units if v in u.variables]
