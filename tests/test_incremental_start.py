@@ -9,7 +9,7 @@ determine it bring it in, and everything equals the batch adjustment of all of t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -282,14 +282,27 @@ def described(name: str, *, few: bool = False, datum: Datum = "given") -> fga.Ne
     return network
 
 
+def plain(name: str) -> fga.Network:
+    """Return the site with those of the few readings of a case that are determined without it."""
+    network = site()
+    if name == "point, on a ray":  # the set is oriented without Q
+        network.add(CASES[name].few[0])
+    return network
+
+
+def ident(o: Observation) -> str:
+    """Return the id of an observation."""
+    return f"{o.photo}/{o.point}" if isinstance(o, ImagePoint) else str(o.id)  # type: ignore[attr-defined]
+
+
 def known(inc: fga.IncrementalAdjustment) -> set[tuple[str, str]]:
     """Return kind and name of everything that is determined."""
     return set(variables(inc.solution()))
 
 
-def assert_stands(inc: fga.IncrementalAdjustment, plain: fga.Network) -> None:
-    """The state is the adjustment of the plain network, and judges what comes next as that does."""
-    alone = fga.adjust(plain, tolerance=1e-9)
+def assert_stands(inc: fga.IncrementalAdjustment, network: fga.Network) -> None:
+    """The state is the adjustment of a network, and judges what comes next as that does."""
+    alone = fga.adjust(network, tolerance=1e-9)
     assert alone.converged
     solution = inc.solution()
     assert solution.converged, solution.reason
@@ -298,7 +311,7 @@ def assert_stands(inc: fga.IncrementalAdjustment, plain: fga.Network) -> None:
     assert_equal(inc, alone, 1e-2)
     good = distance("B", "P", error=3, tag="next")
     (told,) = inc.add(good).verdicts
-    (expected,) = fga.IncrementalAdjustment(plain).add(good).verdicts
+    (expected,) = fga.IncrementalAdjustment(network).add(good).verdicts
     assert told.verdict == expected.verdict == "accepted"
     assert told.test == pytest.approx(expected.test, abs=0.02)
     inc.remove(good.id)  # type: ignore[attr-defined]
@@ -331,10 +344,8 @@ def assert_as_batch(inc: fga.IncrementalAdjustment, whole: fga.Network) -> None:
 def with_all(name: str, network: fga.Network) -> fga.Network:
     """Return a network with those readings of a case that it does not have."""
     out = network.copy()
-    there = set(out.observations) | {f"{o.photo}/{o.point}" for o in out.image_points()}
-    for o in (*CASES[name].few, *CASES[name].rest):
-        if (f"{o.photo}/{o.point}" if isinstance(o, ImagePoint) else o.id) not in there:  # type: ignore[attr-defined]
-            out.add(o)
+    there = {*out.observations, *map(ident, out.image_points())}
+    out.add(*(o for o in (*CASES[name].few, *CASES[name].rest) if ident(o) not in there))
     return out
 
 
@@ -358,10 +369,7 @@ def test_what_nothing_observes_waits(name: str) -> None:
 def test_what_too_few_readings_observe_waits_with_them(name: str) -> None:
     case, network = CASES[name], described(name, few=True)
     inc = fga.IncrementalAdjustment(network)
-    plain = site()
-    if name == "point, on a ray":  # the set is oriented without Q
-        plain.add(case.few[0])
-    assert_stands(inc, plain)
+    assert_stands(inc, plain(name))
     assert {w.kind for w in inc.waiting} <= {o.kind for o in case.few}
     assert inc.n_waiting == len(case.few) - (name == "point, on a ray")
     assert all(w.lacks for w in inc.waiting)
@@ -442,12 +450,12 @@ def test_two_points_that_only_hang_together_wait_beside_a_core_without_redundanc
     for name in "PQ":
         network.add_point(name, np.array(AT[name]) + ASTRAY)
     network.add_point("R", np.array(AT["R"]) + ASTRAY)
-    network.add(*(distance(a, p) for a, p in ("AR", "BR", "CR", "AP", "BP", "PQ", "CQ", "DQ")))
+    network.add(*(distance(a, p) for a, p in ("AR", "BR", "CR", "AP", "RP", "PQ", "CQ", "DQ")))
     inc = fga.IncrementalAdjustment(network)
     assert inc.solution().converged
     assert inc.redundancy == 0
     assert known(inc) == {("point", "R")}
-    assert {w.id for w in inc.waiting} == {"sAP", "sBP", "sPQ", "sCQ", "sDQ"}
+    assert {w.id for w in inc.waiting} == {"sAP", "sRP", "sPQ", "sCQ", "sDQ"}
     inc.add(distance("C", "P"))
     assert not inc.waiting
     assert known(inc) == {("point", n) for n in "PQR"}
@@ -545,15 +553,50 @@ def test_a_given_start_and_a_journal_change_nothing(name: str, few: bool, tmp_pa
         del inc
 
 
-def test_it_waits_again_when_its_readings_are_taken_out() -> None:
-    """At the start as later: the way back."""
-    network = described("photo", few=True)
+@pytest.mark.parametrize("name", CASES)
+def test_it_waits_again_when_its_readings_are_taken_out(name: str) -> None:
+    """The way back leads to where a start with too few readings begins."""
+    network = described(name, few=True)
+    inc = fga.IncrementalAdjustment(with_all(name, network))
+    inc.remove([ident(o) for o in CASES[name].rest])
+    begun = fga.IncrementalAdjustment(network)
+    assert {w.id for w in inc.waiting} == {w.id for w in begun.waiting}
+    assert_stands(inc, plain(name))
+
+
+# -- verticals ------------------------------------------------------------------------------------
+
+
+def test_verticals_keep_no_distance_waiting() -> None:
+    """Between marks a slope distance is the same in every horizon, whatever that is."""
+    network = site()
+    for name in (*GIVEN, "P"):
+        network.set_vertical(name, xi=3 * ARCSEC, eta=-4 * ARCSEC)
     inc = fga.IncrementalAdjustment(network)
-    case = CASES["photo"]
-    inc.add(case.rest)
-    waits = inc.remove([f"F/{p}" for p in "CDP"]).waits
-    assert set(waits) == {"F/A", "F/B"}
     assert_stands(inc, site())
-    assert {replace(w, lacks="") for w in inc.waiting} == {
-        replace(w, lacks="") for w in fga.IncrementalAdjustment(network).waiting
-    }
+    assert not inc.waiting
+    whole = site()
+    for name in "AP":
+        whole.set_vertical(name, xi=3 * ARCSEC, eta=-4 * ARCSEC)
+    pairs = zip(("AB", "AC", "AD", "PA", "PB", "PC"), (1, -1, 2, 0, 1, -2), strict=True)
+    angles = [zenith(*pair, error=e) for pair, e in pairs]
+    for o in angles:
+        inc.add(o)
+    whole.add(*angles)
+    assert_as_batch(inc, whole)
+
+
+def test_a_distance_over_an_instrument_waits_with_the_vertical() -> None:
+    """The height of the instrument leans with the vertical."""
+    network = site()
+    network.set_vertical("B", xi=3 * ARCSEC, eta=-4 * ARCSEC)
+    d = np.linalg.norm(offset("B", "P"))
+    raised = SlopeDistance("B", "P", float(d) - 0.28, sigma=0.1, instrument_height=1.5, id="up")
+    network.add(raised)
+    inc = fga.IncrementalAdjustment(network)
+    assert [w.id for w in inc.waiting] == ["up"]
+    assert_stands(inc, site())
+    angles = CASES["vertical"].few + CASES["vertical"].rest
+    inc.add(angles)
+    network.add(*angles)
+    assert_as_batch(inc, network)
