@@ -11,9 +11,9 @@ import argparse
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.entities import Photo, Point
 from factorgraph_adj.experiment.simulate import look_at
 from factorgraph_adj.models.lens import BrownLens
+from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import Direction, ImagePoint, SlopeDistance, ZenithAngle
 from factorgraph_adj.planning import targets
 from factorgraph_adj.planning.candidates import Candidate, with_candidates

@@ -2,13 +2,13 @@
 
 The table is only a picture in the scan of the paper; its text says that the improvement over
 reduced control is significant and depends on number and distribution. Geometry: see
-factorgraph_adj.experiment.tables_1981. With --plot FILE it is drawn (extra plot).
+factorgraph_adj.papers.tables_1981. With --plot FILE it is drawn (extra plot).
 """
 
 import argparse
 
 from factorgraph_adj.experiment.runs import Experiment, run
-from factorgraph_adj.experiment.tables_1981 import ISP_CASES, isp_trial
+from factorgraph_adj.papers.tables_1981 import ISP_CASES, isp_trial
 from factorgraph_adj.report.comparison import Comparison, compared
 
 parser = argparse.ArgumentParser(description=__doc__)

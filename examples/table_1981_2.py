@@ -6,7 +6,7 @@ Geometry: see factorgraph_adj.experiment.industry_block. With --plot FILE it is 
 import argparse
 from math import nan
 
-from factorgraph_adj.experiment.tables_1981 import INDUSTRY_CASES, industry_figures
+from factorgraph_adj.papers.tables_1981 import INDUSTRY_CASES, industry_figures
 from factorgraph_adj.report.comparison import Comparison, compared
 
 PRINTED = {

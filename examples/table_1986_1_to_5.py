@@ -6,7 +6,7 @@
 
 import argparse
 
-from factorgraph_adj.experiment import tables_1986 as paper
+from factorgraph_adj.papers import tables_1986 as paper
 from factorgraph_adj.report.comparison import Comparison, compared
 
 XYZ = ("X mm", "Y mm", "Z mm")

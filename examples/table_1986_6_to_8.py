@@ -1,12 +1,12 @@
 """El-Hakim (1986), tables 6 to 8: systematic errors left in the images of the 52-photo block.
 
 ``table_1986_6_to_8.py 6`` prints table 6, without a number all are; with --plot FILE they are drawn
-(extra plot). Geometry: see factorgraph_adj.experiment.systematic_1986.
+(extra plot). Geometry: see factorgraph_adj.papers.systematic_1986.
 """
 
 import argparse
 
-from factorgraph_adj.experiment import systematic_1986 as left_in
+from factorgraph_adj.papers import systematic_1986 as left_in
 from factorgraph_adj.report.comparison import Comparison, compared
 
 XYZ = ("X mm", "Y mm", "Z mm")

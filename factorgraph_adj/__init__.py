@@ -12,7 +12,8 @@ from .io.bal import read_bal
 from .io.gama import read_gama
 from .io.project import read_project
 from .io.write_project import write_project
-from .network import Network
+from .network.network import Network
+from .network.selection import without
 from .planning.candidates import Candidate
 from .planning.plan import plan
 from .planning.propose import propose
@@ -26,12 +27,11 @@ from .quality.relative import distance_precision
 from .quality.reliability import reliability
 from .quality.robust import robust
 from .quality.snooping import snoop
-from .quality.solution import Solution
 from .quality.systematic import significance
 from .quality.variance_components import variance_components
 from .report.text import protocol
-from .selection import without
 from .solve.batch import adjust
+from .solve.solution import Solution
 from .stochastic import StandardDeviation
 
 __all__ = [

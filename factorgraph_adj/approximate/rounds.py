@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import ApproximationError, Problem
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..network import DatumChoice
+from ..network.network import DatumChoice
 from ..observations import AstronomicLatitude, AstronomicLongitude
 from .diagnosis import not_reached
 from .free_start import join_blocks, observed_misfits, resolve_doubt, start_heights

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..graph.equations import Equations
-from ..network import Network
+from ..network.network import Network
 from ..observations import ControlPoint, PhotoPosition
 from ..types import Array
 from .progress import Progress

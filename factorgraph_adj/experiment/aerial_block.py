@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..models.lens import BrownForwardLens
-from ..network import Network
+from ..network.network import Network
 from ..observations import ControlPoint, PhotoPosition
 from ..rotation import world_R_camera
 from ..types import Array, Index

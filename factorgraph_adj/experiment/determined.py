@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..graph.equations import Equations, compile_rows
-from ..network import Network
+from ..network.network import Network
 from ..types import Array, Index, Mask
 
 RAYS = 2

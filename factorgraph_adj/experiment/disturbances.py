@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..entities import ImageTable, Parameter
 from ..errors import Problem, known
 from ..graph.equations import compile_rows
-from ..network import Network
+from ..network.entities import ImageTable, Parameter
+from ..network.network import Network
+from ..network.selection import without
 from ..observations import OBSERVATIONS, ControlPoint, Observation, SlopeDistance
-from ..selection import without
 from ..types import Array
 from .determined import undetermined_points
 from .parameters import Parameters, number, path_of

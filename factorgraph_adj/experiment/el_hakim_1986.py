@@ -37,7 +37,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..models.lens import Lens
-from ..network import Network
+from ..network.network import Network
 from ..observations import ControlPoint, HeightDifference, SlopeDistance
 from ..rotation import world_R_camera
 from ..types import Array, Mask

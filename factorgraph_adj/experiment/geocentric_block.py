@@ -19,7 +19,7 @@ import numpy as np
 
 from ..frames import GeocentricFrame, TopocentricFrame
 from ..models.lens import BrownForwardLens
-from ..network import Network
+from ..network.network import Network
 from ..observations import (
     AstronomicLatitude,
     AstronomicLongitude,

@@ -26,10 +26,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..entities import Camera
 from ..errors import InputError
 from ..models.lens import HarmonicLens
-from ..network import Network
+from ..network.entities import Camera
+from ..network.network import Network
 from ..observations import HeightDifference, SlopeDistance
 from ..types import Array, Mask
 from .generate.photos import in_view

@@ -15,12 +15,12 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from ..entities import Camera, ImageTable, Parameter, Photo
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
 from ..models.registry import VariableKind
-from ..network import Network
+from ..network.entities import Camera, ImageTable, Parameter, Photo
+from ..network.network import Network
 from ..observations import (
     OBSERVATIONS,
     Azimuth,

@@ -19,10 +19,10 @@ from typing import Any, Literal, get_type_hints
 
 import numpy as np
 
-from ..entities import Point
 from ..errors import InputError, Problem
 from ..frames import Frame, LocalFrame, TopocentricFrame
-from ..network import Network
+from ..network.entities import Point
+from ..network.network import Network
 from ..observations import ControlPoint
 from .disturbances import Errors, add_gross_errors, drop, read, readings_of, true_plan
 from .generate import additions, aerial, close_range, published, terrestrial

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from ..entities import REFRACTION_OF_THE_NETWORK, Parameter
 from ..errors import Problem, known
-from ..network import Network
+from ..network.entities import REFRACTION_OF_THE_NETWORK, Parameter
+from ..network.network import Network
 from ..observations import SlopeDistance, VerticalAngle
 from ..types import Array
 from .generate.part import MICROMETRE, MILLIMETRE

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from ..network import Network
+from ..network.network import Network
 from ..types import Array
 from .blocks import Block
 from .equations import Equations, compile_network

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..network import Network
+from ..network.network import Network
 from ..types import Array, Index
 from .blocks import Block
 from .image_blocks import ImageIds, image_blocks

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..network import Network
+from ..network.network import Network
 from ..types import Index
 from .blocks import Block
 from .variables import Unknowns, calibration_name

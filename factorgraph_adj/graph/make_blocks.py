@@ -8,10 +8,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..entities import REFRACTION_OF_THE_NETWORK
 from ..models import position
 from ..models.registry import KINDS, VariableKind
-from ..network import Network
+from ..network.entities import REFRACTION_OF_THE_NETWORK
+from ..network.network import Network
 from ..observations import ControlPoint, GnssVector, Observation, PhotoPosition
 from ..types import Array, Mask
 from .blocks import Block

@@ -14,9 +14,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..entities import REFRACTION_OF_THE_NETWORK, Parameter
 from ..models.registry import VariableKind
-from ..network import Network
+from ..network.entities import REFRACTION_OF_THE_NETWORK, Parameter
+from ..network.network import Network
 from ..rotation import retract_poses
 from ..types import Array, Index, Mask
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..models.registry import KINDS
 from ..models.sight import sight
-from ..network import Network
+from ..network.network import Network
 from ..observations import AstronomicLatitude, ControlPoint, HeightDifference, Observation
 from ..stochastic import StandardDeviation, whitening
 from ..types import Array, Index

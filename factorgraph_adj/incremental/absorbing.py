@@ -14,10 +14,10 @@ from typing import Any
 
 from ..errors import AdjustmentError
 from ..models.registry import VariableKind
-from ..network import Network
+from ..network.network import Network
 from ..observations import ImagePoint
-from ..quality.solution import Solution
 from ..solve.batch import adjust
+from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from . import records
 from .anywhere import anywhere

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from ..entities import Camera, Photo, Point
 from ..errors import AdjustmentError, InputError, Problem, known
-from ..network import DatumChoice, Network
+from ..network.entities import Camera, Photo, Point
+from ..network.network import DatumChoice, Network
 from ..observations import AnyObservation, Correlated, Observation
 from ..quality.rejections import Snooping
 from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..quality.snooping import snoop
-from ..quality.solution import CalibrationEstimate, PoseEstimate, Solution
+from ..solve.solution import CalibrationEstimate, PoseEstimate, Solution
 from ..stochastic import StandardDeviation
 from ..types import Array
 from . import records

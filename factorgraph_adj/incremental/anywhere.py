@@ -13,7 +13,7 @@ import numpy as np
 
 from ..graph.blocks import Block
 from ..models.registry import KINDS
-from ..quality.solution import Solution
+from ..solve.solution import Solution
 
 WITHIN = 3.0
 """Standard deviations of a point within which it may be."""

@@ -8,15 +8,15 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..additions import add_entities
-from ..entities import Camera, Photo, Point
 from ..errors import InputError, Problem, known
 from ..graph.image_blocks import find_images
 from ..graph.variables import calibration_name
 from ..models.registry import VariableKind
-from ..network import Network
+from ..network.additions import add_entities
+from ..network.entities import Camera, Photo, Point
+from ..network.network import Network
+from ..network.selection import without
 from ..observations import AnyObservation, Correlated, ImagePoint
-from ..selection import without
 from ..solve.rank import NOUN
 from ..types import Array
 from .local import filtered

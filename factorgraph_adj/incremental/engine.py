@@ -18,10 +18,10 @@ from ..errors import AdjustmentError, DatumError, InputError
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
 from ..models.registry import VariableKind
-from ..network import Network
-from ..quality.solution import Solution
+from ..network.network import Network
 from ..solve.batch import OFF_DATUM, adjust
 from ..solve.free_network import SHRINKING
+from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array, Index
 from .anywhere import anywhere

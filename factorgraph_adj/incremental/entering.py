@@ -19,14 +19,14 @@ from ..approximate import reach
 from ..errors import AdjustmentError, DatumError, InputError, Problem
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State
-from ..network import DatumChoice, Network
+from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
 from ..quality.snooping import snoop
-from ..quality.solution import Solution
 from ..solve.batch import adjust
 from ..solve.datum import find_defects
 from ..solve.linear import LinearSystem
 from ..solve.rank import NOUN, NULL, null_space
+from ..solve.solution import Solution
 from ..types import Array
 from .anywhere import anywhere
 from .local import describe, local_network

@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..entities import FREE_ORIENTATION, Camera, ImageTable, Parameter
 from ..graph.equations import Equations
 from ..graph.variables import NO_DEFLECTION, NO_METER, State, calibration_name
 from ..models.registry import VariableKind
-from ..network import DatumChoice, Network
-from ..quality.solution import Solution
+from ..network.entities import FREE_ORIENTATION, Camera, ImageTable, Parameter
+from ..network.network import DatumChoice, Network
+from ..solve.solution import Solution
 from ..types import Array
 from .register import Register
 from .units import Unit, components

@@ -19,9 +19,9 @@ from ..graph.equations import Equations, compile_network, compile_rows
 from ..graph.keys import KeyMap
 from ..graph.variables import State
 from ..models.registry import VariableKind
-from ..network import DatumChoice, Network
+from ..network.network import DatumChoice, Network
 from ..observations import Observation
-from ..quality.solution import Solution
+from ..solve.solution import Solution
 from ..solve.tree import SMALL, Clique, SingularError, nested_dissection
 from ..types import Array, Index, Mask
 from .cliques import cliques_anew, cofactor_times, those_above, variances_of

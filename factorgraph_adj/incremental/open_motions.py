@@ -9,7 +9,7 @@ import numpy as np
 
 from ..graph.equations import Equations, compile_rows
 from ..graph.variables import State
-from ..network import Network
+from ..network.network import Network
 from ..solve.datum import About, find_defects, generators, middle
 from ..solve.linear import LinearSystem
 from ..types import Array

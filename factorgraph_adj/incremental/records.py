@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from ..entities import Camera, Photo, Point
 from ..errors import InputError, Problem
 from ..io.json_records import (
     camera_fields,
@@ -28,7 +27,8 @@ from ..io.json_records import (
     point_fields,
     point_of,
 )
-from ..network import Network
+from ..network.entities import Camera, Photo, Point
+from ..network.network import Network
 from ..observations import Correlated, ImagePoint
 from ..types import Array
 from .book import Book

@@ -27,7 +27,7 @@ from ..graph.equations import Equations
 from ..graph.keys import KeyMap
 from ..graph.weights import weigh
 from ..models.registry import KINDS, VariableKind
-from ..network import Network
+from ..network.network import Network
 from ..rotation import right_jacobian_inverse
 from ..stochastic import StandardDeviation
 from ..types import Array, Index, Mask

@@ -9,12 +9,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..entities import FREE_ORIENTATION, Parameter
 from ..frames import LocalFrame
 from ..graph.make_blocks import variable_name
 from ..graph.variables import calibration_name
 from ..models.registry import KINDS, VariableKind
-from ..network import Network
+from ..network.entities import FREE_ORIENTATION, Parameter
+from ..network.network import Network
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation, n_scalars
 from ..types import Array
 from .register import WIDTH, Register

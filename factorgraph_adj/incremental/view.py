@@ -9,7 +9,6 @@ import numpy as np
 from ..errors import DatumError
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..quality.solution import Solution
 from ..solve.batch import OFF_DATUM, UNCHANGED
 from ..solve.datum import Defect, FreeDatum, find_defects
 from ..solve.factor import Factor
@@ -23,6 +22,7 @@ from ..solve.free_network import (
 from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
 from ..solve.plan import make_plan
+from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array, Index
 from .cliques import own_cliques

@@ -25,7 +25,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..models.image import depth
 from ..models.lens import NormalisedLens
-from ..network import Network
+from ..network.network import Network
 from ..rotation import TURN_ABOUT_X, exp_rotation
 from ..types import Array, Index, Mask
 

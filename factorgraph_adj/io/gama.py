@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..frames import LocalFrame
-from ..network import Network
+from ..network.network import Network
 from ..observations import (
     Azimuth,
     ControlPoint,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from ..errors import known
-from ..network import Network
+from ..network.network import Network
 from .gama_source import GamaSource
 from .xml_tree import Element
 

@@ -20,11 +20,11 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
-from ..entities import Camera, Photo, Point
 from ..errors import InputError, Problem
 from ..frames import Frame
 from ..models.lens import NoDistortion
-from ..network import Network
+from ..network.entities import Camera, Photo, Point
+from ..network.network import Network
 from .context import RecordContext
 from .fields import unknown_field
 from .json_observations import SI, Fields, checked, observation_fields, observation_of, plain

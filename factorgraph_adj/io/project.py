@@ -14,16 +14,16 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from ..check import check
 from ..ellipsoid import ELLIPSOIDS
-from ..entities import Camera
 from ..errors import InputError, Problem
 from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ..models.lens import Lens
 from ..models.registry import LENSES
-from ..network import Network
+from ..network.entities import Camera
+from ..network.network import Network
 from ..observations import OBSERVATIONS
 from ..units import LENGTH
+from ..validate.check import check
 from .context import ImageAxes, RecordContext
 from .fields import sigma_fields, stand_in_sigma, unknown_field
 from .numbers import Units

@@ -10,7 +10,7 @@ from math import isfinite
 import numpy as np
 
 from ..errors import InputError, Problem, known
-from ..network import Network
+from ..network.network import Network
 from ..observations import OBSERVATIONS, ControlPoint, Correlated, ImagePoint, Observation
 from ..types import Array
 from ..units import LENGTH

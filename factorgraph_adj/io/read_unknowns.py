@@ -8,10 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from ..entities import FREE_ORIENTATION, Photo
 from ..errors import InputError, Problem
 from ..frames import LocalFrame, TopocentricFrame
-from ..network import Network
+from ..network.entities import FREE_ORIENTATION, Photo
+from ..network.network import Network
 from ..types import Array
 from ..units import ANGLE, LENGTH
 from .fields import unknown_field

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..entities import Parameter, Photo, Point
 from ..errors import InputError, Problem
-from ..network import Network
+from ..network.entities import Parameter, Photo, Point
+from ..network.network import Network
 from ..observations import ControlPoint, Direction, Observation
 from ..rotation import TURN_ABOUT_X, omega_phi_kappa, world_R_camera
 from ..types import Array

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from typing import cast
 
-from ..entities import Camera
 from ..frames import Frame, GeocentricFrame, LocalFrame
-from ..network import Network
+from ..network.entities import Camera
+from ..network.network import Network
 from . import numbers
 from .numbers import Units
 

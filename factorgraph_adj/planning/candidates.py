@@ -9,13 +9,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..additions import add_entities
-from ..entities import Camera, Photo, Point
 from ..errors import InputError, Problem
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import calibration_name
 from ..incremental.units import identity, named
-from ..network import Network
+from ..network.additions import add_entities
+from ..network.entities import Camera, Photo, Point
+from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
 from ..solve.linear import LinearSystem
 from ..types import Array, Index

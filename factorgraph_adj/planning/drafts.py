@@ -12,7 +12,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..entities import Photo, Point
 from ..errors import InputError, Problem, known
 from ..io.context import ImageAxes
 from ..io.fields import NAMES
@@ -20,6 +19,7 @@ from ..io.json_records import observation_of, photo_of, point_of
 from ..io.project import Project
 from ..io.records import with_reading
 from ..io.tables import Row, read_table
+from ..network.entities import Photo, Point
 from ..observations import AnyObservation, Correlated
 from .candidates import Candidate, dependent, identified, with_candidates
 

@@ -13,11 +13,11 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import AdjustmentError, InputError, Problem
-from ..network import Network
+from ..network.network import Network
 from ..quality.effects import shifts
 from ..quality.reliability import Reliability, check_probabilities, reliability
-from ..quality.solution import Solution
 from ..solve.batch import adjust
+from ..solve.solution import Solution
 from ..types import Array, Mask
 from .patterns import matching
 from .readings import as_planned

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..errors import DatumError, InputError, Problem
 from ..graph.equations import compile_network
-from ..network import Network
+from ..network.network import Network
 from .candidates import (
     Candidate,
     as_candidates,

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..entities import ImageTable, Parameter
 from ..errors import InputError, Problem
 from ..experiment.simulate import measure
-from ..network import Network
+from ..network.entities import ImageTable, Parameter
+from ..network.network import Network
 
 NO_TURN = 0.0
 """Orientation of a set that nobody has turned yet, radians: partials do not depend on it."""

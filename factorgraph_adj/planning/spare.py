@@ -20,9 +20,9 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..errors import InputError, Problem, known
-from ..network import Network
+from ..network.network import Network
+from ..network.selection import without
 from ..quality.rows import whitened_unit
-from ..selection import without
 from ..types import Array, Index, Mask
 from .candidates import partials
 from .patterns import matching, patterns_of, unlike

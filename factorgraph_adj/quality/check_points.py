@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..solve.solution import Solution
 from ..types import Array
-from .solution import Solution
 
 
 @dataclass(frozen=True)

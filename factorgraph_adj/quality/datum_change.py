@@ -32,9 +32,9 @@ from ..solve.free_network import carry, datum_columns
 from ..solve.linear import ExtraRows, LinearSystem
 from ..solve.normal import NormalEquations
 from ..solve.rank import describe_defects
+from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array, Index
-from .solution import Solution
 
 Motion: TypeAlias = Literal[
     "shift in x",

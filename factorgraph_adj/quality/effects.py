@@ -9,9 +9,9 @@ from typing import TypeAlias
 import numpy as np
 
 from ..models.registry import VariableKind
+from ..solve.solution import Solution
 from ..types import Array, Index
 from .rows import place_of, weighted, whitened_unit
-from .solution import Solution
 
 Unknown: TypeAlias = str | tuple[VariableKind, str]
 """Name of a point, or kind and name of any variable."""

@@ -27,9 +27,9 @@ from scipy.stats import chi2
 from scipy.stats import f as fisher
 
 from ..errors import InputError
+from ..solve.solution import Solution
 from ..types import Array
 from .relative import Place, covariance, covariances, position
-from .solution import Solution
 
 FLAT = 1e-13
 """Variance of an axis relative to the largest that is rounding: the axis is held."""

@@ -8,11 +8,11 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from ..entities import Parameter
 from ..errors import InputError, known
-from ..network import DatumChoice, Network
+from ..network.entities import Parameter
+from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
-from .solution import Solution
+from ..solve.solution import Solution
 from .systematic import (
     STRONG,
     Label,

@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from .solution import Solution
+    from ..solve.solution import Solution
 
 
 @dataclass(frozen=True)

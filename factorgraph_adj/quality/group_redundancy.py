@@ -23,10 +23,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..solve.linear import LinearSystem
+from ..solve.solution import Solution
 from ..types import Array
 from .observation_groups import ObservationGroups
 from .reliability import reliability
-from .solution import Solution
 
 EXACT_ROWS = 2000
 """Scalar observations up to which R is computed as a whole."""

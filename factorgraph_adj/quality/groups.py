@@ -14,9 +14,9 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
+from ..solve.solution import Solution
 from ..types import Array, Index, Mask
 from .rows import weighted
-from .solution import Solution
 
 RANK = 1e-6
 """Share of an error that must show, as for single observations."""

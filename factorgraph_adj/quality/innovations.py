@@ -19,8 +19,8 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..graph.weights import weigh
 from ..models.registry import VariableKind
+from ..solve.solution import Solution
 from ..types import Array, Index, Mask
-from .solution import Solution
 
 NOUNS: dict[VariableKind, str] = {
     "pose": "photo",

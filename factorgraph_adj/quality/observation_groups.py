@@ -12,9 +12,9 @@ from scipy.sparse import csr_array
 
 from ..errors import InputError, Problem, known
 from ..graph.blocks import Block
-from ..network import Network
+from ..network.network import Network
+from ..solve.solution import ObservationRecord, Solution
 from ..types import Array, Index
-from .solution import ObservationRecord, Solution
 
 Rule: TypeAlias = Literal["kind", "camera", "photo", "instrument"]
 """Every kind is a group; or image coordinates by camera or photo, or distances by the instrument

@@ -26,11 +26,11 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..graph.equations import Equations, compile_network
-from ..network import Network
+from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
+from ..solve.solution import Solution
 from ..types import Array, Index, Mask
 from .innovations import Innovations
-from .solution import Solution
 
 CHUNK = 5_000_000
 """Numbers in the dense right sides of one solution for many observations."""

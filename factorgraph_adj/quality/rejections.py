@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from ..network import Network
+from ..network.network import Network
+from ..solve.solution import Solution
 from .reliability import Reliability
-from .solution import Solution
 
 Test = Literal["baarda", "pope"]
 """Baarda's w with σ0 = 1, or Pope's τ with the estimated one."""

@@ -9,8 +9,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from ..errors import InputError, Problem
+from ..solve.solution import Solution
 from ..types import Array
-from .solution import Solution
 
 Place: TypeAlias = str | tuple[Literal["point", "pose"], str]
 """Name of a point; or ``("pose", name)`` for the projection centre of a photo."""

@@ -25,12 +25,12 @@ from scipy.stats import t as student
 
 from ..errors import AdjustmentError, InputError
 from ..solve.leverage import Leverages, STransform, leverages, point_leverages
+from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array, Index, Mask
 from .effects import Effect, Unknown, effect_of, response
 from .groups import GroupReliability, group_reliabilities
 from .rows import largest_shift, share_diagonal, weighted, weighted_diagonal, weights
-from .solution import Solution
 
 UNCONTROLLED = 1e-6
 """Share of an error that must show in the residuals for the observation to count as controlled:

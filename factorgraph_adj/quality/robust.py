@@ -30,11 +30,11 @@ from typing import Literal
 import numpy as np
 
 from ..errors import InputError
-from ..network import DatumChoice, Network
+from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
+from ..solve.solution import Solution
 from ..types import Array
 from .reliability import Reliability, reliability
-from .solution import Solution
 
 Estimator = Literal["huber", "danish", "igg3", "tukey"]
 ESTIMATORS: tuple[Estimator, ...] = ("huber", "danish", "igg3", "tukey")

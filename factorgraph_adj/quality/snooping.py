@@ -13,13 +13,13 @@ from collections.abc import Callable
 from typing import Literal
 
 from ..errors import InputError, Problem
-from ..network import DatumChoice, Network
+from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
+from ..solve.solution import Solution
 from .rejections import Round, Snooping, Test
 from .robust import ESTIMATORS, Estimator
 from .robust import robust as robust_adjustment
 from .snooping_search import Search
-from .solution import Solution
 
 
 def snoop(

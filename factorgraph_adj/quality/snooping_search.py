@@ -12,15 +12,15 @@ from scipy.stats import f as fisher
 
 from ..errors import AdjustmentError, InputError
 from ..graph.equations import compile_network
-from ..network import Network
-from ..selection import without
+from ..network.network import Network
+from ..network.selection import without
 from ..solve.batch import adjust
+from ..solve.solution import Solution
 from ..types import Array
 from .candidates import Candidate, Choice, Units, choose
 from .prediction import Prediction, Predictor
 from .rejections import PointSetAside, Rejected, Round, Snooping, Test, Unresolved
 from .reliability import critical_tau, reliability
-from .solution import Solution
 
 
 class Search:

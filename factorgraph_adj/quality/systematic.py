@@ -17,12 +17,12 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from ..entities import REFRACTION_OF_THE_NETWORK
 from ..errors import AdjustmentError, InputError, known
 from ..models.registry import VariableKind
+from ..network.entities import REFRACTION_OF_THE_NETWORK
+from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array, Index, Mask
-from .solution import Solution
 from .ties import NO_PARTNERS, Tie, partners_of_photos, partners_of_points
 
 INTERIOR = ("c", "x0", "y0")

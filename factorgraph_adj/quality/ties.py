@@ -8,8 +8,8 @@ import numpy as np
 
 from ..graph.variables import calibration_name
 from ..models.position import split_pose
+from ..solve.solution import Solution
 from ..types import Array, Index
-from .solution import Solution
 
 
 @dataclass(frozen=True)

@@ -21,13 +21,13 @@ import numpy as np
 from scipy.stats import chi2
 
 from ..errors import InputError, known
-from ..network import DatumChoice, Network
+from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
+from ..solve.solution import Solution
 from ..types import Array
 from .component_search import Search, State
 from .group_redundancy import GroupRedundancy, group_redundancy, sharpened
 from .observation_groups import Groups, ObservationGroups, observation_groups
-from .solution import Solution
 
 CERTAIN = 10.0
 """Degrees of freedom of an estimate below which it is warned of: its factor is uncertain by more

@@ -13,15 +13,15 @@ from ..errors import AdjustmentError, InputError
 from ..graph.variables import calibration_name
 from ..io.numbers import Units
 from ..models.registry import VariableKind
-from ..network import Network
+from ..network.network import Network
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
 from ..quality.rejections import Snooping
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
-from ..quality.solution import CalibrationEstimate, Solution
 from ..quality.systematic import Label, Significance, TestedParameter, significance
 from ..quality.variance_components import VarianceComponents
 from ..rotation import angles_by_rotation, omega_phi_kappa
+from ..solve.solution import CalibrationEstimate, Solution
 from ..solve.tree import SingularError
 from ..types import Array
 from ..units import ANGLE, LENGTH

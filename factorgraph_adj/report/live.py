@@ -1,6 +1,6 @@
 """The stream as a terminal view (extra ``cli``): counts, verdicts, weakest points, latency.
 
-It is fed with the answers of `factorgraph_adj.incremental.stream` and knows nothing else, so
+It is fed with the answers of `factorgraph_adj.service.stream` and knows nothing else, so
 that it shows what a program at the other end of the pipe would know.
 """
 

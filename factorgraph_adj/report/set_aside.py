@@ -10,10 +10,10 @@ import numpy as np
 from ..errors import InputError
 from ..graph.equations import compile_network
 from ..io.numbers import Units
-from ..network import Network
+from ..network.network import Network
 from ..quality.prediction import Predictor
 from ..quality.rejections import Snooping
-from ..quality.solution import Solution
+from ..solve.solution import Solution
 from ..types import Array, Index
 from .rows import Row, Rows
 

@@ -17,10 +17,10 @@ from ..io.atomic import write_files
 from ..io.numbers import Units, write
 from ..io.tables import write_columns, write_table
 from ..models.registry import VariableKind
-from ..network import Network
+from ..network.network import Network
 from ..quality.rejections import Snooping
-from ..quality.solution import Solution
 from ..quality.variance_components import VarianceComponents
+from ..solve.solution import Solution
 from .context import Report, Test
 from .coordinates import by_photo
 from .observation_tables import figures, observations_table, snooping_table

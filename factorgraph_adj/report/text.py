@@ -7,11 +7,11 @@ from math import isfinite
 
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..io.numbers import Units
-from ..network import Network
+from ..network.network import Network
 from ..quality.global_test import global_test
 from ..quality.rejections import Snooping
-from ..quality.solution import Solution
 from ..quality.variance_components import VarianceComponents
+from ..solve.solution import Solution
 from ..units import format_angle
 from .context import Report, Test
 from .coordinates import check_points, photos, points

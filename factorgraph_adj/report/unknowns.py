@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ..entities import Camera
 from ..models.registry import VariableKind
+from ..network.entities import Camera
 from ..quality.systematic import TestedParameter
 from ..units import format_angle
 from .context import Report

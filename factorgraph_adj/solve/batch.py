@@ -18,8 +18,7 @@ from ..graph.equations import Equations, compile_network
 from ..graph.extra import linearise_extra
 from ..graph.variables import State
 from ..models.image import depth
-from ..network import DatumChoice, Network
-from ..quality.solution import Solution
+from ..network.network import DatumChoice, Network
 from ..types import Array, Mask
 from .datum import Defect, FreeDatum, find_defects, minimal_datum
 from .extrapolation import Extrapolation
@@ -28,6 +27,7 @@ from .inner import follow
 from .linear import ExtraRows
 from .normal import NormalEquations, Solver
 from .rank import LISTED, NOUN, describe_defects, undetermined
+from .solution import Solution
 from .tree import SingularError
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from factorgraph_adj.entities import Camera
 from factorgraph_adj.models.lens import NormalisedLens
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.entities import Camera
+from factorgraph_adj.network.network import Network
 
 FUNCTION_TOLERANCE = 1e-6
 """Ceres' own default; pycolmap's (0) makes it iterate longer."""

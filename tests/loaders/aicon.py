@@ -12,7 +12,7 @@ import numpy as np
 
 from factorgraph_adj import units
 from factorgraph_adj.models.lens import BalancedLens
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.types import Array
 

@@ -30,7 +30,7 @@ import numpy as np
 
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.frames import LocalFrame, TopocentricFrame
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import Azimuth, Direction, Observation, SlopeDistance, ZenithAngle
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC, GON

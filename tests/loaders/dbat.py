@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from factorgraph_adj.models.lens import BrownForwardLens, BrownLens, Lens
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ControlPoint, PhotoPosition
 from factorgraph_adj.types import Array
 

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from factorgraph_adj.frames import GeocentricFrame
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import Correlated, GnssPosition, GnssVector
 from factorgraph_adj.types import Array
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from factorgraph_adj.frames import LocalFrame
-from factorgraph_adj.network import Network
+from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     ControlPoint,
     Direction,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from ...errors import Problem, known
-from ...network import Network
+from ...network.network import Network
 from ...observations import ControlPoint
 from ...types import Array
 from ..parameters import Parameters, number, path_of

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...errors import InputError, Problem, known
-from ...network import Network
+from ...network.network import Network
 from ...types import Array
 from ..parameters import Parameters, path_of
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import InputError, Problem, known
 from ...models.lens import Lens
 from ...models.registry import LENSES
-from ...network import Network
+from ...network.network import Network
 from ...types import Array, Mask
 from ..parameters import Parameters, number, path_of
 from .part import MICROMETRE, Scene

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...errors import Problem
-from ...network import Network
+from ...network.network import Network
 from ...observations import HeightDifference, SlopeDistance
 from ..el_hakim_1986 import (
     SIGMA_AERIAL_TERRESTRIAL,

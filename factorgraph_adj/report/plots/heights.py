@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ...quality.solution import Solution
+from ...solve.solution import Solution
 from ...types import Index
 from .marks import draw_points, label_points, status_of
 from .precision import Precision

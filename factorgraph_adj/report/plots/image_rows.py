@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from ...graph.variables import calibration_name
-from ...quality.solution import Solution
+from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 
 ALPHA = 0.001

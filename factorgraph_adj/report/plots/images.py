@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import InputError, known
 from ...quality.reliability import Reliability
-from ...quality.solution import Solution
+from ...solve.solution import Solution
 from .image_rows import cells_for, image_rows, mean_photo
 from .style import (
     BLUE,

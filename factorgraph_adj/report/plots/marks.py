@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...quality.solution import Solution
+from ...solve.solution import Solution
 from ...types import Array, Mask
 from .style import BLACK, BLUE, GREEN, VERMILLION
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...frames import GeocentricFrame
-from ...quality.solution import Solution
+from ...solve.solution import Solution
 from .heights import draw_heights
 from .image_rows import image_rows
 from .marks import draw_points, label_points, status_of, window

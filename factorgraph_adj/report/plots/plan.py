@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from ...frames import Frame, GeocentricFrame, LocalFrame
-from ...quality.solution import Solution
+from ...solve.solution import Solution
 from ...solve.tree import SingularError
 from ...types import Array
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...quality.ellipses import factor_of, factors_of
-from ...quality.solution import Solution
+from ...solve.solution import Solution
 from ...types import Array, Mask
 from .marks import spacing
 from .plan import Plan, covariances, ellipses

@@ -13,7 +13,7 @@ from ...errors import AdjustmentError, InputError
 from ...io.atomic import write_files
 from ...quality.reliability import Reliability
 from ...quality.reliability import reliability as compute_reliability
-from ...quality.solution import Solution
+from ...solve.solution import Solution
 from .image_rows import image_rows
 from .images import plot_mean_photo, plot_photos
 from .network import plot_network

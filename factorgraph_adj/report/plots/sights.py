@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...quality.solution import Solution
+from ...solve.solution import Solution
 from ...types import Array, Index
 from ..rows import kind_name
 from .image_rows import ImageRows

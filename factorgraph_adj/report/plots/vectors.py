@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from ...errors import InputError
 from ...quality.reliability import Reliability
-from ...quality.solution import Solution
+from ...solve.solution import Solution
 from ...types import Array, Mask
 from ..rows import image_scale
 from .image_rows import ALPHA, ImageRows

@@ -1,0 +1,1 @@
+"""The command ``factorgraph-adj``."""

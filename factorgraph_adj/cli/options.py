@@ -1,0 +1,117 @@
+"""Options of the command that say what to adjust, and how; and what is to be adjusted, read."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import get_args
+
+from ..errors import InputError, Problem
+from ..io.bal import read_bal
+from ..io.gama import read_gama
+from ..io.project import Project, load_project
+from ..quality.observation_groups import Rule
+from ..quality.robust import ESTIMATORS
+
+READERS = (
+    ".toml (project), .gkf (GNU Gama), .txt, .txt.bz2, .txt.gz (Bundle Adjustment in the Large)"
+)
+
+
+def add_project(parser: argparse.ArgumentParser) -> None:
+    """Add what is adjusted."""
+    parser.add_argument("project", metavar="PROJECT", help=f"a file: {READERS}; or a folder")
+
+
+def add_adjustment(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how to adjust."""
+    how = parser.add_argument_group("how to adjust")
+    how.add_argument("--datum", choices=("given", "free"), help="instead of the project's")
+    how.add_argument(
+        "--variance",
+        choices=("a-priori", "a-posteriori"),
+        help="scale of standard deviations, instead of the project's",
+    )
+    how.add_argument("--max-iterations", type=count, metavar="N", help="instead of the project's")
+    how.add_argument(
+        "--variance-components",
+        nargs="?",
+        const="kind",
+        choices=get_args(Rule),
+        metavar="GROUPS",
+        help="estimate σ of groups: kind (default), camera, photo or instrument; after --snoop",
+    )
+    errors = parser.add_argument_group("gross errors")
+    errors.add_argument(
+        "--snoop", action="store_true", help="find gross errors, set them aside, adjust again"
+    )
+    errors.add_argument(
+        "--robust",
+        choices=ESTIMATORS,
+        help="start with this M-estimator, for many gross errors; implies --snoop",
+    )
+    errors.add_argument(
+        "--test",
+        choices=("baarda", "pope"),
+        help="w, for which σ0 = 1, or τ with the estimated one (w, τ if a posteriori)",
+    )
+    add_probabilities(errors)
+    errors.add_argument(
+        "--sidak", action="store_true", help="--alpha is that of all tests of --snoop together"
+    )
+
+
+def add_probabilities(parser: argparse._ActionsContainer) -> None:
+    """Add α and the power of a test."""
+    parser.add_argument(
+        "--alpha", type=probability, default=0.001, metavar="P", help="of one test (0.001)"
+    )
+    parser.add_argument(
+        "--power",
+        type=probability,
+        default=0.80,
+        metavar="P",
+        help="with which an error of the smallest detectable size is found (0.80)",
+    )
+
+
+def read(name: str, *, readings: bool = True) -> Project:
+    """Read what is adjusted, whatever kind of project it is.
+
+    Args:
+        name: file or folder.
+        readings: whether the observations of a project need observed values; a plan does not.
+
+    Raises:
+        InputError: no such file, or everything that is wrong with it.
+    """
+    path = Path(name)
+    if not path.exists():
+        raise InputError(Problem("no such file or folder", name))
+    if path.is_dir() or path.suffix == ".toml":
+        return load_project(path, readings=readings)
+    if path.suffix == ".gkf":
+        return Project(read_gama(path), path)
+    if ".txt" in path.suffixes:
+        return Project(read_bal(path), path)
+    raise InputError(Problem(f"unknown kind of file; valid: {READERS}", name))
+
+
+def count(text: str) -> int:
+    """Read a whole number from 1."""
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
+    return int(text)
+
+
+def probability(text: str) -> float:
+    """Read a probability between 0 and 1."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a probability between 0 and 1, such as 0.95"
+        )
+    return value

@@ -1,0 +1,231 @@
+"""The command ``factorgraph-adj stream``: the protocol of `service.stream` in a pipe.
+
+One line in, one line out, flushed. It ends with 0 at the end of input, on ``{"do": "stop"}``, on
+SIGTERM and where nobody reads the answers any more; on SIGINT with 130. The line in hand is
+finished and answered first; a second SIGINT does not wait for it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from importlib.util import find_spec
+from types import FrameType
+from typing import IO, Any, get_args
+
+from ..errors import InputError, Problem
+from ..incremental.adjustment import IncrementalAdjustment
+from ..incremental.verdicts import Policy
+from ..io.project import Project
+from ..report.live import MISSING, LiveView, live_view
+from ..service.requests import LONGEST
+from ..service.stream import Stream
+from ..service.stream import __doc__ as protocol
+from .options import add_probabilities, add_project, read
+
+FINE, INTERRUPTED = 0, 130
+ALPHA = 0.001
+"""Of one test, where nothing is stated."""
+
+
+def add_stream(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the command."""
+    parser = commands.add_parser(
+        "stream",
+        help="adjust observations as they arrive on standard input, one JSON line each",
+        epilog=protocol,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_project(parser)
+    parser.add_argument(
+        "--journal", metavar="FILE", help="record every arrival here before it counts"
+    )
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the journal; of PROJECT only units and defaults of records are used",
+    )
+    parser.add_argument(
+        "--policy",
+        choices=get_args(Policy),
+        help="what becomes of observations beyond the critical value (flag: they are set aside "
+        "as suspects)",
+    )
+    parser.add_argument("--datum", choices=("given", "free"), help="instead of the project's")
+    add_probabilities(parser)
+    parser.set_defaults(alpha=None)  # a journal that is resumed has its own
+    parser.add_argument(
+        "--live",
+        action="store_true",
+        help="show counts, verdicts, weakest points and latency on the terminal",
+    )
+    parser.set_defaults(run=_stream)
+
+
+def _stream(options: argparse.Namespace) -> int:
+    with _signals() as stop:
+        stream = _start(options)
+        stop.started = True
+        try:
+            with _view(options) as view:
+                silent = view is not None and sys.stdout.isatty()
+                _converse(stream, stop, None if silent else sys.stdout.buffer, view)
+        except KeyboardInterrupt:
+            print("interrupted in the middle of a line", file=sys.stderr)
+            return INTERRUPTED
+        return INTERRUPTED if stop.received == signal.SIGINT else FINE
+
+
+def _converse(
+    stream: Stream, stop: _Signals, target: IO[bytes] | None, view: LiveView | None
+) -> None:
+    """Answer line after line."""
+    _hand_out(stream.ready(), target, view)
+    for number, line in enumerate(stop.lines(sys.stdin.buffer), start=1):
+        _hand_out(stream.answer(line, number), target, view)
+        if stream.stopped:
+            return
+
+
+def _view(options: argparse.Namespace) -> AbstractContextManager[LiveView | None]:
+    return live_view(sys.stderr) if options.live else nullcontext()
+
+
+def _start(options: argparse.Namespace) -> Stream:
+    """Read the project, and begin or resume."""
+    problems = []
+    if options.resume and options.journal is None:
+        problems.append(Problem("--resume needs --journal FILE"))
+    alpha = ALPHA if options.alpha is None else options.alpha
+    if alpha >= options.power:
+        problems.append(Problem(f"--alpha {alpha:g} must be less than --power {options.power:g}"))
+    if problems:
+        raise InputError(problems)
+    if options.live and find_spec("rich") is None:
+        raise InputError(MISSING)
+    project = read(options.project)
+    if options.resume:
+        adjustment = IncrementalAdjustment.resume(options.journal)
+        _same(adjustment, project, options)
+    else:
+        adjustment = IncrementalAdjustment(
+            project.network,
+            policy=options.policy or "flag",
+            alpha=alpha,
+            datum=options.datum,
+            journal=options.journal,
+        )
+    return Stream(adjustment, context=project.context, power=options.power)
+
+
+def _same(adjustment: IncrementalAdjustment, project: Project, options: argparse.Namespace) -> None:
+    """Refuse a journal of another project, whose units would be wrong, or with other options.
+
+    Raises:
+        InputError: what the journal does not have, or states otherwise.
+    """
+    ours, theirs = adjustment.described, project.network
+    problems = [
+        Problem(
+            f"the journal has no {what} {missing[0]!r}: it is not one of this project",
+            str(project.path),
+        )
+        for what, here, there in (
+            ("point", ours.points, theirs.points),
+            ("photo", ours.photos, theirs.photos),
+            ("camera", ours.cameras, theirs.cameras),
+        )
+        if (missing := [n for n in there if n not in here])
+    ]
+    for name, asked, begun in (
+        ("--policy", options.policy, adjustment.policy),
+        ("--alpha", options.alpha, adjustment.alpha),
+        ("--datum", options.datum, ours.datum),
+    ):
+        if asked not in (None, begun):
+            what = f"{name} {asked}: the journal was begun with {begun}, which cannot be changed"
+            problems.append(Problem(what))
+    if problems:
+        raise InputError(problems)
+
+
+def _hand_out(answer: Mapping[str, Any], target: IO[bytes] | None, view: LiveView | None) -> None:
+    """Hand out an answer."""
+    if view is not None:
+        view.take(answer)
+    if target is not None:
+        target.write(json.dumps(answer, ensure_ascii=False).encode("utf-8") + b"\n")
+        target.flush()
+
+
+class _Stopped(Exception):
+    """A signal came while there was nothing to do but to wait for a line."""
+
+
+class _Signals:
+    """Asked to stop by a signal: at once while waiting for a line, else when it is answered."""
+
+    def __init__(self) -> None:
+        self.received: int | None = None
+        """The first signal."""
+        self.started = False
+        """Whether there is a stream; before, SIGINT has nothing to wait for."""
+        self._waiting = False
+
+    def take(self, number: int, frame: FrameType | None) -> None:
+        """Note a signal."""
+        if number == signal.SIGINT and (self.received is not None or not self.started):
+            raise KeyboardInterrupt
+        self.received = self.received or number
+        if self._waiting:
+            self._waiting = False
+            raise _Stopped
+
+    def lines(self, source: IO[bytes]) -> Iterator[bytes]:
+        """Iterate over lines until they or the patience of others end.
+
+        Raises:
+            InputError: standard input cannot be read.
+        """
+        while True:
+            try:
+                self._waiting = True
+                line = _line(source) if self.received is None else b""
+                self._waiting = False
+            except _Stopped:
+                return
+            except OSError as error:
+                problem = Problem(f"cannot be read: {error.strerror}", "standard input")
+                raise InputError(problem) from None
+            if not line:
+                return
+            yield line
+
+
+def _line(source: IO[bytes]) -> bytes:
+    """Return the next line; of one that is too long, only so much that this is seen."""
+    line = source.readline(LONGEST + 1)
+    if len(line) > LONGEST and not line.endswith(b"\n"):
+        while (rest := source.readline(LONGEST)) and not rest.endswith(b"\n"):
+            pass
+    return line
+
+
+@contextmanager
+def _signals() -> Iterator[_Signals]:
+    """Take SIGTERM and SIGINT over."""
+    taken = _Signals()
+    if threading.current_thread() is not threading.main_thread():
+        yield taken  # only the main thread may take signals
+        return
+    before = {n: signal.signal(n, taken.take) for n in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield taken
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,185 @@
+"""Points, cameras, photos and small unknowns: what they are, and how they are checked.
+
+A `Network` holds them by name; names that refer to another entity are checked there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..models.lens import Lens
+from ..types import Array, Index
+
+REFRACTION_OF_THE_NETWORK = ""
+"""Name of the refraction group of observations that name none."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """An object point."""
+
+    name: str
+    """Name."""
+    coordinates: tuple[float, float, float]
+    """Given or approximate coordinates, metres; NaN where unknown."""
+    fixed: tuple[bool, bool, bool] = (False, False, False)
+    """Which components are held."""
+    sigma: tuple[float, float, float] | None = None
+    """Standard deviations of weighted components, metres; infinite for free ones."""
+    datum: bool = False
+    """Whether the point carries the datum of a free network."""
+    check: tuple[float, float, float] | None = None
+    """Coordinates known from elsewhere and not used, for comparison; NaN where unknown."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera: lens model, calibration values and what is asked of them."""
+
+    name: str
+    """Name."""
+    lens: Lens
+    """Lens model."""
+    values: tuple[float, ...]
+    """Calibration parameters in the order of ``lens.names``, image units."""
+    fixed: tuple[bool, ...]
+    """Which are held."""
+    sigma: tuple[float, ...]
+    """Standard deviations of weighted ones; infinite for free ones."""
+    unit: str = "mm"
+    """Unit of image coordinates, for reports: mm, px …"""
+    per_photo: bool = False
+    """Whether every photo has a calibration of its own."""
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A photo: its camera and its exterior orientation."""
+
+    name: str
+    """Name."""
+    camera: str
+    """Name of its camera."""
+    position: tuple[float, float, float] | None = None
+    """Approximate, weighted or fixed projection centre, metres."""
+    rotation: Array | None = None
+    """world_R_camera (3, 3), axes of the camera x right, y down, z forward."""
+    fixed: tuple[bool, ...] = (False,) * 6
+    """Held: the three rotations (together), and X, Y, Z of the centre (each by itself)."""
+    sigma_position: tuple[float, float, float] | None = None
+    """Standard deviations of a weighted projection centre, metres."""
+    sigma_attitude: float | None = None
+    """Standard deviation of a weighted attitude about each axis, radians."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A small vector unknown: orientation, refraction, vertical, distance meter."""
+
+    values: tuple[float, ...]
+    """Start or given values; NaN: unknown."""
+    fixed: tuple[bool, ...]
+    """Which are held."""
+    sigma: tuple[float, ...]
+    """Standard deviations of weighted components; infinite for free ones."""
+
+
+@dataclass
+class ImageTable:
+    """Image coordinates in columns: many of them are the rule."""
+
+    photo: list[Index] = field(default_factory=list)
+    """Number of the photo."""
+    point: list[Index] = field(default_factory=list)
+    """Number of the point."""
+    xy: list[Array] = field(default_factory=list)
+    """Measured coordinates (n, 2)."""
+    sigma: list[Array] = field(default_factory=list)
+    """Standard deviations (n, 2)."""
+    ids: dict[int, str] = field(default_factory=dict)
+    """Ids that differ from photo/point, by row."""
+    sources: dict[int, str] = field(default_factory=dict)
+    """Sources by row."""
+    size: int = 0
+    """Number of rows."""
+
+    def copy(self) -> ImageTable:
+        """Return a table of its own; the arrays of rows are shared, nothing writes into them."""
+        return replace(
+            self,
+            photo=list(self.photo),
+            point=list(self.point),
+            xy=list(self.xy),
+            sigma=list(self.sigma),
+            ids=dict(self.ids),
+            sources=dict(self.sources),
+        )
+
+    def append(self, photo: Index, point: Index, xy: Array, sigma: Array) -> None:
+        """Add rows."""
+        self.photo.append(photo)
+        self.point.append(point)
+        self.xy.append(xy)
+        self.sigma.append(sigma)
+        self.size += len(photo)
+
+    def columns(self) -> tuple[Index, Index, Array, Array]:
+        """Return photo (n,), point (n,), coordinates (n, 2) and sigma (n, 2)."""
+        if not self.photo:
+            none = np.zeros(0, dtype=np.intp)
+            return none, none, np.zeros((0, 2)), np.zeros((0, 2))
+        if len(self.photo) > 1:
+            self.photo = [np.concatenate(self.photo)]
+            self.point = [np.concatenate(self.point)]
+            self.xy = [np.concatenate(self.xy)]
+            self.sigma = [np.concatenate(self.sigma)]
+        return self.photo[0], self.point[0], self.xy[0], self.sigma[0]
+
+
+def triple(value: Any, what: str, where: str) -> tuple[float, float, float]:
+    """Return three floats; NaN allowed for unknown components."""
+    try:
+        out = tuple(float(v) for v in value)
+    except (TypeError, ValueError):
+        raise InputError(Problem(f"{what} must be three numbers, not {value!r}", where)) from None
+    if len(out) != 3:
+        raise InputError(Problem(f"{what} must be three numbers, not {len(out)}", where))
+    if any(np.isinf(v) for v in out):
+        raise InputError(Problem(f"{what} must be finite, not {out}", where))
+    return out
+
+
+def sigmas(value: Any, size: int, where: str) -> tuple[float, ...]:
+    """Return ``size`` standard deviations > 0; infinite: no weight."""
+    if value is None:
+        return (np.inf,) * size
+    given = np.asarray(value if np.ndim(value) else [value] * size, dtype=float)
+    if given.shape != (size,) or np.any(np.isnan(given)) or np.any(given <= 0):
+        raise InputError(
+            Problem(f"standard deviations must be {size} numbers > 0, not {value}", where)
+        )
+    return tuple(given.tolist())
+
+
+def parameter(
+    values: tuple[float, ...],
+    fixed: bool,
+    sigma: float | Sequence[float] | None,
+    where: str,
+) -> Parameter:
+    """Check and return a small unknown, all of it held, weighted or free."""
+    if not np.all(np.isfinite(values)):
+        raise InputError(Problem(f"values must be finite, not {values}", where))
+    if fixed and sigma is not None:
+        raise InputError(Problem("either fixed or sigma, not both", where))
+    size = len(values)
+    return Parameter(tuple(float(v) for v in values), (fixed,) * size, sigmas(sigma, size, where))
+
+
+FREE_ORIENTATION = Parameter((np.nan,), (False,), (np.inf,))
+"""An orientation unknown that is found from its directions."""

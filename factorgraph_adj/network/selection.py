@@ -1,0 +1,238 @@
+"""A network without some of its observations: for snooping, planning, and what-if."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+
+from ..errors import InputError, Problem, known
+from ..graph.image_blocks import find_images
+from ..graph.make_blocks import weighted_blocks
+from ..graph.variables import Unknowns
+from ..models.registry import KINDS, VariableKind
+from ..observations import Observation, n_scalars
+from ..types import Array, Mask
+from .entities import REFRACTION_OF_THE_NETWORK, Parameter
+from .network import Network
+
+Small: TypeAlias = tuple[VariableKind, str | tuple[str, str]]
+"""A small unknown: its kind and its key in the network."""
+Weighted: TypeAlias = tuple[VariableKind, str, int]
+"""Kind, name and component of a weighted unknown; component −1: a whole attitude."""
+
+
+def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ()) -> Network:
+    """Return a network of its own without some observations; ``network`` is not changed.
+
+    What remains of a correlated group keeps its part of the covariance. Orientation unknowns of
+    direction sets, refraction groups, verticals and distance meters that lose their last
+    observation go too where they are free; held and weighted ones stay. A weighted unknown is
+    an observation of its given value: without that it is free.
+
+    Args:
+        network: where to take them from.
+        ids: ids of observations, as in ``solution.observations``: image points by photo/point or
+            their own id, weighted unknowns by names such as ``"point P1 x"``.
+        points: points that go too, with all observations of them, whatever their ids.
+
+    Raises:
+        InputError: every id and point that the network does not have, all at once.
+    """
+    ids, points = ([x] if isinstance(x, str) else x for x in (ids, points))
+    wanted, lost = list(dict.fromkeys(ids)), dict.fromkeys(points)
+    problems = [
+        Problem(f"unknown point; known: {known(network.points)}", f"point {p!r}")
+        for p in lost
+        if p not in network.points
+    ]
+    gone = {i for i in wanted if i in network.observations}
+    keep, in_images = _images(network, wanted)
+    problems += [
+        Problem(
+            "both an image point and another observation have this id: give one of them another",
+            f"observation {i!r}",
+        )
+        for i in wanted
+        if i in gone and i in in_images
+    ]
+    rest = [i for i in wanted if i not in gone and i not in in_images]
+    weights = weighted_unknowns(network) if rest else {}
+    problems += [
+        Problem(
+            f"unknown observation; known: {known([*network.observations, *weights])}"
+            + (", image points as photo/point" if network.n_image_points else ""),
+            f"observation {i!r}",
+        )
+        for i in rest
+        if i not in weights
+    ]
+    if problems:
+        raise InputError(problems)
+    if lost:
+        gone |= {i for i, o in network.observations.items() if not lost.keys().isdisjoint(_on(o))}
+    out = network.copy()
+    out.observations = {i: o for i, o in network.observations.items() if i not in gone}
+    out.clusters = [c for group in network.clusters if (c := _remaining(network, group, gone))]
+    _drop_unobserved(out, [network.observations[i] for i in gone])
+    for i in rest:
+        _free(out, weights[i])
+    if not keep.all():
+        out.image_mask(keep)
+    if lost:
+        _drop_points(out, lost)
+    return out
+
+
+def weighted_unknowns(network: Network) -> dict[str, Weighted]:
+    """Return the weighted unknowns by the ids that they have in ``solution.observations``."""
+    out: dict[str, Weighted] = {}
+    unknowns = Unknowns(network)
+    for block in weighted_blocks(unknowns):
+        kind, numbers = block.variables[0]
+        names = unknowns[kind].names
+        for i, (ident, number) in enumerate(zip(block.ids, numbers.tolist(), strict=True)):
+            if block.kind == "weighted_attitude":
+                component = -1
+            elif "which" in block.constants:
+                component = int(block.constants["which"][i])
+            else:
+                component = int(np.argmax(block.constants["axis"][i]))
+            out[ident] = (kind, names[number], component)
+    return out
+
+
+def small_unknowns(o: Observation) -> Iterator[Small]:
+    """Return the orientation, refraction, verticals and distance meter that it may depend on."""
+    kind = KINDS.get(o.kind)
+    for what, attribute in kind.variables if kind is not None else ():
+        name = getattr(o, attribute)
+        if what == "orientation":
+            yield what, (o.station, name)  # type: ignore[attr-defined]
+        elif what == "refraction":
+            yield what, REFRACTION_OF_THE_NETWORK if name is None else name
+        elif what == "vertical" or (what == "edm" and name is not None):
+            yield what, name
+
+
+def _on(o: Observation) -> tuple[str, ...]:
+    """Return the points of an observation other than an image point."""
+    return tuple(
+        name
+        for attribute in ("station", "target", "target2", "point")
+        if (name := getattr(o, attribute, None)) is not None
+    )
+
+
+def _images(network: Network, ids: list[str]) -> tuple[Mask, set[str]]:
+    """Return which rows of the table of images stay, and which ids are those of others."""
+    photo, point, *_ = network.images.columns()
+    keep = np.ones(len(photo), dtype=bool)
+    if not len(photo):
+        return keep, set()
+    own = {ident: row for row, ident in network.images.ids.items()}
+    rows = find_images(photo, point, list(network.photos), list(network.points), own, ids)
+    keep[rows[rows >= 0]] = False
+    return keep, {ids[i] for i in np.flatnonzero(rows >= 0)}
+
+
+def _remaining(
+    network: Network, group: tuple[tuple[str, ...], Array], gone: set[str]
+) -> tuple[tuple[str, ...], Array] | None:
+    """Return a correlated group without those gone; none where nobody is left."""
+    ids, covariance = group
+    if gone.isdisjoint(ids):
+        return group
+    stays = [i not in gone for i in ids]
+    if not any(stays):
+        return None
+    sizes = [n_scalars(network.observations[i]) for i in ids]
+    rows = np.flatnonzero(np.repeat(stays, sizes))
+    left = tuple(i for i, s in zip(ids, stays, strict=True) if s)
+    return left, covariance[np.ix_(rows, rows)]
+
+
+def _small_table(network: Network, what: VariableKind) -> dict[object, Parameter]:
+    tables = {
+        "orientation": network.orientations,
+        "refraction": network.refractions,
+        "vertical": network.verticals,
+        "edm": network.distance_meters,
+    }
+    return tables[what]  # type: ignore[return-value]
+
+
+def _drop_unobserved(network: Network, gone: list[Observation]) -> None:
+    """Take out the free small unknowns that only the observations ``gone`` depended on."""
+    loose = {
+        (what, key)
+        for o in gone
+        for what, key in small_unknowns(o)
+        if key in (table := _small_table(network, what)) and _is_free(table[key])
+    }
+    if loose:
+        for o in network.observations.values():
+            loose.difference_update(small_unknowns(o))
+    for what, key in loose:
+        del _small_table(network, what)[key]
+
+
+def _is_free(p: Parameter) -> bool:
+    return any(not f and s == np.inf for f, s in zip(p.fixed, p.sigma, strict=True))
+
+
+def _free(network: Network, weighted: Weighted) -> None:
+    """Take the weight of an unknown."""
+    kind, name, component = weighted
+    if kind == "point":
+        point = network.points[name]
+        assert point.sigma is not None
+        sigma = _infinite(point.sigma, component)
+        left = None if np.isinf(sigma).all() else sigma
+        network.points[name] = replace(point, sigma=left)  # type: ignore[arg-type]
+    elif kind == "pose":
+        photo = network.photos[name]
+        if component < 0:
+            network.photos[name] = replace(photo, sigma_attitude=None)
+            return
+        assert photo.sigma_position is not None
+        sigma = _infinite(photo.sigma_position, component)
+        left = None if np.isinf(sigma).all() else sigma
+        network.photos[name] = replace(photo, sigma_position=left)  # type: ignore[arg-type]
+    elif kind == "calibration":
+        camera = network.cameras.get(name)
+        if camera is None:
+            raise InputError(
+                Problem(
+                    "the weights of a camera with a calibration for each photo hold for all its "
+                    "photos: none can be taken from one alone",
+                    f"{kind} {name!r}",
+                )
+            )
+        network.cameras[name] = replace(camera, sigma=_infinite(camera.sigma, component))
+    else:
+        key: object = name
+        if kind == "orientation":
+            key = next(k for k in network.orientations if "/".join(k) == name)
+        table = _small_table(network, kind)
+        table[key] = replace(table[key], sigma=_infinite(table[key].sigma, component))
+
+
+def _infinite(sigma: tuple[float, ...], component: int) -> tuple[float, ...]:
+    return tuple(np.inf if i == component else s for i, s in enumerate(sigma))
+
+
+def _drop_points(network: Network, lost: Iterable[str]) -> None:
+    """Take points out, with their image points and what was stated of them as stations."""
+    stays = np.array([name not in set(lost) for name in network.points], dtype=bool)
+    network.image_mask(stays[network.images.columns()[1]])
+    number = np.cumsum(stays) - 1
+    network.images.point = [number[p] for p in network.images.point]
+    for name in lost:
+        del network.points[name]
+        network.verticals.pop(name, None)
+        for key in [k for k in network.orientations if k[0] == name]:
+            del network.orientations[key]
+    network._point_number = {name: i for i, name in enumerate(network.points)}

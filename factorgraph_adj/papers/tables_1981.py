@@ -1,0 +1,162 @@
+"""Tables 1 and 2 of El-Hakim & Faig (1981): what terrestrial observations do to a block.
+
+**Table 1**, the ISP block, is only a picture in the paper's scan and says in words that
+terrestrial observations improve a block with reduced control significantly. The block is that of
+`factorgraph_adj.experiment.generate.published.IspBlock`, over the ellipsoid. Chosen here:
+
+- full control: the 30 points of the edge, X, Y, Z; reduced: its four corners;
+- each layout has distances, directions, azimuths, vertical angles and levelled height
+  differences along the same lines: 1, all 30 lines of the edge; 2, every second of them; 3, a
+  cross, the middle column and the middle row of points. Astronomic latitude and longitude at four
+  points of the edge, at two ends of the cross;
+- check points: the 47 inside the edge, which are control in no case.
+
+**Table 2**: see `factorgraph_adj.experiment.industry_block`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from scipy import stats
+
+from ..experiment.generate.additions import (
+    Additions,
+    Astronomic,
+    Azimuths,
+    Directions,
+    Distances,
+    HeightDifferences,
+    VerticalAngles,
+)
+from ..experiment.generate.control import Control, Pattern
+from ..experiment.generate.part import MILLIMETRE
+from ..experiment.generate.patterns import perimeter
+from ..experiment.generate.published import IspBlock
+from ..experiment.industry_block import simulate_industry_block
+from ..experiment.simulate import Seed
+from ..experiment.spec import Approximate, Earth, Spec, design, simulate
+from ..observations import SlopeDistance
+from ..quality.check_points import check_points
+from ..solve.batch import adjust
+
+IspCase = Literal["full", "reduced", "layout 1", "layout 2", "layout 3"]
+ISP_CASES: tuple[IspCase, ...] = ("full", "reduced", "layout 1", "layout 2", "layout 3")
+"""Full control, reduced control, reduced control with a layout of terrestrial observations."""
+EDGE = 30
+"""Points, and lines, on the edge of the block."""
+COLUMNS, ROWS = 7, 11
+"""Of the points of the block; their names count up column by column."""
+
+IndustryCase = Literal["a", "b", "c", "d"]
+INDUSTRY_CASES: Mapping[IndustryCase, Mapping[str, int | bool]] = {
+    "a": {},
+    "b": {"photos": 4, "terrestrial": False, "self_calibration": False},
+    "c": {"photos": 4, "terrestrial": False},
+    "d": {"terrestrial": False},
+}
+"""What each case adjusts: all data; 4 photos without and with self-calibration; 7 photos."""
+IN_PLAN_95 = float(np.sqrt(stats.chi2.ppf(0.95, 2)))
+"""Semi-axes of a 95 % error ellipse, in those of the standard one."""
+
+
+def isp_spec(case: IspCase) -> Spec:
+    """Return the spec of a case of table 1."""
+    everywhere: Pattern = "perimeter" if case == "full" else "corners"
+    return Spec(
+        name=f"ISP block, {case}",
+        parts=(IspBlock(), *_terrestrial(case)),
+        control=Control(horizontal=everywhere, vertical=everywhere, parts=(0,)),
+        earth=Earth(frame="topocentric"),
+        approximate=Approximate(points=2.0, centres=5.0, attitudes_deg=0.5),
+    )
+
+
+def isp_trial(seed: Seed, *, case: IspCase) -> dict[str, float]:
+    """Simulate and adjust a case of table 1: a trial of an experiment.
+
+    Returns:
+        RMS errors x, y, z of the check points, and the RMS sigma_x, sigma_y, sigma_z of the
+        standard deviations that the adjustment gives them; mm.
+    """
+    solution = adjust(simulate(isp_spec(case), seed=seed).network)
+    checked = check_points(solution)
+    index = [checked.names.index(name) for name in isp_inside()]
+    errors, sigmas = (
+        np.sqrt(np.mean(a[index] ** 2, axis=0)) / MILLIMETRE
+        for a in (checked.differences, checked.sigmas)
+    )
+    names = ("x", "y", "z", "sigma_x", "sigma_y", "sigma_z")
+    return dict(zip(names, (*errors.tolist(), *sigmas.tolist()), strict=True))
+
+
+def isp_inside() -> tuple[str, ...]:
+    """Return the names of the points inside the edge of the ISP block."""
+    block = design(Spec(parts=(IspBlock(),)))
+    xy = np.array([p.coordinates[:2] for p in block.points.values()])
+    edge = set(perimeter(xy))
+    return tuple(name for i, name in enumerate(block.points) if i not in edge)
+
+
+def _terrestrial(case: IspCase) -> tuple[Additions, ...]:
+    """Return the terrestrial observations of a case."""
+    kinds = (Distances, Directions, Azimuths, VerticalAngles, HeightDifferences)
+    if case in ("full", "reduced"):
+        return ()
+    if case == "layout 3":
+        cross = _cross()
+        there = tuple(kind(parts=(0,), between="given", lines=cross) for kind in kinds)
+        ends = (cross[0], cross[ROWS - 1])
+        return (*there, Astronomic(parts=(0,), between="given", lines=ends))
+    lines = EDGE if case == "layout 1" else EDGE // 2
+    there = tuple(kind(parts=(0,), count=lines) for kind in kinds)
+    return (*there, Astronomic(parts=(0,), count=4))
+
+
+def _cross() -> tuple[tuple[str, str], ...]:
+    """Return the lines of the middle column and row of points, column first."""
+    column = [f"{ROWS * (COLUMNS // 2) + j + 1}" for j in range(ROWS)]
+    row = [f"{ROWS * i + ROWS // 2 + 1}" for i in range(COLUMNS)]
+    return (*pairwise(column), *pairwise(row))
+
+
+@dataclass(frozen=True)
+class IndustryFigures:
+    """One line of table 2, mm."""
+
+    discrepancy: float
+    """RMS of adjusted − taped distances."""
+    coordinate_error: float
+    """That / √2, as the paper has it."""
+    sigma: float
+    """Mean standard deviation of the coordinates."""
+    semi_major: float
+    """Mean semi-major axis of the 95 % error ellipses in plan."""
+
+
+def industry_figures(case: IndustryCase, *, seeds: int = 20) -> IndustryFigures:
+    """Simulate and adjust a case of table 2 with seeds 0, 1 …; the same for every case.
+
+    Args:
+        case: the case.
+        seeds: how many repetitions the figures are averaged over.
+    """
+    differences, sigmas, axes = [], [], []
+    for seed in range(seeds):
+        taped = simulate_industry_block(seed).network.observations.values()
+        solution = adjust(simulate_industry_block(seed, **INDUSTRY_CASES[case]).network)  # type: ignore[arg-type]
+        for o in taped:
+            if isinstance(o, SlopeDistance):
+                length = np.linalg.norm(solution.point(o.target) - solution.point(o.station))
+                differences.append(length - o.value)
+        for point in solution.network.points:
+            covariance = solution.covariance(point)
+            sigmas.append(np.sqrt(np.diag(covariance)))
+            axes.append(IN_PLAN_95 * np.sqrt(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
+    rms = float(np.sqrt(np.mean(np.square(differences)))) / MILLIMETRE
+    sigma, axis = (float(np.mean(a)) / MILLIMETRE for a in (sigmas, axes))
+    return IndustryFigures(rms, rms / float(np.sqrt(2)), sigma, axis)

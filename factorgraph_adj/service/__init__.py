@@ -1,0 +1,1 @@
+"""The stream protocol: requests as JSON lines, answers as JSON lines."""

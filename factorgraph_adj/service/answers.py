@@ -1,0 +1,348 @@
+"""What the stream answers: values of JSON, in the units of the project.
+
+Names are those of the CSV tables of a solution (`factorgraph_adj.report.tables`). Numbers that
+are not finite become null when the stream hands them out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from ..errors import AdjustmentError, InputError, Problem
+from ..incremental.absorbing import Arrival
+from ..incremental.adjustment import IncrementalAdjustment, Waiting
+from ..incremental.verdicts import Gain, Verdict
+from ..io.numbers import Units, write
+from ..models.registry import KINDS
+from ..observations import ImagePoint
+from ..quality.rejections import Snooping
+from ..quality.reliability import Reliability
+from ..report.context import Report
+from ..report.rows import Row, Scale, image_scale, scale_of
+from ..solve.solution import CalibrationEstimate, PoseEstimate, Solution
+from ..types import Array
+from ..units import ANGLE, LENGTH
+
+Answer = dict[str, Any]
+MOST_WAITING = 20
+"""Observations that wait that an answer names; ``waiting`` asks for all."""
+POINTS = ("station", "target", "target2", "point")
+"""Attributes of observations that name points."""
+MOST_PROBLEMS = 100
+"""Problems that an answer lists."""
+MOST_TEXT = 600
+"""Characters of one problem: a message may quote a line of any length."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Writes what an adjustment has found."""
+
+    adjustment: IncrementalAdjustment
+    """The adjustment."""
+    units: Units
+    """Units of the project."""
+
+    # -- what has arrived ---------------------------------------------------------------------
+
+    def arrival(self, found: Arrival, *, touched: Iterable[str] = ()) -> Answer:
+        """Return verdicts, points and what waits.
+
+        Args:
+            found: what happened.
+            touched: points that it touched, beside its own.
+        """
+        again = self.points_of(found.waits)
+        points, lost = self.points(dict.fromkeys((*found.points, *touched, *again)))
+        return {
+            "verdicts": [self.verdict(v) for v in found.verdicts if not v.entered],
+            "entered": [self.verdict(v) for v in found.verdicts if v.entered],
+            "points": points,
+            "points_lost": lost,
+            "waits_again": list(found.waits),
+            "waiting": self.latest_waiting(),
+        }
+
+    def points_of(self, ids: Iterable[str]) -> list[str]:
+        """Return the points that observations join."""
+        found = [self.adjustment.observation(i) for i in ids]
+        names = (getattr(o, n, None) for o in found for n in POINTS)
+        return list(dict.fromkeys(n for n in names if n is not None))
+
+    def points(self, names: Iterable[str]) -> tuple[list[Answer], list[str]]:
+        """Return points that are not held, and names of those that nothing determines."""
+        found, lost = [], []
+        for name in names:
+            if all(self.adjustment.described.points[name].fixed):
+                continue
+            try:
+                found.append(self.estimate(name))
+            except InputError:
+                lost.append(name)
+        return found, lost
+
+    def estimate(self, name: str) -> Answer:
+        """Return a point as it is now.
+
+        Raises:
+            InputError: no such point, or nothing determines it.
+        """
+        inc = self.adjustment
+        return self.point(name, inc.estimate(name), inc.standard_deviations(name))
+
+    def latest_waiting(self) -> list[Answer]:
+        """Return what waits, the latest first; not all of it where it is much."""
+        return [self.waiting(w) for w in self.adjustment.latest_waiting(MOST_WAITING)]
+
+    def counts(self) -> Answer:
+        """Return how many observations there are, where they are, and σ̂0."""
+        inc = self.adjustment
+        return {
+            "observations": len(inc),
+            "waiting": inc.n_waiting,
+            "suspects": len(inc.suspects),
+            "rejected": len(inc.rejected),
+            "redundancy": inc.redundancy,
+            "sigma0": figure(inc.sigma0),
+        }
+
+    # -- verdicts -----------------------------------------------------------------------------
+
+    def verdict(self, v: Verdict) -> Answer:
+        """Return what was found about one observation; σ and w of one that waits are unknown."""
+        out: Answer = {"id": v.id, "kind": v.kind, "label": v.label, "verdict": v.verdict}
+        if v.verdict == "waiting":
+            return out | {"lacks": v.lacks}
+        if v.innovation is None:  # found by snooping, not by its own test
+            return out
+        assert v.sigma is not None and v.w is not None and v.redundancy_numbers is not None
+        scale = self._scale(v)
+        return out | {
+            "test": figure(v.test),
+            "t2": figure(v.t2),
+            "dof": v.dof,
+            "critical": figure(v.critical),
+            "controlled": bool(v.controlled),
+            "components": list(v.components),
+            "innovation": figures(v.innovation / scale.size),
+            "innovation_sigma": figures(v.sigma / scale.size),
+            "small_unit": scale.small,
+            "w": figures(v.w),
+            "redundancy_number": figures(v.redundancy_numbers),
+            "gains": [self.gain(g) for g in v.gains],
+        }
+
+    def _scale(self, v: Verdict) -> Scale:
+        """Return the units of an observation."""
+        if v.kind == "image":
+            network = self.adjustment.described
+            units = {c.unit for c in network.cameras.values()}
+            if len(units) > 1:  # looking an image point up takes longer than its verdict
+                photo = cast(ImagePoint, self.adjustment.observation(v.id)).photo
+                units = {network.cameras[network.photos[photo].camera].unit}
+            return image_scale(units.pop())
+        return scale_of(v.kind, KINDS[v.kind].unit if v.kind in KINDS else "m", self.units)
+
+    def gain(self, g: Gain) -> Answer:
+        """Return σ of a point before and after an observation."""
+        unit = self.units.sigma_length
+        return {
+            "point": g.point,
+            **self._xyz("before_", g.before, unit),
+            **self._xyz("after_", g.after, unit),
+        }
+
+    def waiting(self, w: Waiting) -> Answer:
+        """Return what waits, and for what."""
+        return {"id": w.id, "kind": w.kind, "label": w.label, "lacks": w.lacks}
+
+    # -- unknowns -----------------------------------------------------------------------------
+
+    def point(self, name: str, coordinates: Array, sigma: Array) -> Answer:
+        """Return a point: coordinates in units of length, σ in the small ones."""
+        at = zip("xyz", np.asarray(coordinates).tolist(), strict=True)
+        out: Answer = {"name": name}
+        out |= {a: self.length(v) for a, v in at}
+        return out | self._xyz("sigma_", sigma, self.units.sigma_length)
+
+    def photo(self, name: str, pose: PoseEstimate) -> Answer:
+        """Return a photo: projection centre, ω φ κ, σ; those of the attitude about its axes."""
+        small = self.units.sigma_angle
+        out: Answer = {"name": name}
+        out |= {a: self.length(v) for a, v in zip("xyz", pose.position.tolist(), strict=True)}
+        about = zip(("omega", "phi", "kappa"), pose.omega_phi_kappa.tolist(), strict=True)
+        out |= {a: self.angle(v) for a, v in about}
+        out |= self._xyz("sigma_", pose.sigmas[3:], self.units.sigma_length)
+        turns = zip(("rx", "ry", "rz"), pose.sigmas[:3].tolist(), strict=True)
+        return out | {f"sigma_{a}_{small}": figure(s / ANGLE[small]) for a, s in turns}
+
+    def calibration(self, name: str, e: CalibrationEstimate) -> Answer:
+        """Return a calibration, in units of the camera."""
+        return {
+            "name": name,
+            "unit": e.unit,
+            "parameters": {n: float(v) for n, v in zip(e.names, e.values, strict=True)},
+            "sigma": {n: figure(float(s)) for n, s in zip(e.names, e.sigmas, strict=True)},
+        }
+
+    def length(self, metres: float) -> float:
+        """Return a length in the project's unit."""
+        unit = self.units.length
+        return float(metres) if unit == "m" else float(f"{metres / LENGTH[unit]:.15g}")
+
+    def angle(self, radians: float) -> float | str:
+        """Return an angle in the project's unit; degrees-minutes-seconds are text."""
+        text = write(radians, self.units.angle)
+        return text if self.units.angle == "dms" else float(text)
+
+    def _xyz(self, prefix: str, sigma: Iterable[float] | Array, unit: str) -> Answer:
+        return {
+            f"{prefix}{a}_{unit}": figure(float(s) / LENGTH[unit])
+            for a, s in zip("xyz", sigma, strict=True)
+        }
+
+    # -- whole adjustments --------------------------------------------------------------------
+
+    def solution(self, s: Solution) -> Answer:
+        """Return a solution: figures of the adjustment, points, photos, calibrations."""
+        report = Report(s, self.units)
+        at = s.state["point"]
+        return {
+            "name": s.network.name,
+            "converged": s.converged,
+            "reason": s.reason,
+            "n_observations": s.n_observations,
+            "n_unknowns": s.n_unknowns,
+            "datum_defect": s.datum_defect,
+            "redundancy": s.redundancy,
+            "vtpv": figure(s.vtpv),
+            "sigma0": figure(s.sigma0),
+            "points": [
+                self.point(n, at[i], np.array(report.sigmas[n]))
+                for i, n in enumerate(s.network.points)
+            ],
+            "photos": [self.photo(n, s.pose(n)) for n in s.network.photos],
+            "calibrations": [self.calibration(n, e) for n, e in report.calibrations.items()],
+        }
+
+    def reliability(self, rel: Reliability, most: int) -> Answer:
+        """Return how well observations are controlled, the weakest and the suspect ones."""
+        report, r = Report(rel.solution, self.units), rel.redundancy_numbers
+        uncontrolled = report.rows.at(np.flatnonzero(~rel.controlled).tolist())
+        smallest = np.argsort(np.where(rel.controlled, r, np.inf), kind="stable")
+        weakest = [int(i) for i in smallest[: min(most, int(rel.controlled.sum()))]]
+        suspects = rel.suspects(most, critical=rel.critical_w)
+        largest = [
+            int(g.rows[np.argmax(np.where(rel.controlled[g.rows], rel.mdb[g.rows], -1.0))])
+            for g in report.rows.groups()
+            if rel.controlled[g.rows].any()
+        ]
+        sharing = {s.row: list(s.inseparable) for s in suspects}
+        labels = rel.solution.equations.label
+        return {
+            "alpha": rel.alpha,
+            "power": rel.power,
+            "critical_w": figure(rel.critical_w),
+            "sum": figure(float(r.sum()) + rel.redundancy_of_extra_factors),
+            "redundancy": rel.solution.redundancy,
+            "uncontrolled": [_which(row) for row in uncontrolled],
+            "weakest": [self._reliable(rel, row) for row in report.rows.at(weakest)],
+            "largest_mdb": [self._reliable(rel, row) for row in report.rows.at(largest)],
+            "suspects": [
+                self._reliable(rel, row)
+                | {
+                    "not_told_apart_from": [
+                        {"label": labels(i), "correlation": figure(rho)}
+                        for i, rho in sharing[row.number]
+                    ]
+                }
+                for row in report.rows.at([s.row for s in suspects])
+            ],
+        }
+
+    def _reliable(self, rel: Reliability, row: Row) -> Answer:
+        i = row.number
+        return _which(row) | {
+            "redundancy_number": figure(rel.redundancy_numbers[i]),
+            "w": figure(rel.w[i]),
+            "mdb": figure(rel.mdb[i] / row.scale.size),
+            "estimated_error": figure(rel.estimated_errors[i] / row.scale.size),
+            "small_unit": row.scale.small,
+            "delta_bar": figure(rel.delta_bar[i]),
+        }
+
+    def snooping(self, found: Snooping) -> Answer:
+        """Return what data snooping set aside, put back, and left."""
+        return {
+            "reason": found.reason,
+            "critical": figure(found.critical),
+            "sigma0": figure(found.solution.sigma0),
+            "set_aside": [
+                {
+                    "id": r.id,
+                    "kind": r.kind,
+                    "component": r.component,
+                    "round": r.round,
+                    "test_value": figure(r.test),
+                }
+                for r in found.rejected
+            ],
+            "points_set_aside": [
+                {"name": p.name, "rays": list(p.rays), "reason": p.reason}
+                for p in found.points_set_aside
+            ],
+            "readmitted": list(found.readmitted),
+            "unresolved": [
+                {
+                    "id": u.id,
+                    "kind": u.kind,
+                    "component": u.component,
+                    "test_value": figure(u.test),
+                    "reason": u.reason,
+                }
+                for u in found.unresolved
+            ],
+        }
+
+
+def _which(row: Row) -> Answer:
+    return {"id": row.id, "kind": row.kind, "component": row.component}
+
+
+def figure(value: float) -> float:
+    """Return a derived figure with enough digits for any further use."""
+    return float(f"{value:.9g}")
+
+
+def figures(values: Sequence[float] | Array) -> list[float]:
+    """Return derived figures."""
+    return [figure(v) for v in np.asarray(values, dtype=float).tolist()]
+
+
+# -- what is wrong ---------------------------------------------------------------------------------
+
+
+def refusal(number: int, error: AdjustmentError) -> Answer:
+    """Return the answer to a line that is wrong."""
+    problems: tuple[Problem, ...] = getattr(error, "problems", (Problem(str(error)),))
+    listed = [
+        {"where": cut_short(p.where), "what": cut_short(p.what)} for p in problems[:MOST_PROBLEMS]
+    ]
+    if len(problems) > MOST_PROBLEMS:
+        listed.append({"where": "", "what": f"… and {len(problems) - MOST_PROBLEMS} more"})
+    return {"line": number, "ok": False, "error": listed}
+
+
+def fault(number: int, error: Exception) -> Answer:
+    """Return the answer where the program failed."""
+    what = f"a fault of the program, not of the line: {type(error).__name__}: {error}"
+    return {"line": number, "ok": False, "error": [{"where": "", "what": cut_short(what)}]}
+
+
+def cut_short(text: str) -> str:
+    """Return no more of a text than a message needs."""
+    return text if len(text) <= MOST_TEXT else text[:MOST_TEXT] + "…"

@@ -1,0 +1,217 @@
+"""Lines of the stream read: JSON objects, and the lists in them.
+
+What is wrong is noted in the `Row` that stands for a line, so that all of it is told at once.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+from ..errors import InputError, Problem, known
+from ..io.context import ImageAxes, RecordContext
+from ..io.json_records import camera_of, observation_of
+from ..io.records import label
+from ..io.tables import Row
+from ..network.entities import Camera
+from ..network.network import Network
+from ..observations import AnyObservation
+
+LONGEST = 1 << 26
+"""Bytes of a line that is read: 64 MB."""
+MOST_SHOWN = 60
+"""Characters of a bad line that a message shows."""
+
+NEW = ("id", "name", "set")
+"""Fields with names of what need not be there yet."""
+
+Found = TypeVar("Found")
+
+
+def parse(line: str | bytes) -> dict[str, Any]:
+    """Return the object of a line.
+
+    Numbers that JSON does not have (NaN, Infinity) are left to whoever reads the field, who
+    knows its name.
+
+    Args:
+        line: text, or bytes of UTF-8; a byte order mark counts as nothing.
+
+    Raises:
+        InputError: not UTF-8, empty, not JSON, not an object, a key twice, half a character.
+    """
+    if len(line) > LONGEST:
+        raise InputError(f"the line is longer than {LONGEST >> 20} MB")
+    if isinstance(line, bytes):
+        try:
+            line = line.decode("utf-8")
+        except UnicodeDecodeError as error:
+            raise InputError(f"the line is not UTF-8 text (byte {error.start + 1})") from None
+    text = line.removeprefix("\ufeff").strip()
+    if not text:
+        raise InputError("the line is empty: write one JSON object {…}")
+    try:
+        found = json.loads(text, object_pairs_hook=_once)
+        if "\\u" in text:
+            json.dumps(found, ensure_ascii=False).encode("utf-8")
+    except json.JSONDecodeError as error:
+        what = f"the line is not JSON: {error.msg} (character {error.pos + 1})"
+        raise InputError(what) from None
+    except UnicodeEncodeError:
+        raise InputError("the line has half a character (a lone surrogate)") from None
+    except RecursionError:
+        raise InputError("the line is not JSON that can be read: nested too deeply") from None
+    except ValueError as error:  # a whole number of thousands of digits
+        raise InputError(f"the line is not JSON that can be read: {error}") from None
+    if not isinstance(found, dict):
+        raise InputError(f"the line must be one JSON object {{…}}, not {shown(found)}")
+    return found
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object whose keys stand there once: of two values neither can be trusted."""
+    out = dict(pairs)
+    if len(out) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(n for n in names if names.count(n) > 1)
+        raise InputError(f"{twice!r} stands twice in one object")
+    return out
+
+
+def shown(value: object) -> str:
+    """Return a value as a message shows it."""
+    text = repr(value)
+    return text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "…"
+
+
+# -- fields ---------------------------------------------------------------------------------------
+
+
+def fine(row: Row) -> None:
+    """Go on only if nothing was wrong so far.
+
+    Raises:
+        InputError: what was wrong.
+    """
+    if row.problems:
+        raise InputError(row.problems)
+
+
+def ids(row: Row) -> tuple[str, ...]:
+    """Return the field ``ids``: a list of ids, or one. Raises as `fine` does."""
+    given = row.take("ids", required=True)
+    listed: Sequence[object] = given if isinstance(given, list) else [given]
+    found = []
+    for ident in listed if given is not None else ():
+        if isinstance(ident, bool) or not isinstance(ident, str | int) or ident == "":
+            row.wrong(f"ids must be a list of ids, or one id, not {shown(given)}")
+            break
+        found.append(str(ident))
+    if given == []:
+        row.wrong("ids is empty: name one observation or more")
+    fine(row)
+    return tuple(found)
+
+
+def an_object(given: object, name: str) -> Mapping[str, Any]:
+    """Return a value that must be an object.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(given, Mapping):
+        raise InputError(f"{name} must be an object {{…}}, not {shown(given)}")
+    return given
+
+
+def each(row: Row, name: str, read: Callable[[Mapping[str, Any]], Found]) -> list[Found]:
+    """Read every record of a list; what is wrong is noted with the number of the record.
+
+    Args:
+        row: the line.
+        name: field of the list; absent means empty.
+        read: returns what a record describes, or raises InputError.
+    """
+    given = row.take(name)
+    if given is None:
+        return []
+    if not isinstance(given, list):
+        row.wrong(f"{name} must be a list of records, not {shown(given)}")
+        return []
+    found = []
+    for number, record in enumerate(given, start=1):
+        which = f"{name.removesuffix('s')} {number}"
+        try:
+            fields = an_object(record, which)
+            new_names(fields)
+            found.append(read(fields))
+        except InputError as error:
+            row.problems += [
+                Problem(p.what, f"{which}: {p.where}" if p.where else which) for p in error.problems
+            ]
+    return found
+
+
+def new_names(fields: Mapping[str, Any]) -> None:
+    """Refuse new names that the files of a project cannot hold.
+
+    Raises:
+        InputError: blanks at the ends, or a line break, in the name of something that is new.
+    """
+    for field in NEW:
+        name = fields.get(field)
+        if isinstance(name, str) and (name != name.strip() or any(c in name for c in "\n\r\0")):
+            what = f"{field} {shown(name)} has blanks at its ends or a line break"
+            raise InputError(Problem(what, label(fields)))
+    members = fields.get("observations")
+    for member in members if isinstance(members, list) else ():
+        if isinstance(member, Mapping):
+            new_names(member)
+
+
+# -- what records leave to their project -----------------------------------------------------------
+
+
+def completed(context: RecordContext, network: Network) -> RecordContext:
+    """Return a context that knows how image coordinates stand of every camera and photo.
+
+    Networks that are no project state nothing but the unit of a camera.
+    """
+    cameras = {n: context.cameras.get(n, ImageAxes(c.unit)) for n, c in network.cameras.items()}
+    images = {n: context.images.get(n, cameras[p.camera]) for n, p in network.photos.items()}
+    return replace(context, cameras=cameras, images=images)
+
+
+def camera(fields: Mapping[str, Any]) -> Camera:
+    """Return a camera that arrives.
+
+    How its image coordinates stand in files is part of a project: a journal does not keep it.
+    """
+    camera = camera_of(fields)
+    stated = [n for n in fields if n.startswith("sigma_") or (n, fields[n]) == ("y_axis", "down")]
+    if stated:
+        raise InputError(
+            Problem(
+                f"{stated[0]} can only be stated in a project; image coordinates of a camera that "
+                "arrives have y up, and each states its σ or takes that of [sigma.image]",
+                f"camera {camera.name!r}",
+            )
+        )
+    return camera
+
+
+def observation(fields: Mapping[str, Any], context: RecordContext) -> AnyObservation:
+    """Return the observation of a record.
+
+    Raises:
+        InputError: what is wrong with it; a photo that is not known, since how its image
+            coordinates stand in files is not known either.
+    """
+    new_names(fields)
+    photo = fields.get("photo")
+    if fields.get("kind") == "image" and photo is not None and str(photo) not in context.images:
+        what = f"unknown photo {shown(photo)}; known: {known(context.images)}"
+        raise InputError(Problem(what, label(fields)))
+    return observation_of(fields, context=context)

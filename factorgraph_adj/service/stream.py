@@ -1,0 +1,361 @@
+"""The protocol of ``factorgraph-adj stream``: one JSON object in, one out, line by line.
+
+Every line gets exactly one answer, in order; empty ones too. A line that is wrong in any way
+changes nothing, and the stream goes on.
+
+**Units.** As in the files of the project: plain fields (``value``, ``x``, ``omega`` …) are in
+its units, every other field has its unit in its name (``sigma_mm``, ``before_x_mm``) or beside
+it (``small_unit``). The first line of the stream states them. Numbers that are not finite, such
+as σ of a point that was not there before, are null.
+
+**A line is an observation**: the fields of a row of observations.csv or images.csv,
+
+    {"kind": "slope_distance", "station": "A", "target": "B", "value": 12.3, "sigma_mm": 2}
+    {"kind": "image", "photo": "12", "point": "P3", "x": 4.071, "y": -22.913}
+
+**or a command**, named by ``do``:
+
+====================  =======================================================================
+``do``                fields, and what is answered
+====================  =======================================================================
+``add``               ``observations``, ``points``, ``photos``, ``cameras``: lists of records
+                      with the fields of the tables and of [[camera]]; at least one of them.
+                      All or nothing. Observations with a joint covariance are one record
+                      ``{"kind": "correlated", "observations": […], "covariance_si": [[…]]}``
+``solution``          figures of the adjustment, ``points``, ``photos``, ``calibrations``
+``estimate``          one of ``point``, ``photo``, ``camera``: a name; what it is now and σ
+``reliability``       ``alpha``, ``power``, ``most`` (10): Σr (``sum``), ``uncontrolled``,
+                      ``weakest`` (smallest r), ``largest_mdb`` of each kind, ``suspects``
+``waiting``           everything that waits, with what it lacks
+``suspects``          verdicts of what is in doubt and waits for a decision
+``rejected``          verdicts of what was rejected
+``accept``            ``ids``: put suspects, or what was rejected, into the graph
+``discard``           ``ids``: throw suspects out
+``remove``            ``ids``: take observations out; what loses its support waits again
+``replace``           ``id``, ``observation``: put another observation in its place
+``reweight``          ``ids``, ``factor``: multiply weights by the factor
+``snoop``             set gross errors aside: ``set_aside``, ``points_set_aside``,
+                      ``readmitted``, ``unresolved``
+``settle``            iterate to rest: the same as a batch adjustment
+``write``             ``project``: a .toml file, or a folder; what is in the graph, as a project.
+                      Files that are there are replaced only with ``overwrite``: true
+``stop``              end the stream
+====================  =======================================================================
+
+``ids`` is a list, or one id. Image coordinates of a camera that arrives have y up, and each
+states its σ or takes that of [sigma.image]: only a project says more. Answers have ``line`` (its
+number, from 1), ``ok``, for commands ``do``, and
+
+- ``counts``: ``observations`` in the graph, ``waiting``, ``suspects``, ``rejected``,
+  ``redundancy``, ``sigma0``;
+- ``seconds`` that it took.
+
+Observations, ``add``, ``accept``, ``remove``, ``replace`` and ``reweight`` are answered also with
+
+- the verdict, for a line that is one observation; ``verdicts``, a list of them, otherwise:
+  ``id``, ``kind``, ``label``, ``verdict`` (accepted, suspect, rejected, waiting), ``test``
+  (√(T²/critical value): beyond 1 it is in doubt), ``t2``, ``dof``, ``critical``, ``controlled``
+  (false: nothing tests it), and for each of its ``components`` ``innovation`` (computed −
+  observed), ``innovation_sigma``, ``w``, ``redundancy_number`` that it has then; ``gains``:
+  σ of points ``before_x_mm`` …, ``after_x_mm`` …. One that waits has ``lacks`` instead;
+- ``entered``: verdicts of what waited before and entered now by itself;
+- ``points`` that were touched and are not held: ``name``, ``x``, ``y``, ``z``, ``sigma_x_mm``
+  …; ``points_lost``, those that nothing determines any more; ``waits_again``, ids of what
+  lost its support;
+- ``waiting``: what waits now, ``id``, ``kind``, ``lacks``, the latest first, 20 at most.
+
+A line that is wrong is answered with ``"ok": false`` and ``error``, a list of ``where`` and
+``what``. The first line, before anything is read, has ``ready``, ``name``, ``units``, numbers of
+``points``, ``photos`` and ``observations`` in the graph, ``policy``, ``alpha``, ``power``,
+``resumed`` (what a journal lacked), ``waiting`` and ``counts``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from ..errors import AdjustmentError, InputError, Problem, known
+from ..incremental.adjustment import IncrementalAdjustment
+from ..io.atomic import write_files
+from ..io.context import ImageAxes, RecordContext
+from ..io.json_records import photo_of, point_of
+from ..io.tables import Row
+from ..io.write_project import network_files
+from ..observations import Correlated
+from ..report.summary import finite
+from . import requests
+from .answers import Answer, Answers, fault, refusal
+
+LISTED = 10
+"""Observations in the lists of ``reliability``."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """What ``do`` can be."""
+
+    run: Callable[[Stream, Row], Answer]
+    """Does it; problems are noted in the row or raised."""
+    fields: tuple[str, ...] = ()
+    """Fields that it takes."""
+
+
+class Stream:
+    """An incremental adjustment that is told what to do line by line."""
+
+    def __init__(
+        self,
+        adjustment: IncrementalAdjustment,
+        *,
+        context: RecordContext | None = None,
+        power: float = 0.80,
+    ) -> None:
+        """Speak for an adjustment.
+
+        Args:
+            adjustment: what the lines add to.
+            context: units, and what records leave to their project.
+            power: of the smallest detectable errors that ``reliability`` tells.
+        """
+        self.adjustment = adjustment
+        described = adjustment.described
+        self.frame = described.frame
+        self.power = power
+        self.context = requests.completed(context or RecordContext(), described)
+        self.answers = Answers(adjustment, self.context.units)
+        self.stopped = False
+        """Whether the stream was asked to stop."""
+
+    def ready(self) -> Answer:
+        """Return the first line."""
+        inc = self.adjustment
+        network = inc.network()
+        units = self.context.units
+        return dict(
+            finite(
+                {
+                    "ready": True,
+                    "name": network.name,
+                    "units": {
+                        "length": units.length,
+                        "angle": units.angle,
+                        "sigma_length": units.sigma_length,
+                        "sigma_angle": units.sigma_angle,
+                    },
+                    "points": len(network.points),
+                    "photos": len(network.photos),
+                    "observations": len(inc),
+                    "policy": inc.policy,
+                    "alpha": inc.alpha,
+                    "power": self.power,
+                    "resumed": inc.resumed,
+                    "waiting": self.answers.latest_waiting(),
+                    "counts": self.answers.counts(),
+                }
+            )
+        )
+
+    def answer(self, line: str | bytes, number: int) -> Answer:
+        """Answer a line; whatever is wrong with it, nothing is raised and nothing changes.
+
+        Args:
+            line: one JSON object; bytes are UTF-8.
+            number: its number, from 1.
+
+        Returns:
+            The answer, ready for `json.dumps`.
+        """
+        begun = perf_counter()
+        try:
+            fields = requests.parse(line)
+            said = self._command(fields) if "do" in fields else self._observation(fields)
+            out: Answer = {"line": number, "ok": True, **said}
+        except AdjustmentError as error:
+            out = refusal(number, error)
+        except Exception as error:
+            if os.environ.get("FACTORGRAPH_ADJ_DEBUG"):
+                raise
+            out = fault(number, error)
+        out["counts"] = self.answers.counts()
+        out["seconds"] = round(perf_counter() - begun, 6)
+        return dict(finite(out))
+
+    # -- lines --------------------------------------------------------------------------------
+
+    def _command(self, fields: dict[str, Any]) -> Answer:
+        do = fields["do"]
+        command = COMMANDS.get(do) if isinstance(do, str) else None
+        if command is None:
+            what = f"unknown command {requests.shown(do)}; valid: {', '.join(COMMANDS)}"
+            raise InputError(Problem(what, "do"))
+        row = Row(fields, str(do), [])
+        for name in row.fields:
+            if name not in ("do", "remark", *command.fields):
+                takes = ", ".join(command.fields) or "no further fields"
+                row.wrong(f"unknown field {requests.shown(name)}; it takes: {takes}")
+        return {"do": do, **command.run(self, row)}
+
+    def _observation(self, fields: Mapping[str, object]) -> Answer:
+        """Add the one observation of a line."""
+        if "kind" not in fields:
+            what = "neither an observation (kind) nor a command (do)"
+            raise InputError(Problem(f"{what}; fields: {known(fields, most=6)}"))
+        given = requests.observation(fields, self.context)
+        out = self.answers.arrival(self.adjustment.add(given))
+        verdicts = out.pop("verdicts")
+        return {**(verdicts[0] if len(verdicts) == 1 else {"verdicts": verdicts}), **out}
+
+    # -- what changes the graph -----------------------------------------------------------------
+
+    def _add(self, row: Row) -> Answer:
+        context = self.context
+        cameras = requests.each(row, "cameras", requests.camera)
+        axes = {**context.cameras, **{c.name: ImageAxes(c.unit) for c in cameras}}
+        only = {"camera": next(iter(axes))} if len(axes) == 1 else {}
+        photos = requests.each(
+            row, "photos", lambda f: photo_of({**only, **f}, context=context, frame=self.frame)
+        )
+        images = {p.name: axes[p.camera] for p in photos if p.camera in axes}
+        context = replace(context, cameras=axes, images={**context.images, **images})
+        points = requests.each(
+            row, "points", lambda f: point_of(f, context=context, frame=self.frame)
+        )
+        given = requests.each(row, "observations", lambda f: requests.observation(f, context))
+        if not row.problems and not (given or points or photos or cameras):
+            row.wrong("nothing to add: give observations, points, photos or cameras")
+        requests.fine(row)
+        arrival = self.adjustment.add(given, points=points, photos=photos, cameras=cameras)
+        self.context = context
+        return self.answers.arrival(arrival)
+
+    def _accept(self, row: Row) -> Answer:
+        return self.answers.arrival(self.adjustment.accept(requests.ids(row)))
+
+    def _discard(self, row: Row) -> Answer:
+        self.adjustment.discard(requests.ids(row))
+        return {}
+
+    def _remove(self, row: Row) -> Answer:
+        ids = requests.ids(row)
+        points, _ = self.answers.points(self.answers.points_of(ids))  # the others cannot be lost
+        touched = [str(p["name"]) for p in points]
+        return self.answers.arrival(self.adjustment.remove(ids), touched=touched)
+
+    def _replace(self, row: Row) -> Answer:
+        ident = row.text("id", required=True)
+        record = row.take("observation", required=True)
+        requests.fine(row)
+        given = requests.observation(requests.an_object(record, "observation"), self.context)
+        if isinstance(given, Correlated):
+            raise InputError("a correlated group cannot stand in the place of one observation")
+        assert ident is not None
+        return self.answers.arrival(self.adjustment.replace(ident, given))
+
+    def _reweight(self, row: Row) -> Answer:
+        factor = row.number("factor", required=True, positive=True)
+        ids = requests.ids(row)
+        assert factor is not None
+        return self.answers.arrival(self.adjustment.reweight(ids, factor))
+
+    def _snoop(self, row: Row) -> Answer:
+        requests.fine(row)
+        return self.answers.snooping(self.adjustment.snoop())
+
+    def _settle(self, row: Row) -> Answer:
+        requests.fine(row)
+        self.adjustment.settle()
+        return {}
+
+    # -- what is asked --------------------------------------------------------------------------
+
+    def _solution(self, row: Row) -> Answer:
+        requests.fine(row)
+        return self.answers.solution(self.adjustment.solution())
+
+    def _estimate(self, row: Row) -> Answer:
+        inc = self.adjustment
+        asked = {n: row.text(n) for n in ("point", "photo", "camera") if n in row}
+        if len(asked) != 1:
+            row.wrong("give one of point, photo, camera")
+        requests.fine(row)
+        (what, name), *_ = asked.items()
+        assert name is not None
+        if what == "point":
+            return self.answers.estimate(name)
+        if what == "photo":
+            return self.answers.photo(name, inc.pose(name))
+        return self.answers.calibration(name, inc.calibration(name))
+
+    def _reliability(self, row: Row) -> Answer:
+        alpha, power = (row.number(n, positive=True) for n in ("alpha", "power"))
+        most = row.number("most", positive=True)
+        requests.fine(row)
+        inc = self.adjustment
+        found = inc.reliability(
+            alpha=inc.alpha if alpha is None else alpha,
+            power=self.power if power is None else power,
+        )
+        return self.answers.reliability(found, LISTED if most is None else int(most))
+
+    def _all_waiting(self, row: Row) -> Answer:
+        requests.fine(row)
+        return {"waiting": [self.answers.waiting(w) for w in self.adjustment.waiting]}
+
+    def _suspects(self, row: Row) -> Answer:
+        requests.fine(row)
+        return {"suspects": [self.answers.verdict(v) for v in self.adjustment.suspects]}
+
+    def _rejected(self, row: Row) -> Answer:
+        requests.fine(row)
+        return {"rejected": [self.answers.verdict(v) for v in self.adjustment.rejected]}
+
+    def _write(self, row: Row) -> Answer:
+        name = row.text("project", required=True)
+        overwrite = row.take("overwrite")
+        if overwrite not in (None, True, False):
+            row.wrong(f"overwrite must be true or false, not {requests.shown(overwrite)}")
+        requests.fine(row)
+        path = Path(name or "")
+        path = path if path.suffix == ".toml" else path / "project.toml"
+        network = self.adjustment.network()
+        files = network_files(network, units=self.context.units, toml=path.name)
+        there = [f for f in files if (path.parent / f).exists()]
+        if there and not overwrite:
+            what = (
+                f"it would replace {', '.join(there)}, and a project written here holds only what "
+                'is determined: name another folder, or say "overwrite": true'
+            )
+            raise InputError(Problem(what, str(path)))
+        write_files(path.parent, files)
+        return {"project": str(path)}
+
+    def _stop(self, row: Row) -> Answer:
+        requests.fine(row)
+        self.stopped = True
+        return {}
+
+
+COMMANDS: dict[str, Command] = {
+    "add": Command(Stream._add, ("observations", "points", "photos", "cameras")),
+    "solution": Command(Stream._solution),
+    "estimate": Command(Stream._estimate, ("point", "photo", "camera")),
+    "reliability": Command(Stream._reliability, ("alpha", "power", "most")),
+    "waiting": Command(Stream._all_waiting),
+    "suspects": Command(Stream._suspects),
+    "rejected": Command(Stream._rejected),
+    "accept": Command(Stream._accept, ("ids",)),
+    "discard": Command(Stream._discard, ("ids",)),
+    "remove": Command(Stream._remove, ("ids",)),
+    "replace": Command(Stream._replace, ("id", "observation")),
+    "reweight": Command(Stream._reweight, ("ids", "factor")),
+    "snoop": Command(Stream._snoop),
+    "settle": Command(Stream._settle),
+    "write": Command(Stream._write, ("project", "overwrite")),
+    "stop": Command(Stream._stop),
+}
+"""Commands by name."""

@@ -1,0 +1,456 @@
+"""The result of an adjustment: estimates, covariances, residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, overload
+
+import numpy as np
+
+from ..errors import InputError, known
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..models.registry import VariableKind
+from ..network.network import Network
+from ..rotation import omega_phi_kappa
+from ..types import Array, Index
+
+if TYPE_CHECKING:
+    from ..quality.datum_change import ReferenceDatum
+    from .datum import Defect, FreeDatum
+    from .factor import Factor
+    from .normal import NormalEquations
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A small vector unknown and its precision."""
+
+    names: tuple[str, ...]
+    """Names of the components."""
+    values: Array
+    """Estimates, SI."""
+    sigmas: Array
+    """Standard deviations; zero where held."""
+    correlation: Array
+    """Correlations; zero with held components."""
+
+    def __getitem__(self, name: str) -> float:
+        """Return the estimate of one component."""
+        return float(self.values[self._index(name)])
+
+    def sigma(self, name: str) -> float:
+        """Return the standard deviation of one component."""
+        return float(self.sigmas[self._index(name)])
+
+    def _index(self, name: str) -> int:
+        if name not in self.names:
+            raise InputError(f"unknown component {name!r}; known: {known(self.names)}")
+        return self.names.index(name)
+
+
+@dataclass(frozen=True)
+class CalibrationEstimate(Estimate):
+    """Calibration of a camera, image units."""
+
+    unit: str = "mm"
+    """Unit of image coordinates."""
+
+
+@dataclass(frozen=True)
+class PoseEstimate:
+    """Exterior orientation of a photo."""
+
+    position: Array
+    """Projection centre, (3,) metres."""
+    rotation: Array
+    """world_R_camera (3, 3), camera axes x right, y down, z forward."""
+    sigmas: Array
+    """Standard deviations of rotations about the camera's axes (rad) and X, Y, Z (m), (6,)."""
+
+    @property
+    def omega_phi_kappa(self) -> Array:
+        """ω, φ, κ, radians."""
+        return np.array(omega_phi_kappa(self.rotation))
+
+
+@dataclass(frozen=True, slots=True)
+class ObservationRecord:
+    """One scalar observation after the adjustment, SI or image units."""
+
+    id: str
+    """Id of the observation."""
+    kind: str
+    """Its kind."""
+    component: str
+    """Which component of it, empty for scalar kinds: x, y; an axis of control or a weighted point;
+    a parameter of a weighted calibration."""
+    observed: float
+    """Observed value."""
+    residual: float
+    """Computed − observed."""
+    sigma: float
+    """A-priori standard deviation."""
+
+
+class ObservationTable(Sequence[ObservationRecord]):
+    """All scalar observations, weighted unknowns among them; a sequence of records.
+
+    ``residuals`` and ``sigmas`` are arrays in the same order.
+    """
+
+    def __init__(self, equations: Equations, residuals: Array) -> None:
+        """Describe the rows of ``equations``."""
+        self._equations = equations
+        self.residuals = residuals
+        self.sigmas = equations.sigmas()
+
+    def __len__(self) -> int:
+        return len(self.residuals)
+
+    @overload
+    def __getitem__(self, row: int) -> ObservationRecord: ...
+    @overload
+    def __getitem__(self, row: slice) -> list[ObservationRecord]: ...
+    def __getitem__(self, row: int | slice) -> ObservationRecord | list[ObservationRecord]:
+        """Return one record, or several."""
+        if isinstance(row, slice):
+            return [self[i] for i in range(*row.indices(len(self)))]
+        if row < 0:
+            row += len(self)
+        for block in self._equations.blocks:
+            if block.rows.start <= row < block.rows.stop:
+                i, c = divmod(row - block.first_row, block.dimension)
+                return ObservationRecord(
+                    block.ids[i],
+                    block.kind,
+                    block.component(i, c),
+                    float(block.observed[i, c]),
+                    float(self.residuals[row]),
+                    float(self.sigmas[row]),
+                )
+        raise IndexError(row)
+
+    def __iter__(self) -> Iterator[ObservationRecord]:
+        return (self[i] for i in range(len(self)))
+
+    def row(self, id: str, component: str | None = None) -> int:
+        """Return the row of an observation by its id.
+
+        Args:
+            id: its id; ``photo/point`` for image points.
+            component: such as ``x``; needed where it has several.
+
+        Raises:
+            InputError: there is none, or several components and none was named.
+        """
+        rows = self._rows.get(id, [])
+        if not rows:
+            raise InputError(f"unknown observation {id!r}; known: {known(self._rows)}")
+        found = [r for r in rows if component is None or self[r].component == component]
+        if len(found) != 1:
+            names = ", ".join(self[r].component or f"row {r}" for r in rows)
+            raise InputError(
+                f"observation {id!r} has the components {names}: name one of them with component="
+            )
+        return found[0]
+
+    @cached_property
+    def _rows(self) -> dict[str, list[int]]:
+        out: dict[str, list[int]] = {}
+        for row, ident in enumerate(self.ids):
+            out.setdefault(ident, []).append(row)
+        return out
+
+    @cached_property
+    def kinds(self) -> list[str]:
+        """Kind of each row."""
+        return [b.kind for b in self._equations.blocks for _ in range(b.observed.size)]
+
+    @cached_property
+    def ids(self) -> list[str]:
+        """Id of each row."""
+        return [
+            b.ids[i] for b in self._equations.blocks for i in range(b.n) for _ in range(b.dimension)
+        ]
+
+    @cached_property
+    def normalised(self) -> Array:
+        """Residuals divided by their a-priori standard deviations."""
+        return self.residuals / self.sigmas
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Solution:
+    """An adjusted network."""
+
+    network: Network
+    """What was adjusted."""
+    equations: Equations
+    """Its observation equations, weights evaluated."""
+    state: State
+    """Values of all variables."""
+    start: State
+    """Given or approximate values x₀: what the inner constraints of a free network refer to."""
+    converged: bool
+    """Whether the iteration came to rest."""
+    reason: str
+    """Why it ended."""
+    iterations: int
+    """Number of iterations."""
+    vtpv: float
+    """VᵀPv, a-priori standard deviation of unit weight 1."""
+    datum: FreeDatum | None
+    """Inner constraints of a free network."""
+    defects: tuple[Defect, ...]
+    """Datum defects that were found."""
+    variance: Literal["a-priori", "a-posteriori"]
+    """Whether covariances are scaled by 1 or by σ̂0²."""
+    weights: Array | None
+    """What the weights of the scalar observations were multiplied by; none where nothing was."""
+    n_extra: int
+    """Rows of factors that the user added."""
+    normal: Callable[[], NormalEquations] = field(repr=False)
+    """Makes the normal equations at the solution."""
+    normal_at: Callable[[State], NormalEquations] = field(repr=False)
+    """Makes them at any other state."""
+    constraint: Array = field(repr=False)
+    """What a free network adds to their diagonal, (n_columns,)."""
+    drifting: tuple[tuple[str, str], ...] = ()
+    """Kind and name of unknowns that no observation held where an iteration in vain ended."""
+    reference: ReferenceDatum | None = None
+    """Datum points that covariances refer to instead of a given datum, see `s_transform`."""
+
+    def __repr__(self) -> str:
+        """Say how it ended."""
+        ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
+        return (
+            f"<Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "
+            f"d {self.datum_defect}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}>"
+        )
+
+    # -- figures ------------------------------------------------------------------------------
+
+    @property
+    def n_observations(self) -> int:
+        """Number of scalar observations n, weighted unknowns among them."""
+        return self.equations.n_rows + self.n_extra
+
+    @property
+    def n_unknowns(self) -> int:
+        """Number of free components u."""
+        return self.equations.unknowns.n_unknowns
+
+    @property
+    def datum_defect(self) -> int:
+        """Number of datum defects d that inner constraints fill."""
+        return sum(d.size for d in self.defects)
+
+    @property
+    def redundancy(self) -> int:
+        """Redundancy r = n − u + d."""
+        return self.n_observations - self.n_unknowns + self.datum_defect
+
+    @property
+    def sigma0(self) -> float:
+        """Standard deviation of unit weight √(vᵀPv/r), a priori 1; NaN without redundancy."""
+        return float(np.sqrt(self.vtpv / self.redundancy)) if self.redundancy > 0 else np.nan
+
+    @property
+    def variance_factor(self) -> float:
+        """What covariances are scaled by: 1, or σ̂0² where asked for and redundant."""
+        if self.variance == "a-posteriori" and self.redundancy > 0:
+            return self.sigma0**2
+        return 1.0
+
+    # -- estimates ----------------------------------------------------------------------------
+
+    def point(self, name: str) -> Array:
+        """Return the adjusted coordinates of a point, (3,) metres."""
+        return np.array(self.state["point"][self.number("point", name)])
+
+    def pose(self, photo: str) -> PoseEstimate:
+        """Return the adjusted exterior orientation of a photo."""
+        stored = self.state["pose"][self.number("pose", photo)]
+        sigmas = np.sqrt(np.diag(self.pose_covariance(photo)))
+        return PoseEstimate(stored[9:].copy(), stored[:9].reshape(3, 3).copy(), sigmas)
+
+    def calibration(self, camera: str) -> CalibrationEstimate:
+        """Return the adjusted calibration of a camera, image units.
+
+        Args:
+            camera: its name; ``camera@photo`` where every photo has its own.
+        """
+        e = self._estimate("calibration", camera)
+        unit = self.network.cameras[camera.split("@")[0]].unit
+        return CalibrationEstimate(e.names, e.values, e.sigmas, e.correlation, unit)
+
+    def orientation(self, station: str, set: str = "1") -> Estimate:
+        """Return the orientation unknown of a set of directions, radians."""
+        return self._estimate("orientation", f"{station}/{set}")
+
+    def refraction(self, group: str = "") -> Estimate:
+        """Return the coefficient of refraction of a group; the network's by default."""
+        return self._estimate("refraction", group)
+
+    def vertical(self, station: str) -> Estimate:
+        """Return the deflections (ξ, η) of a station, radians."""
+        return self._estimate("vertical", station)
+
+    def distance_meter(self, name: str) -> Estimate:
+        """Return scale (dimensionless) and zero constant (metres) of a distance meter."""
+        return self._estimate("edm", name)
+
+    @cached_property
+    def observations(self) -> ObservationTable:
+        """Every scalar observation with its residual."""
+        return ObservationTable(
+            self.equations, self.equations.residuals(self.state, whitened=False)
+        )
+
+    # -- covariances --------------------------------------------------------------------------
+
+    def covariance(self, a: str, b: str | None = None) -> Array:
+        """Return the covariance of a point, or between two points, (3, 3) metres².
+
+        Σ = σ² Q, with σ² = 1 or σ̂0² as the adjustment was asked; zero for held components. In
+        a free network it belongs to the inner constraints.
+        """
+        return self.variable_covariance(("point", a), ("point", a if b is None else b))
+
+    @cached_property
+    def point_covariances(self) -> Array:
+        """Covariances of all points at once, (number of points, 3, 3) metres², as `covariance`."""
+        table = self.equations.unknowns["point"]
+        out = np.zeros((len(table.names), 3, 3))
+        reduced = self.factor.plan.reduced
+        out[reduced] = self.factor.point_covariances()
+        rest = np.flatnonzero((table.offset >= 0) & ~reduced)
+        out[rest] = self.factor.selected.joint(table.offset[rest, None] + np.arange(3))
+        out *= table.free[:, :, None] & table.free[:, None, :]
+        if self.datum is not None and self.datum_cross is not None:
+            f, e = self.datum_cross
+            on = np.flatnonzero(table.offset >= 0)
+            columns = table.offset[on, None] + np.arange(3)
+            both = self.datum.motions[columns], f[columns]
+            out[on] = self.datum.transformed(out[on], both, both, e)
+        if self.reference is not None:
+            out = self.reference.transformed_points(out)
+        return out * self.variance_factor
+
+    def standard_deviations(self, name: str) -> Array:
+        """Return the standard deviations of a point, (3,) metres."""
+        return np.sqrt(np.maximum(np.diag(self.covariance(name)), 0.0))
+
+    def pose_covariance(self, photo: str) -> Array:
+        """Return the covariance of a photo, (6, 6): rotations about its axes (rad), X0 (m)."""
+        return self.variable_covariance(("pose", photo))
+
+    def variable_covariance(
+        self, a: tuple[VariableKind, str], b: tuple[VariableKind, str] | None = None
+    ) -> Array:
+        """Return the covariance between any two variables, by kind and name."""
+        columns_a, size_a, rows_a = self._columns(*a)
+        columns_b, size_b, rows_b = (columns_a, size_a, rows_a) if b is None else self._columns(*b)
+        out = np.zeros((size_a, size_b))
+        if len(columns_a) and len(columns_b):
+            if b is None or a == b:
+                block = self._own(a[0], self.number(*a), columns_a)
+            else:
+                block = self._cross(columns_a, columns_b)
+            out[np.ix_(rows_a, rows_b)] = block
+        if self.reference is not None:
+            out = self.reference.transformed(out, a, a if b is None else b)
+        return out * self.variance_factor
+
+    @cached_property
+    def factor(self) -> Factor:
+        """The normal equations at the solution, factorised; with a minimal datum if free."""
+        return self.normal().factorise(self.constraint, exact=True)
+
+    @cached_property
+    def datum_cross(self) -> tuple[Array, Array] | None:
+        """F = Q_min G_D (n_columns, d) and E = G_Dᵀ F of the S-transformation to the datum."""
+        if self.datum is None:
+            return None
+        masked = np.where(self.datum.columns[:, None], self.datum.motions, 0.0)
+        f = self.factor.solve(masked)
+        return f, masked.T @ f
+
+    def _free(self, block: Array, a: Index, b: Index) -> Array:
+        """S-transform the cofactor block between columns a and b."""
+        if self.datum is None or self.datum_cross is None:
+            return block
+        f, e = self.datum_cross
+        g = self.datum.motions
+        return self.datum.transformed(block, (g[a], f[a]), (g[b], f[b]), e)
+
+    def cofactor_times(self, y: Array) -> Array:
+        """Return Q y for y (n_columns, k), Q on the inner constraints if the network is free.
+
+        Q = S Q_min Sᵀ with S = I − G (G_DᵀG_D)⁻¹ G_Dᵀ.
+        """
+        if self.datum is None:
+            return self.factor.solve(y)
+        g, inverse = self.datum.motions, self.datum.inverse
+        masked = np.where(self.datum.columns[:, None], g, 0.0)
+        x = self.factor.solve(y - masked @ (inverse @ (g.T @ y)))
+        return np.asarray(x - g @ (inverse @ (masked.T @ x)))
+
+    def _cross(self, a: Index, b: Index) -> Array:
+        unit = np.zeros((self.equations.unknowns.n_columns, len(b)))
+        unit[b, np.arange(len(b))] = 1.0
+        return self.cofactor_times(unit)[a]
+
+    @cached_property
+    def _reduced(self) -> tuple[Array, Index]:
+        """Cofactors of the points of the first layer, and their place by number of point."""
+        place = np.cumsum(self.factor.plan.reduced) - 1
+        return self.factor.point_covariances(), place
+
+    def _own(self, kind: VariableKind, number: int, columns: Index) -> Array:
+        """Return the cofactor of one variable: from the selected inverse, no solution needed."""
+        if kind == "point" and self.factor.plan.reduced[number]:
+            every, place = self._reduced
+            block = every[place[number]]
+        else:
+            block = self.factor.selected.joint(columns[None])[0]
+        free = self.equations.unknowns.free[columns]
+        return self._free(np.where(np.outer(free, free), block, 0.0), columns, columns)
+
+    # -- helpers ------------------------------------------------------------------------------
+
+    def number(self, kind: VariableKind, name: str) -> int:
+        """Return the number of a variable.
+
+        Raises:
+            InputError: there is none of that name; lists what there is.
+        """
+        table = self.equations.unknowns[kind]
+        if name not in table.number:
+            noun = {"pose": "photo", "calibration": "camera", "edm": "distance meter"}
+            raise InputError(
+                f"unknown {noun.get(kind, kind)} {name!r}; known: {known(table.names)}"
+            )
+        return table.number[name]
+
+    def _columns(self, kind: VariableKind, name: str) -> tuple[Index, int, Index]:
+        number = self.number(kind, name)
+        columns = self.equations.unknowns.columns(kind, number)
+        size = int(self.equations.unknowns[kind].size[number])
+        return columns, size, np.arange(size) if len(columns) else np.zeros(0, dtype=np.intp)
+
+    def _estimate(self, kind: VariableKind, name: str) -> Estimate:
+        number = self.number(kind, name)
+        names = self.equations.unknowns.component_names(kind, number)
+        covariance = self.variable_covariance((kind, name))
+        sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        safe = np.where(sigmas > 0, sigmas, 1.0)
+        return Estimate(
+            names,
+            self.state[kind][number, : len(names)].copy(),
+            sigmas,
+            covariance / np.outer(safe, safe),
+        )

@@ -1,0 +1,268 @@
+"""Small networks with every kind of observation, in every frame and lens model.
+
+A new kind of observation is one line in `OBSERVED`, a new frame one in `FRAMES`, a new lens
+model one in `LENSES_USED`; the tests that use these tables then check it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from factorgraph_adj import observations as o
+from factorgraph_adj.ellipsoid import ellipsoid
+from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
+from factorgraph_adj.graph.equations import Equations, compile_network
+from factorgraph_adj.models import lens
+from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.rotation import world_R_camera
+from factorgraph_adj.types import Array
+
+ARCSEC = np.pi / 180 / 3600
+HEIGHTS = {"instrument_height": 1.53, "target_height": 1.21}
+SIGHT = {"sigma": 0.01, **HEIGHTS}
+COVARIANCE = np.array([[4.0, 1.0, -0.5], [1.0, 3.0, 0.7], [-0.5, 0.7, 5.0]])
+
+OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
+    "slope_distance": lambda: [o.SlopeDistance("i", "j", 1.0, instrument="edm", **SIGHT)],
+    "horizontal_distance": lambda: [o.HorizontalDistance("i", "j", 1.0, instrument="edm", **SIGHT)],
+    "vertical_angle": lambda: [o.VerticalAngle("i", "j", 0.0, refraction="ray", **SIGHT)],
+    "zenith_angle": lambda: [o.ZenithAngle("i", "j", 1.6, refraction="ray", **SIGHT)],
+    "direction": lambda: [o.Direction("i", "j", 0.0, **SIGHT), o.Direction("i", "k", 0.0, **SIGHT)],
+    "azimuth": lambda: [o.Azimuth("i", "j", 0.0, **SIGHT)],
+    "horizontal_angle": lambda: [
+        o.HorizontalAngle("i", "j", "k", 0.0, target2_height=1.7, **SIGHT)
+    ],
+    "height_difference": lambda: [o.HeightDifference("i", "j", 0.0, **SIGHT)],
+    "astronomic_latitude": lambda: [o.AstronomicLatitude("i", 0.0, sigma=1e-6)],
+    "astronomic_longitude": lambda: [o.AstronomicLongitude("i", 0.0, sigma=1e-6)],
+    "gnss_vector": lambda: [
+        o.GnssVector("i", "j", (0.0, 0.0, 0.0), covariance=COVARIANCE, **HEIGHTS),
+        o.GnssVector("j", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), **HEIGHTS),
+    ],
+    "control": lambda: [
+        o.ControlPoint("i", (0.0, 0.0), axes="xz", sigma=(0.1, 0.2)),
+        o.ControlPoint("j", (4e6, 1e6, 4e6), axes="un", sigma=(0.1, 0.2)),
+    ],
+    "gnss_position": lambda: [o.GnssPosition("k", (0.0, 0.0, 0.0), covariance=COVARIANCE)],
+    "photo_position": lambda: [
+        o.PhotoPosition("f", (0.0, 0.0, 0.0), covariance=COVARIANCE, lever_arm=(0.1, -0.4, 0.7))
+    ],
+}
+"""Observations of each kind between the points i, j, k and of the photo f."""
+
+_GRS80 = ellipsoid("GRS80")
+
+
+def _geocentric(latitude: float, longitude: float, height: float = 300.0) -> Array:
+    at = (np.radians([latitude]), np.radians([longitude]), np.array([height]))
+    return np.asarray(_GRS80.to_cartesian(*at)[0])
+
+
+FRAMES: dict[str, tuple[Frame, Array]] = {
+    "flat": (LocalFrame(), np.array([12.0, -35.0, 110.0])),
+    "left-handed": (LocalFrame(axes="ne"), np.array([12.0, -35.0, 110.0])),
+    "curved": (
+        LocalFrame(curvature=True, origin=(100.0, 200.0, 0.0)),
+        np.array([5012.0, -3035.0, 110.0]),
+    ),
+    "curved, axes south and east": (
+        LocalFrame(curvature=True, axes="se"),
+        np.array([-812.0, 435.0, 110.0]),
+    ),
+    "geocentric": (GeocentricFrame(), _geocentric(47.3, 11.2)),
+    "geocentric, south and west": (GeocentricFrame(), _geocentric(-33.0, -70.5)),
+    "geocentric, near a pole": (GeocentricFrame(), _geocentric(89.9, 40.0)),
+    "geocentric, across 180°": (GeocentricFrame("International1924"), _geocentric(-20.0, 180.0)),
+    "topocentric": (
+        TopocentricFrame(np.radians(47.0), np.radians(11.0), 250.0),
+        np.array([1500.0, 800.0, 60.0]),
+    ),
+}
+"""Frames, each with the position of the station i."""
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Where the targets are, seen from the station."""
+
+    azimuth: float
+    """Azimuth of j, degrees; k is 70° further."""
+    elevation: float
+    """Vertical angle of both, degrees."""
+    length: float
+    """Slope distance, metres."""
+
+    @property
+    def reach(self) -> float:
+        """Horizontal part of the sight, metres."""
+        return self.length * np.cos(np.radians(self.elevation))
+
+    def offset(self, turn: float = 0.0) -> Array:
+        """Return east, north, up, metres."""
+        a, e = np.radians(self.azimuth + turn), np.radians(self.elevation)
+        return self.length * np.array([np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)])
+
+
+GEOMETRIES: dict[str, Geometry] = {
+    "ordinary": Geometry(35.0, 8.0, 150.0),
+    "downhill to the south-west": Geometry(215.0, -12.0, 400.0),
+    "due north": Geometry(0.0, 0.0, 100.0),
+    "due south": Geometry(180.0, 1.0, 100.0),
+    "short, 1 m": Geometry(120.0, 20.0, 1.0),
+    "far, 100 km": Geometry(300.0, 0.3, 100_000.0),
+    "steep, 89.9°": Geometry(75.0, 89.9, 200.0),
+    "steep downwards, 89.9°, 5 m": Geometry(75.0, -89.9, 5.0),
+}
+"""Geometries of the sights."""
+
+
+def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Array]:
+    """Return equations of every terrestrial kind, everything free, and a step for each column."""
+    frame, station = FRAMES[frame_name]
+    network = Network(frame_name, frame=frame)
+    there = frame.basis(station[None], np.zeros((1, 2)))
+    basis, cos_latitude = there.enu[0], float(there.cos_latitude[0])
+    to_axis = cos_latitude * frame.radius
+    network.add_point("i", station)
+    # Heights of instrument and target cancel, so that near-degenerate sights stay so.
+    lift = HEIGHTS["instrument_height"] - HEIGHTS["target_height"]
+    for name, turn in (("j", 0.0), ("k", 70.0)):
+        offset = geometry.offset(turn) + np.array([0.0, 0.0, lift])
+        network.add_point(name, station + basis.T @ offset)
+    for n, name in enumerate("ijk"):
+        network.set_vertical(name, xi=(12.0 - n) * ARCSEC, eta=(-9.0 + 2 * n) * ARCSEC)
+    network.set_refraction("ray", value=0.17)
+    network.set_distance_meter("edm", scale=3e-5, zero=0.02, free=("scale", "zero"))
+    network.set_orientation("i", value=0.3)
+    for kind, make in OBSERVED.items():
+        local = isinstance(frame, LocalFrame)
+        if kind == "photo_position" or (kind.startswith("astronomic") and local):
+            continue
+        for observation in make():
+            if local and isinstance(observation, o.ControlPoint) and observation.axes == "un":
+                observation = o.ControlPoint("j", (1.0, 2.0, 3.0), axes="un", sigma=(0.1, 0.2))
+            network.add(observation)
+    equations = compile_network(network)
+    steps = {
+        "point": (0.01 * min(geometry.reach, to_axis),),
+        # A deflection moves the line of sight, the instrument, and near a pole the azimuth.
+        "vertical": (
+            0.01 * cos_latitude * geometry.reach / (geometry.length + sum(HEIGHTS.values())),
+        ),
+        "orientation": (0.01,),
+        "refraction": (0.1,),
+        "edm": (1e-3, 1e-2),
+    }
+    return equations, _steps(equations, steps)
+
+
+def _steps(equations: Equations, by_kind: dict[str, tuple[float, ...]]) -> Array:
+    out = np.zeros(equations.unknowns.n_columns)
+    for kind, number in equations.unknowns.active():
+        out[equations.unknowns.columns(kind, number)] = by_kind[kind]
+    return out
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """A lens model with values of its parameters."""
+
+    lens: lens.Lens
+    values: dict[str, float]
+
+
+_INTERIOR = {"c": 28.4, "x0": 0.11, "y0": -0.07}
+_BROWN = {"k1": 2e-4, "k2": -3e-7, "k3": 1e-10, "p1": 2e-5, "p2": -3e-5}
+_STRONG = {"k1": 1e-3, "k2": -8e-7, "k3": 3e-9, "p1": 4e-4, "p2": -2e-4}
+_AFFINITY = {"b1": 3e-4, "b2": -2e-4}
+_HARMONIC = dict(
+    zip(lens.HarmonicLens().names[3:], np.linspace(-0.004, 0.005, 10).tolist(), strict=True)
+)
+
+
+def _orthogonal(model: OrthogonalLens, largest: float) -> Calibrated:
+    """Return an orthogonal lens with parameters of both signs up to ``largest``, mm."""
+    names = model.names[3:]
+    values = np.linspace(-largest, 0.9 * largest, len(names))
+    return Calibrated(model, _INTERIOR | dict(zip(names, values.tolist(), strict=True)))
+
+
+LENSES_USED: dict[str, Calibrated] = {
+    "pinhole": Calibrated(lens.NoDistortion(), _INTERIOR),
+    "harmonic": Calibrated(lens.HarmonicLens(reference_radius=10.0), _INTERIOR | _HARMONIC),
+    "brown": Calibrated(lens.BrownLens(), _INTERIOR | _BROWN | _AFFINITY),
+    "brown, affinity after": Calibrated(
+        lens.BrownLens(affine="after"), _INTERIOR | _BROWN | _AFFINITY
+    ),
+    "brown, strong": Calibrated(lens.BrownLens(), _INTERIOR | _STRONG | {"b1": 0.02, "b2": -0.03}),
+    "brown forward": Calibrated(lens.BrownForwardLens(), _INTERIOR | _BROWN),
+    "brown forward, strong": Calibrated(lens.BrownForwardLens(), _INTERIOR | _STRONG),
+    "normalised": Calibrated(
+        lens.NormalisedLens(),
+        _INTERIOR | {"k1": -0.2, "k2": 0.08, "k3": -0.02, "p1": 2e-3, "p2": -1e-3},
+    ),
+    "balanced": Calibrated(
+        lens.BalancedLens(zero_radius=9.0),
+        _INTERIOR
+        | {"A1": -1e-4, "A2": 2e-7, "A3": -1e-10, "B1": 2e-5, "B2": 1e-5, "C1": 3e-4, "C2": 1e-4},
+    ),
+    "affine": Calibrated(lens.AffineLens(), _INTERIOR | _AFFINITY),
+    "ebner": _orthogonal(EbnerLens(image_base=10.0), 0.02),
+    "gruen": _orthogonal(GruenLens(image_base=10.0), 0.02),
+}
+"""Lens models, image units mm."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Where the points lie in the image, and how far away."""
+
+    at: tuple[tuple[float, float], ...]
+    """Ideal image coordinates relative to the principal point, mm."""
+    depth: float
+    """Depth in front of the camera, metres."""
+
+
+VIEWS: dict[str, View] = {
+    "ordinary": View(((5.0, 3.0), (-7.0, 2.0), (4.0, -6.0)), 20.0),
+    "corners": View(((12.0, 8.0), (-12.0, 8.0), (12.0, -8.0)), 20.0),
+    "near the image centre": View(((0.01, 0.02), (-0.02, 0.005)), 20.0),
+    "close, 0.5 m": View(((5.0, 3.0), (-7.0, 2.0)), 0.5),
+    "far, 100 km": View(((5.0, 3.0), (-7.0, 2.0)), 100_000.0),
+    "90° across": View(((28.0, 3.0), (-7.0, 27.0)), 20.0),
+}
+"""Views of points."""
+
+
+def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
+    """Return image coordinates with everything free, and a step for each column."""
+    camera = LENSES_USED[lens_name]
+    network = Network(lens_name)
+    network.add_camera("camera", camera.lens, camera.values, free=camera.lens.names)
+    rotation, centre = world_R_camera(0.2, -0.4, 1.9), np.array([30.0, -12.0, 8.0])
+    network.add_photo("f", "camera", position=centre, rotation=rotation)
+    c = camera.values["c"]
+    seen = []
+    for n, (x, y) in enumerate(view.at):
+        ray = np.array([x / c, -y / c, 1.0])
+        network.add_point(f"P{n}", centre + rotation @ (view.depth * ray))
+        seen.append((x + camera.values["x0"], y + camera.values["y0"]))
+    network.add_image_points("f", list(network.points), np.array(seen), sigma=0.005)
+    network.add(*OBSERVED["photo_position"]())
+    equations = compile_network(network)
+    radius = min(np.hypot(x, y) for x, y in view.at)
+    ray = min(radius / c, 0.25)
+    # Along the parameters of a lens: what moves an image point by half a hundredth of its radius.
+    block = next(b for b in equations.blocks if b.kind == "image")
+    by_lens = np.abs(block.evaluate(network.frame, equations.unknowns.start()).jacobians[1])
+    largest = by_lens.max(axis=(0, 1))
+    by_kind = {
+        "point": (0.01 * view.depth * ray,),
+        "pose": (0.01 * ray,) * 3 + (0.01 * view.depth * ray,) * 3,
+        "calibration": tuple(0.005 * radius / np.where(largest > 0, largest, 1.0)),
+    }
+    return equations, _steps(equations, by_kind)
