@@ -15,7 +15,6 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from arrivals import compare, difference, variables
 
 import factorgraph_adj as fga
 from factorgraph_adj.experiment.simulate import look_at
@@ -31,6 +30,7 @@ from factorgraph_adj.observations import (
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
+from tests.support.arrivals import compare, difference, variables
 
 Datum = Literal["given", "free"]
 AT_REST = 1e-6
