@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj import cli
+from factorgraph_adj.cli import main as cli
 from factorgraph_adj.experiment.simulate import disturb, look_at, measure
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.write_project import write_project
