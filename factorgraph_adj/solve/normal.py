@@ -16,7 +16,7 @@ from .linear import ExtraRows, LinearSystem
 from .plan import Plan, make_plan
 from .rays import Rays
 from .tree import SingularError, TreeFactors
-from .trust import Probes, held_well, probe, refusal
+from .trust import SAMPLES, TRUSTED, held_well, refusal, sample, uncertainty
 
 LARGEST_QR = 3000
 """Variables in the tree up to which every factorisation is by QR."""
@@ -133,28 +133,41 @@ class NormalEquations:
                 wrong.
         """
         if datum is not None:
-            constraint = self._better(constraint, datum)
-        factor, probes = self._probed(constraint)
-        if not probes.trusted and not self.solver.qr_everywhere:
+            constraint = self.held_better(constraint, datum, exact=True)
+        factor = self._probed(constraint)
+        if factor.uncertainty > TRUSTED and not self.solver.qr_everywhere:
             self.solver.turn_to_qr()
             self._factors = None
-            factor, probes = self._probed(constraint)
-        if not probes.trusted:
-            raise SingularError(refusal(self.solver.equations.unknowns, probes, self.diagonal))
-        factor.uncertainty = probes.error
+            factor = self._probed(constraint)
+        if factor.uncertainty > TRUSTED:
+            raise SingularError(refusal(self.system, factor, self.diagonal))
         return factor
 
-    def _probed(self, constraint: Array) -> tuple[Factor, Probes]:
+    def _probed(self, constraint: Array) -> Factor:
         factor = self.factorise(constraint, exact=True)
-        return factor, probe(self.system, factor)
+        factor.uncertainty = uncertainty(self.system, factor)
+        return factor
 
-    def _better(self, constraint: Array, datum: FreeDatum) -> Array:
-        """Return what a well chosen minimal datum adds to the diagonal of N, (n_columns,)."""
+    def held_better(self, constraint: Array, datum: FreeDatum, *, exact: bool = False) -> Array:
+        """Return what a well chosen minimal datum adds to the diagonal of N, (n_columns,).
+
+        Args:
+            constraint: what any minimal datum adds; it is returned where it holds well.
+            datum: inner constraints of the free network.
+            exact: QR of everything where there is no other answer; otherwise ``constraint`` is
+                returned then.
+
+        Raises:
+            SingularError: an unknown is not determined, and ``exact`` asks for an answer.
+        """
         try:
             rough = self.factorise(constraint)
         except SingularError:
+            if not exact:
+                return constraint
             rough = self.factorise(constraint, exact=True)
-        held, enlarged = held_well(datum, probe(self.system, rough).steps, self.diagonal)
+        steps = sample(self.system, rough, SAMPLES)
+        held, enlarged = held_well(datum, steps, self.diagonal)
         if enlarged <= ENLARGED:
             return constraint
         better = np.zeros_like(constraint)

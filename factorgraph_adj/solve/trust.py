@@ -5,29 +5,34 @@ Q N Q = Q, and A X = H Z with H = A Q Aᵀ. H is a projector, whatever the datum
 H H = H are the same. Rounding in the factorisation gives H other eigenvalues 1 − ε instead of
 ones, and ε is the relative error of the variance of the function of the estimates that belongs
 to it; the variance of no function is off by more than the largest |ε|. Each column of H H Z − H Z
-holds every ε times a standard normal number, so that its length shows the largest.
+holds every ε times a standard normal number, so that its length shows the largest. Two columns
+suffice where they show next to nothing; otherwise many are taken.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.linalg import qr
 
-from ..graph.variables import Unknowns
 from ..types import Array, Index
 from .datum import FreeDatum
 from .factor import Factor
 from .linear import LinearSystem
 
-PROBES = 8
-"""Number of probes. The chance that all of them show less than a fifth of an ε is 4e-7."""
+FEW = 2
+"""Number of probes of a first look. The chance that both show less than ε/1000 is 6e-7."""
+CLEAN = 4e-7
+"""Largest |H H z − H z| in a first look after which no other follows: variances are off by less
+than 4e-4 of their value, standard deviations by half of that, with the probability of `FEW`."""
+MANY = 8
+"""Number of probes of a second look. The chance that all of them show less than ε/5 is 4e-7."""
+TRUSTED = 1e-4
+"""Largest |H H z − H z| in a second look with which covariances are given out: variances are off
+by less than 5e-4 of their value with the probability of `MANY`."""
+SAMPLES = 4
+"""Number of estimates from white noise whose root mean squares stand for standard deviations."""
 SEED = 1
 """Seed of the probes: the same network gives the same figures."""
-TRUSTED = 1e-4
-"""Largest error |H H z − H z| of a probe with which covariances are given out: variances are off
-by less than 5e-4 of their value then, and standard deviations by half of that."""
 NOTHING = 1e-6
 """Standard deviation of an unknown relative to the one it had if all others were held, which is
 none: where a datum holds it, rounding alone is left."""
@@ -35,38 +40,39 @@ WEAKEST = 5
 """Number of unknowns that a refusal names."""
 
 
-@dataclass(frozen=True)
-class Probes:
-    """Estimates from white noise, and what they tell of a factorisation."""
+def sample(system: LinearSystem, factor: Factor, n: int) -> Array:
+    """Return n estimates X = Q AᵀZ from white noise of the observations, (n_columns, n).
 
-    steps: Array
-    """X = Q AᵀZ, on the minimal datum of the factorisation, (n_columns, PROBES)."""
-    error: float
-    """Largest |H H z − H z|: relative error of variances; infinite where figures overflow."""
-
-    @property
-    def trusted(self) -> bool:
-        """Whether covariances from this factorisation may be given out."""
-        return self.error <= TRUSTED
+    Args:
+        system: the linearised network.
+        factor: its normal equations, factorised, with a minimal datum where it has a defect.
+        n: number of estimates.
+    """
+    rows = system.equations.n_rows + sum(len(e.residual) for e in system.extra)
+    noise = np.random.default_rng(SEED).standard_normal((rows, n))
+    return factor.solve(system.transposed(noise))
 
 
-def probe(system: LinearSystem, factor: Factor) -> Probes:
-    """Probe a factorisation with white noise of the observations.
+def uncertainty(system: LinearSystem, factor: Factor) -> float:
+    """Return the relative error of variances from a factorisation: the largest |H H z − H z|.
 
-    The cost is that of two solutions with `PROBES` right sides.
+    Covariances may be given out where it is at most `TRUSTED`. It costs two solutions with `FEW`
+    right sides where there is no error.
 
     Args:
         system: the linearised network.
         factor: its normal equations, factorised, with a minimal datum where it has a defect.
     """
-    rows = system.equations.n_rows + sum(len(e.residual) for e in system.extra)
-    noise = np.random.default_rng(SEED).standard_normal((rows, PROBES))
+    found = _error(system, factor, FEW)
+    return found if found <= CLEAN else _error(system, factor, MANY)
+
+
+def _error(system: LinearSystem, factor: Factor, n: int) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
-        steps = factor.solve(system.transposed(noise))
-        once = system.times(steps)
+        once = system.times(sample(system, factor, n))
         twice = system.times(factor.solve(system.transposed(once)))
         error = np.linalg.norm(twice - once, axis=0).max(initial=0.0)
-    return Probes(steps, float(error) if np.isfinite(error) else np.inf)
+    return float(error) if np.isfinite(error) else np.inf
 
 
 def held_well(datum: FreeDatum, steps: Array, diagonal: Array) -> tuple[Index, float]:
@@ -107,15 +113,16 @@ def _size(x: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(x**2, axis=1)))
 
 
-def refusal(unknowns: Unknowns, probes: Probes, diagonal: Array) -> str:
+def refusal(system: LinearSystem, factor: Factor, diagonal: Array) -> str:
     """Say why no covariance is given, and name the unknowns that are determined worst.
 
     Args:
-        unknowns: those of the network.
-        probes: what the most precise factorisation gave.
+        system: the linearised network.
+        factor: its most precise factorisation, which is not precise enough.
         diagonal: that of N, (n_columns,).
     """
-    weakness = np.sqrt(np.mean(probes.steps**2, axis=1) * diagonal)
+    unknowns = system.unknowns
+    weakness = _size(sample(system, factor, SAMPLES)) * np.sqrt(diagonal)
     worst = sorted(
         ((float(weakness[unknowns.columns(k, i)].max()), k, i) for k, i in unknowns.active()),
         key=lambda item: -item[0],
@@ -123,7 +130,6 @@ def refusal(unknowns: Unknowns, probes: Probes, diagonal: Array) -> str:
     names = ", ".join(f"{k} {unknowns[k].names[i]!r}" for _, k, i in worst[:WEAKEST])
     return (
         "no covariances: the normal equations are so close to singular that rounding would change"
-        f" variances by {probes.error:.1g} of their value, {TRUSTED:.0e} at most is trusted; the"
-        f" weakest unknowns are {names}: observe them better (longer bases, more rays, distances),"
-        " or hold them"
+        f" variances by {factor.uncertainty:.1g} of their value ({TRUSTED:.0e} is allowed); weakest"
+        f" are {names}: observe them better (longer bases, more rays, distances), or hold them"
     )
