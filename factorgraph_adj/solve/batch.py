@@ -506,6 +506,7 @@ def _settle_datum(run: _Run, normal: NormalEquations) -> None:
     held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
     run.constraint[held] = normal.diagonal[held]
     run.datum = FreeDatum(motions, columns)
+    run.constraint = normal.held_better(run.constraint, run.datum)
 
 
 def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> Carried:
