@@ -37,7 +37,7 @@ from factorgraph_adj.graph.build import build_graph
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.observations import Correlated
+from factorgraph_adj.observations import AnyObservation, Correlated
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.solve.datum import minimal_datum
 from factorgraph_adj.solve.linear import LinearSystem
@@ -583,7 +583,7 @@ def shuffled(network: fga.Network, seed: int) -> fga.Network:
     for name in ("orientations", "refractions", "verticals", "distance_meters"):
         setattr(out, name, dict(order(getattr(network, name).items(), rng)))
     named = {i: replace(o, id=i) for i, o in network.observations.items()}
-    items: list[fga.observations.AnyObservation] = []
+    items: list[AnyObservation] = []
     for ids, covariance in network.clusters:
         places = rng.permutation(len(ids))
         size = len(covariance) // len(ids)
