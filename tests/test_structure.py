@@ -15,9 +15,10 @@ from pathlib import Path
 import pytest
 
 import factorgraph_adj as package
+from tests.support.places import ROOT
 
 PACKAGE = "factorgraph_adj"
-ROOT = Path(__file__).parent.parent / PACKAGE
+SOURCE = ROOT / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "types"),
@@ -92,11 +93,11 @@ class Import:
 
 
 def _name(path: Path) -> str:
-    parts = path.relative_to(ROOT).with_suffix("").parts
+    parts = path.relative_to(SOURCE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = {_name(path): path for path in sorted(ROOT.rglob("*.py"))}
+MODULES = {_name(path): path for path in sorted(SOURCE.rglob("*.py"))}
 SUBPACKAGES = {name for name, path in MODULES.items() if path.name == "__init__.py"}
 
 
@@ -255,7 +256,7 @@ def test_every_module_can_be_imported_and_every_public_name_resolves():
         capture_output=True,
         text=True,
         check=False,
-        cwd=ROOT.parent,
+        cwd=ROOT,
     )
     assert ran.returncode == 0, ran.stderr
 
@@ -283,7 +284,7 @@ def test_the_package_loads_what_is_asked_for_and_nothing_that_takes_long():
         capture_output=True,
         text=True,
         check=False,
-        cwd=ROOT.parent,
+        cwd=ROOT,
     )
     assert ran.returncode == 0, ran.stderr
 
