@@ -14,9 +14,9 @@ import numpy as np
 from scipy.stats import chi2
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.network.entities import Point
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
+from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.units import GON
 
 MM, MGON = 1e-3, GON / 1000

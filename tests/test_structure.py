@@ -49,7 +49,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("io",),
     ("incremental",),
     ("report",),
-    ("experiment",),
+    ("simulation", "experiment"),
     ("papers",),
     ("planning",),
     # What the stream says is in the units and names of reports.

@@ -10,16 +10,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from factorgraph_adj.experiment.geocentric_block import (
-    CALIBRATION,
-    CAMERA,
-    DISTANCE_METER,
-    PILLARS,
-    QUARRY,
-    REFRACTION,
-    simulate_geocentric_block,
-)
-from factorgraph_adj.experiment.simulate import SimulatedNetwork, Truth
 from factorgraph_adj.models.registry import VariableKind
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
@@ -30,6 +20,16 @@ from factorgraph_adj.observations import (
     Observation,
     PhotoPosition,
 )
+from factorgraph_adj.simulation.geocentric_block import (
+    CALIBRATION,
+    CAMERA,
+    DISTANCE_METER,
+    PILLARS,
+    QUARRY,
+    REFRACTION,
+    simulate_geocentric_block,
+)
+from factorgraph_adj.simulation.simulate import SimulatedNetwork, Truth
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
