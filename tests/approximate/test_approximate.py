@@ -13,7 +13,6 @@ import pytest
 from factorgraph_adj.approximate import approximate, rounds
 from factorgraph_adj.approximate.rays import tangents
 from factorgraph_adj.errors import ApproximationError
-from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import BrownForwardLens, BrownLens, HarmonicLens, Lens
@@ -36,6 +35,7 @@ from factorgraph_adj.observations import (
     VerticalAngle,
     ZenithAngle,
 )
+from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC, GON

@@ -15,7 +15,6 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj import IncrementalAdjustment
-from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.incremental import absorbing
 from factorgraph_adj.observations import (
     ControlPoint,
@@ -27,6 +26,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
+from factorgraph_adj.simulation.simulate import measure
 from tests.networks.small_block import images_only
 from tests.support.arrivals import bare, batch, difference, items
 from tests.support.soak import plan

@@ -17,7 +17,6 @@ from scipy.stats import binom, chi2, kstest, norm
 
 import factorgraph_adj as fga
 from factorgraph_adj import IncrementalAdjustment, Network, Solution
-from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.incremental.verdicts import Verdict
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import (
@@ -35,6 +34,7 @@ from factorgraph_adj.observations import (
 from factorgraph_adj.quality.groups import noncentrality_of_group
 from factorgraph_adj.quality.prediction import Prediction, Predictor
 from factorgraph_adj.quality.reliability import noncentrality
+from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.networks.every_kind import GEOMETRIES, OBSERVED, sight_equations

@@ -27,7 +27,7 @@ from scipy.sparse.csgraph import connected_components
 import factorgraph_adj as fga
 from factorgraph_adj.graph.build import build_graph
 from factorgraph_adj.io.bal import read_bal
-from factorgraph_adj.observations import Correlated
+from factorgraph_adj.observations import AnyObservation, Correlated
 from factorgraph_adj.solve.datum import minimal_datum
 from factorgraph_adj.solve.linear import LinearSystem
 from factorgraph_adj.types import Array, Index, Mask
@@ -496,7 +496,7 @@ def shuffled(network: fga.Network, seed: int) -> fga.Network:
     for name in ("orientations", "refractions", "verticals", "distance_meters"):
         setattr(out, name, dict(order(getattr(network, name).items(), rng)))
     named = {i: replace(o, id=i) for i, o in network.observations.items()}
-    items: list[fga.observations.AnyObservation] = []
+    items: list[AnyObservation] = []
     for ids, covariance in network.clusters:
         places = rng.permutation(len(ids))
         size = len(covariance) // len(ids)

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import HeightDifference, ImagePoint
 from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.solve.datum import minimal_datum
 from factorgraph_adj.solve.factor import Factor
 from factorgraph_adj.solve.normal import ENLARGED, NormalEquations

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 
 from factorgraph_adj import IncrementalAdjustment, Network
-from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import AnyObservation, Correlated, HeightDifference, Observation
+from factorgraph_adj.simulation.simulate import measure
 from tests.support.arrivals import ids_of, items
 from tests.support.soak import CONTROL, UNKNOWN, plan
 

@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 from factorgraph_adj import AdjustmentError, IncrementalAdjustment, Network
-from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.incremental.verdicts import Policy
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.network.entities import Photo, Point
@@ -42,6 +41,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
+from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC

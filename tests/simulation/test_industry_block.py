@@ -13,15 +13,6 @@ import pytest
 from scipy import stats
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment.industry_block import (
-    CAMERA,
-    CERTIFICATE,
-    CONVERGENT,
-    CORNERS,
-    PLATE,
-    SIDE,
-    simulate_industry_block,
-)
 from factorgraph_adj.models.image import depth
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import SlopeDistance
@@ -30,6 +21,15 @@ from factorgraph_adj.papers.tables_1981 import (
     IndustryCase,
     IndustryFigures,
     industry_figures,
+)
+from factorgraph_adj.simulation.industry_block import (
+    CAMERA,
+    CERTIFICATE,
+    CONVERGENT,
+    CORNERS,
+    PLATE,
+    SIDE,
+    simulate_industry_block,
 )
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.solution import Solution

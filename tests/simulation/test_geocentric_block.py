@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from factorgraph_adj.experiment.geocentric_block import (
+from factorgraph_adj.models.variables import VariableKind
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import (
+    KINDS,
+    ControlPoint,
+    Correlated,
+    GnssVector,
+    Observation,
+    PhotoPosition,
+)
+from factorgraph_adj.simulation.geocentric_block import (
     CALIBRATION,
     CAMERA,
     DISTANCE_METER,
@@ -19,17 +29,7 @@ from factorgraph_adj.experiment.geocentric_block import (
     REFRACTION,
     simulate_geocentric_block,
 )
-from factorgraph_adj.experiment.simulate import SimulatedNetwork, Truth
-from factorgraph_adj.models.variables import VariableKind
-from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import (
-    OBSERVATIONS,
-    ControlPoint,
-    Correlated,
-    GnssVector,
-    Observation,
-    PhotoPosition,
-)
+from factorgraph_adj.simulation.simulate import SimulatedNetwork, Truth
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
@@ -95,7 +95,7 @@ def unknowns(solution: Solution, truth: Truth) -> Iterator[tuple[VariableKind, s
 def test_every_kind_of_observation_and_unknown_takes_part(simulated: SimulatedNetwork) -> None:
     network = simulated.network
     kinds = {o.kind for o in network.observations.values()} | {"image"}
-    assert kinds == set(OBSERVATIONS)
+    assert kinds == set(KINDS)
     assert network.clusters
     assert all(not any(p.fixed) for p in network.verticals.values())
     assert all(not any(p.fixed) for p in network.refractions.values())
