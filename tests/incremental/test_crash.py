@@ -26,6 +26,7 @@ from factorgraph_adj.io.json_records import network_files
 from tests.support.arrivals import batch, difference
 from tests.support.places import ROOT
 from tests.support.playing import day, morning
+from tests.support.processes import HANGS
 
 SEED = 1986
 MOMENTS = 25
@@ -35,8 +36,6 @@ WITHIN = 0.01
 AT_REST = 1e-6
 ROUNDING = 1e-9
 """Of figures of different runs, relative or absolute."""
-LONGEST = 100.0
-"""Seconds after which something hangs."""
 
 
 # -- states ---------------------------------------------------------------------------------------
@@ -232,7 +231,7 @@ class Player:
     def close(self) -> None:
         assert self.server.stdin is not None and self.server.stdout is not None
         self.server.stdin.close()
-        self.server.wait(LONGEST)
+        self.server.wait(HANGS)
         self.server.stdout.close()
 
 
