@@ -27,9 +27,9 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
+from tests.networks.site import plan
 from tests.networks.small_block import images_only
 from tests.support.arrivals import bare, batch, difference, items
-from tests.support.soak import plan
 
 WILD: dict[str, Observation] = {
     "distance of 1000 km": SlopeDistance("A", "P3", 1e6, sigma=1e-3, id="wild"),

@@ -24,8 +24,8 @@ from factorgraph_adj import IncrementalAdjustment, Network
 from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import AnyObservation, Correlated, HeightDifference, Observation
+from tests.networks.site import CONTROL, UNKNOWN, plan
 from tests.support.arrivals import ids_of, items
-from tests.support.soak import CONTROL, UNKNOWN, plan
 
 Step = Callable[[IncrementalAdjustment], object]
 FIRST = ("S1", "S2", "P0", "P1", "P2", "P3")
