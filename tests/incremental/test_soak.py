@@ -176,7 +176,7 @@ def test_lives_of_any_events_are_those_of_the_batch():
 
 
 def test_every_event_has_a_rule():
-    rules = {r.function.__name__ for r in Life.rules()}
+    rules = {rule.function.__name__ for rule in Life.setup_state().rules}
     assert {event.__name__ for _, event in EVENTS} <= rules
     assert {"settling", "resuming", "comparing"} <= rules
 
