@@ -438,6 +438,10 @@ def test_a_trial_that_cannot_be_sent_is_refused():
             run(experiment, 1, processes=2)
 
 
+@pytest.mark.slow(
+    "what a user's script, started anew by each of its processes, is told; short tests "
+    "start their processes from here"
+)
 def test_a_trial_that_other_processes_do_not_find_is_refused_as_one_that_cannot_be_sent(tmp_path):
     """A function under the guard of a script is inside something too: processes skip that."""
     script = tmp_path / "study.py"
@@ -466,6 +470,10 @@ def test_a_cluster_is_not_given_a_trial_that_cannot_be_sent(client):
         run(Experiment("x", lambda seed: {"x": 1.0}), 1, client=client)
 
 
+@pytest.mark.slow(
+    "what a user's script, started anew by each of its processes, is told; short tests "
+    "start their processes from here"
+)
 def test_a_script_without_its_guard_is_told_so(tmp_path):
     script = tmp_path / "study.py"
     script.write_text(
@@ -729,6 +737,7 @@ def test_a_trial_that_returns_nothing_is_named_in_the_summary():
 # -- a real one -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow("a whole study of adjustments; short tests repeat trials that only draw numbers")
 def test_distances_make_the_industry_block_more_precise():
     """Errors / σ are standard normal in both cells; bounds at 99.9 % for 4 figures."""
     experiment = Experiment("industry", trials.check_heights, {"distances": [40, 150]}, SEED)
