@@ -280,9 +280,8 @@ def test_a_process_killed_at_any_moment_has_lost_nothing_but_what_was_in_hand(tm
             at = done + 1 if done < n and not same(state, moments[done].state) else done
             late += at > done
             assert_is(inc, moments[at])
-    assert (
-        killed == A_FEW or late < killed
-    )  # most are killed while they think, some after the line was written
+    # Most are killed while they think, some after the line was written.
+    assert killed == A_FEW or late < killed
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
