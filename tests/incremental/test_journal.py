@@ -126,7 +126,7 @@ def test_correlated_observations_come_back_to_the_bit():
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
         members = tuple(drawn(str(k), rng) for k in rng.choice(kinds, size=rng.integers(1, 5)))
-        size = sum(o.n_scalars(m) for m in members)
+        size = sum(len(m.component_names()) for m in members)
         given = o.Correlated(members, covariance(size, rng))
         ids = [f"c{i}" for i in range(len(members))]
         again = j.observation_of(through_json(j.observation_fields(given, id=ids)), source="a:1")
