@@ -247,7 +247,7 @@ def test_the_gain_of_a_candidate_is_that_of_a_plan_of_its_own(industry: fga.Netw
                 for name, x in zip(names, lack, strict=True)
                 if name in items[t] and (name in failing or name in industry.points)
             )
-        predicted = search.start.lack(search.start.change(told))
+        predicted = search.start.lack(search.start.update(told))
         assert predicted == pytest.approx(want, abs=1e-7)
         state = search.start.copy()
         search.take(state, search.known, n)
@@ -394,7 +394,7 @@ def assert_predicted(
             names, figures = after.figures(t)
             lack = lacking(t, figures)
             want += sum(float(x) for name, x in zip(names, lack, strict=True) if name in old)
-        assert search.start.lack(search.start.change(told)) == pytest.approx(want, rel=1e-9)
+        assert search.start.lack(search.start.update(told)) == pytest.approx(want, rel=1e-9)
 
 
 HARD: tuple[Target, ...] = (
