@@ -42,6 +42,12 @@ LARGEST = 6000
 """Scalar observations up to which this is done; all of A Q Aᵀ is held."""
 NOTHING = 1e-9
 """Loss that is rounding."""
+EQUAL = 1e-6
+"""Part by which two observations may differ in worth and still be worth the same.
+
+Rounding of losses leaves as much where they are next to nothing. Of observations that are worth the
+same, as in a symmetric design, the first one goes.
+"""
 LISTED = 12
 
 
@@ -199,7 +205,7 @@ class _Search:
             if loss is None:
                 continue
             worth = prices.get(ident, 1.0) / (max(loss, 0.0) + NOTHING)
-            if worth > value:
+            if worth > value * (1.0 + EQUAL):
                 chosen, value = ident, worth
         return chosen
 
