@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.support.places import ROOT
+
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SCRIPTS = [m.group(1) for m in re.finditer(r"```python\n(.*?)```", README, re.DOTALL)]
 OUTPUTS = dict(
