@@ -38,8 +38,6 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("approximate",),
     # The same equations as factors of GTSAM, which start at approximate values.
     ("graph",),
-    # What a solve returns; it holds parts of the solver and names them for type checks only.
-    ("solve.solution",),
     ("solve",),
     ("quality",),
     ("validate",),

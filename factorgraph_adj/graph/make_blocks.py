@@ -14,7 +14,7 @@ from ..network.entities import REFRACTION_OF_THE_NETWORK
 from ..network.network import Network
 from ..observations import ControlPoint, GnssVector, Observation, PhotoPosition
 from ..types import Array, Mask
-from .blocks import Block
+from .blocks import Block, ObservationLabels
 from .variables import NO_DEFLECTION, NO_METER, Unknowns
 from .weights import constant_sigma, vector_weights
 
@@ -73,7 +73,7 @@ def plain_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
             sigma,
             [ident for ident, _ in group],
             observations[0].components,
-            lambda i, found=observations: found[i].label(),  # type: ignore[misc]
+            ObservationLabels(observations),
             whitener,
             kind.model,
             constants={

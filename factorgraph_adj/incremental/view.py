@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -73,6 +74,30 @@ class TreeNormal(NormalEquations):
             return super().factorise(extra, exact=exact)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class TreeSolution(Solution):
+    """A solution whose covariances come from the Bayes tree of an iSAM2."""
+
+    tree: LinearTree | None = field(default=None, repr=False)
+    """The tree; without it, as in copies, they come from the normal equations."""
+    columns: dict[int, Index] = field(default_factory=dict, repr=False)
+    """Free columns of each key of the tree."""
+
+    def _linearise(self) -> NormalEquations:
+        if self.tree is None:
+            return super()._linearise()
+        return TreeNormal(self.solver, self.state, self.tree, self.columns)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied and pickled, all but the tree."""
+        return super().__getstate__() | {"tree": None}
+
+
+def without_tree(solution: Solution) -> Solution:
+    """Return a solution whose covariances come from its normal equations."""
+    return replace(solution, tree=None) if isinstance(solution, TreeSolution) else solution
+
+
 def columns_of(register: Register, equations: Equations) -> dict[int, Index]:
     """Return the free columns of each key of the graph."""
     out: dict[int, Index] = {}
@@ -104,19 +129,9 @@ def solution_of(engine: Engine) -> Solution:
         if on_datum:
             state, v = moved, there
 
-    def normal_at(at: State) -> NormalEquations:
-        return NormalEquations(solver, at)
-
-    made: list[NormalEquations] = []
-
-    def normal() -> NormalEquations:
-        if not made:
-            made.append(TreeNormal(solver, state, tree, columns))
-        return made[0]
-
     at_rest = f"within {engine.accuracy:.0%} of each σ of the minimum"
     doubt = engine.doubt if not engine.kept else "" if on_datum else OFF_DATUM
-    return Solution(
+    return TreeSolution(
         network=equations.network,
         equations=equations,
         state=state,
@@ -125,40 +140,12 @@ def solution_of(engine: Engine) -> Solution:
         reason=doubt or ("at rest" if engine.settled else at_rest),
         iterations=0,
         vtpv=float(v @ v),
+        solver=solver,
+        constraint=constraint,
         datum=datum,
         defects=defects,
-        variance="a-priori",
-        weights=None,
-        n_extra=0,
-        normal=normal,
-        normal_at=normal_at,
-        constraint=constraint,
-    )
-
-
-def start_at(equations: Equations, state: State, given: State) -> Solution:
-    """Return values for an adjustment to start from."""
-
-    def normal_at(at: State) -> NormalEquations:
-        return NormalEquations(Solver.of(equations), at)
-
-    return Solution(
-        network=equations.network,
-        equations=equations,
-        state=state,
-        start=given,
-        converged=False,
-        reason="a start",
-        iterations=0,
-        vtpv=np.nan,
-        datum=None,
-        defects=(),
-        variance="a-priori",
-        weights=None,
-        n_extra=0,
-        normal=lambda: normal_at(state),
-        normal_at=normal_at,
-        constraint=np.zeros(equations.unknowns.n_columns),
+        tree=tree,
+        columns=columns,
     )
 
 

@@ -13,7 +13,8 @@ from scipy.sparse import csr_array
 from ..errors import InputError, Problem, known
 from ..graph.blocks import Block
 from ..network.network import Network
-from ..solve.solution import ObservationRecord, Solution
+from ..solve.observation_table import ObservationRecord
+from ..solve.solution import Solution
 from ..types import Array, Index
 
 Rule: TypeAlias = Literal["kind", "camera", "photo", "instrument"]

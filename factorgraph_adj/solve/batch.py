@@ -15,19 +15,19 @@ import numpy as np
 
 from ..errors import DatumError, InputError, Problem
 from ..graph.equations import Equations, compile_network
-from ..graph.extra import linearise_extra
 from ..graph.variables import State
 from ..models.image import depth
 from ..network.network import DatumChoice, Network
 from ..types import Array, Mask
 from .datum import Defect, FreeDatum, find_defects, minimal_datum
+from .extra import Extra
 from .extrapolation import Extrapolation
 from .free_network import SHRINKING, Carried, carry, datum_columns
 from .inner import follow
-from .linear import ExtraRows
 from .normal import NormalEquations, Solver
 from .rank import LISTED, NOUN, describe_defects, undetermined
 from .solution import Solution
+from .start import Start, start_of
 from .tree import SingularError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class _Run:
     """What the iteration carries along."""
 
     solver: Solver
-    factors: Sequence[gtsam.NonlinearFactor]
+    extra: Extra
     state: State
     start: State
     free: bool
@@ -95,28 +95,13 @@ class _Run:
     def equations(self) -> Equations:
         return self.solver.equations
 
-    def extra(self, state: State) -> list[ExtraRows]:
-        """Linearise the user's factors."""
-        if not self.factors:
-            return []
-        return [
-            ExtraRows(columns, a, residual)
-            for columns, a, residual in linearise_extra(self.factors, self.equations, state)
-        ]
-
     def unobserved(self, normal: NormalEquations) -> Mask:
         """Return the free components that no observation touches, (n_columns,)."""
         return self.equations.unknowns.free & (normal.diagonal <= 0)
 
-    def normal(self) -> NormalEquations:
-        """Return the normal equations at the solution."""
-        if self.at_solution is None:
-            self.at_solution = self.normal_at(self.state)
-        return self.at_solution
-
     def normal_at(self, state: State) -> NormalEquations:
         """Return the normal equations at any state."""
-        return NormalEquations(self.solver, state, self.extra(state))
+        return NormalEquations(self.solver, state, self.extra.at(self.equations, state).rows)
 
     def vtpv(self, state: State) -> float:
         """Return vᵀPv; infinite where a sight has no answer."""
@@ -124,7 +109,8 @@ class _Run:
             v = self.equations.residuals(state)
         except InputError:
             return np.inf
-        value = float(v @ v) + sum(float(e.residual @ e.residual) for e in self.extra(state))
+        extra = self.extra.at(self.equations, state).rows
+        value = float(v @ v) + sum(float(e.residual @ e.residual) for e in extra)
         return value if np.isfinite(value) else np.inf
 
 
@@ -133,7 +119,7 @@ def adjust(
     *,
     datum: DatumChoice | None = None,
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
-    start: Solution | None = None,
+    start: Solution | Start | None = None,
     weights: Array | None = None,
     tolerance: float = 1e-5,
     max_iterations: int = 100,
@@ -147,8 +133,9 @@ def adjust(
         datum: ``given`` (control, fixed, weighted) or ``free`` (inner constraints over the datum
             points); none: as the network says.
         variance: whether covariances are scaled by 1 or by σ̂0².
-        start: start from the values of an earlier solution, by name; a few observations more or
-            less need a step or two. Inner constraints refer to the same coordinates as there.
+        start: start from the values of an earlier solution, or from any others, by name; a few
+            observations more or less need a step or two. Inner constraints refer to the same
+            coordinates as there.
         weights: what the weight of each scalar observation is multiplied by, in the order of
             ``solution.observations``; see `Equations.reweighted`.
         tolerance: bound on the last step of every unknown, relative to its own σ.
@@ -173,21 +160,21 @@ def adjust(
     if variance not in ("a-priori", "a-posteriori"):
         raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
     equations = compile_network(network)
-    origin, state = _start(equations, choice, start)
+    begin = start_of(equations, choice, start)
+    state = begin.state
     weighed = equations.weighted_at(state)
     iterations = 0
     for _ in range(MOST_WEIGHINGS):
         equations = weighed if weights is None else weighed.reweighted(weights)
+        extra = Extra.of(extra_factors, equations, state)
         run = _Run(
-            Solver.of(equations),
-            tuple(extra_factors),
+            Solver.of(equations, extra.rows),
+            extra,
             state,
-            origin,
+            begin.origin,
             choice == "free",
             np.zeros(equations.unknowns.n_columns),
         )
-        if extra_factors:
-            run.solver = Solver.of(equations, run.extra(state))
         most = max_iterations - iterations
         made, converged, reason, vtpv = _iterate(run, tolerance, most, progress)
         iterations, state = iterations + made, run.state
@@ -221,35 +208,11 @@ def adjust(
         defects=run.defects,
         variance=variance,
         weights=None if weights is None else np.array(weights, dtype=float),
-        n_extra=sum(len(e.residual) for e in run.extra(run.state)),
-        normal=run.normal,
-        normal_at=run.normal_at,
+        solver=run.solver,
         constraint=run.constraint,
+        extra=run.extra.at(equations, run.state),
+        linearised=run.at_solution,
     )
-
-
-def _start(
-    equations: Equations, datum: DatumChoice, earlier: Solution | None
-) -> tuple[State, State]:
-    """Return x₀, which inner constraints refer to, and the values to start from."""
-    unknowns = equations.unknowns
-    origin = unknowns.start()
-    if earlier is not None:
-        missing = {kind: np.isnan(values) for kind, values in origin.items()}
-        known = unknowns.carried(origin, earlier.equations.unknowns, earlier.start, where=missing)
-        if not _incomplete(known):
-            return known, unknowns.carried(
-                known, earlier.equations.unknowns, earlier.state, where=unknowns.moving()
-            )
-    if _incomplete(origin):
-        from ..approximate import approximate
-
-        origin = approximate(equations, datum=datum)
-    return origin, origin
-
-
-def _incomplete(state: State) -> bool:
-    return any(bool(np.isnan(values).any()) for values in state.values())
 
 
 def _iterate(

@@ -39,7 +39,7 @@ from factorgraph_adj.quality.variance_components import (
     variance_components,
 )
 from factorgraph_adj.solve.batch import adjust
-from factorgraph_adj.solve.solution import ObservationRecord
+from factorgraph_adj.solve.observation_table import ObservationRecord
 from factorgraph_adj.types import Array
 from tests.networks.small_block import SIGMA_MM, plan, small_block
 from tests.support.dense import Dense
