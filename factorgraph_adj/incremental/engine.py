@@ -20,9 +20,9 @@ from ..graph.variables import State
 from ..models.registry import VariableKind
 from ..network.network import Network
 from ..solve.batch import OFF_DATUM, adjust
-from ..solve.free_network import SHRINKING
 from ..solve.solution import Solution
 from ..solve.start import Start
+from ..solve.stopping import STOPPING
 from ..solve.tree import SingularError
 from ..types import Array, Index
 from .anywhere import anywhere
@@ -336,7 +336,7 @@ class Engine(Graph):
                 if bound < AT_REST and step and moved < AT_DATUM:
                     # Partials before a step that small may still not be those after it.
                     self.compare_all()
-                    if self.store.turned() < AT_REST**2 or bound > SHRINKING * last:
+                    if self.store.turned() < AT_REST**2 or bound > STOPPING.shrinking * last:
                         self.settled = self.kept = True
                         return
                 if not np.isfinite(bound) or (bound > 2 * last and bound > CLOSE):

@@ -10,11 +10,11 @@ import numpy as np
 from ..errors import DatumError
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..solve.batch import OFF_DATUM, UNCHANGED
+from ..solve.batch import OFF_DATUM
 from ..solve.datum import Defect, FreeDatum, find_defects
 from ..solve.factor import Factor
 from ..solve.free_network import (
-    MOST_TRANSFORMATIONS,
+    MOTION,
     datum_columns,
     is_nothing,
     moved_from,
@@ -24,6 +24,7 @@ from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
 from ..solve.plan import make_plan
 from ..solve.solution import Solution
+from ..solve.stopping import STOPPING
 from ..solve.tree import SingularError
 from ..types import Array, Index
 from .cliques import own_cliques
@@ -125,7 +126,8 @@ def solution_of(engine: Engine) -> Solution:
         moved, defects, datum = _on_datum(equations, state, given)
         there = equations.residuals(moved)
         # What no observation notices changes no residual.
-        on_datum = abs(float(there @ there) - float(v @ v)) <= UNCHANGED * (1.0 + float(v @ v))
+        change = abs(float(there @ there) - float(v @ v))
+        on_datum = change <= STOPPING.unchanged * (1.0 + float(v @ v))
         if on_datum:
             state, v = moved, there
 
@@ -154,7 +156,7 @@ def _on_datum(
 ) -> tuple[State, tuple[Defect, ...], FreeDatum]:
     """Return the state moved onto the inner constraints, its defect, and the constraints."""
     columns = None
-    for _ in range(MOST_TRANSFORMATIONS):
+    for _ in range(MOTION.transformations):
         system = LinearSystem(equations, state)
         defects = find_defects(system, state, system.diagonal(), free=True)
         if len(defects) != 1:

@@ -33,6 +33,7 @@ from ..solve.normal import NormalEquations
 from ..solve.rank import describe_defects
 from ..solve.reference_datum import ReferenceDatum
 from ..solve.solution import Solution
+from ..solve.step import Step
 from ..solve.tree import SingularError
 from ..types import Array, Index
 
@@ -149,13 +150,12 @@ def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
     equations = solution.equations
     columns = datum_columns(equations, solution.datum.motions, names)
 
-    def step(normal: NormalEquations) -> tuple[Array, float] | None:
+    def step(normal: NormalEquations) -> Step | None:
         try:
             factor = normal.factorise(solution.constraint)
         except SingularError:
             return None
-        x = factor.solve(-normal.gradient[:, None])[:, 0]
-        return x, float(np.sqrt(max(float(-normal.gradient @ x), 0.0)))
+        return Step.of(factor, normal.gradient)
 
     carried = carry(
         equations,

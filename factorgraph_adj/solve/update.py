@@ -39,6 +39,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ..types import Array, Index, Mask
+from .step import Factorised
 
 
 @dataclass(frozen=True)
@@ -91,14 +92,6 @@ class Dense:
     def times(self, at: Index, b: Array) -> Array:
         """Return Q Bᵀ; see `Cofactors`."""
         return np.asarray(self.q[:, at] @ b.T)
-
-
-class Factorised(Protocol):
-    """What solves a system, such as `factorgraph_adj.solve.factor.Factor`."""
-
-    def solve(self, y: Array) -> Array:
-        """Return Q y for y (n, k)."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
