@@ -8,8 +8,8 @@ factorgraph_adj.papers.tables_1981. With --plot FILE it is drawn (extra plot).
 import argparse
 
 from factorgraph_adj.experiment.runs import Experiment, run
+from factorgraph_adj.papers.comparison import Comparison, compared
 from factorgraph_adj.papers.tables_1981 import ISP_CASES, isp_trial
-from factorgraph_adj.report.comparison import Comparison, compared
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--plot", metavar="FILE", help="draw the table into FILE")
@@ -32,6 +32,6 @@ table = Comparison(
 )
 print(table)
 if options.plot:
-    from factorgraph_adj.report.plots import plot_comparison
+    from factorgraph_adj.papers.comparison_plot import plot_comparison
 
     plot_comparison([table]).savefig(options.plot, dpi=150)

@@ -6,8 +6,8 @@ Geometry: see factorgraph_adj.experiment.industry_block. With --plot FILE it is 
 import argparse
 from math import nan
 
+from factorgraph_adj.papers.comparison import Comparison, compared
 from factorgraph_adj.papers.tables_1981 import INDUSTRY_CASES, industry_figures
-from factorgraph_adj.report.comparison import Comparison, compared
 
 PRINTED = {
     "a": (0.6, 0.4, 0.8, 1.6),
@@ -54,6 +54,6 @@ ratios = Comparison(
 )
 print(table, ratios, sep="\n\n")
 if options.plot:
-    from factorgraph_adj.report.plots import plot_comparison
+    from factorgraph_adj.papers.comparison_plot import plot_comparison
 
     plot_comparison([table, ratios]).savefig(options.plot, dpi=150)

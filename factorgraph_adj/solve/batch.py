@@ -13,8 +13,9 @@ from ..errors import InputError
 from ..graph.equations import Equations, compile_network
 from ..network.network import DatumChoice, Network
 from ..types import Array
+from .determine import refuse_unnoticed
 from .free_network import carry
-from .iterate import Ended, Progress, iterate, step_from
+from .iterate import ITERATION, Ended, Progress, iterate, step_from
 from .run import Run
 from .sides import refuse_points_behind
 from .solution import Solution
@@ -83,6 +84,9 @@ def adjust(
         factors=extra_factors,
         progress=progress,
     )
+    if ended.converged and run.smallest_pivot < ITERATION.poor:
+        run.at_solution = run.normal_at(run.state)
+        refuse_unnoticed(run, run.at_solution)
     if run.datum is not None:
         ended = _carry_to_datum_points(run, ended, tolerance)
     refuse_points_behind(run.equations, run.state)

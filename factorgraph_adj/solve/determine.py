@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import DatumError, InputError, Problem
+from ..models.variables import UNKNOWNS
+from ..types import Array
 from .datum import FreeDatum, find_defects, minimal_datum
 from .free_network import datum_columns
 from .normal import NormalEquations
-from .rank import LISTED, NOUN, describe_defects, undetermined
+from .rank import LISTED, describe_defects, undetermined, unnoticed
 from .run import Run
+from .tree import SingularError
 
 
 def settle_datum(run: Run, normal: NormalEquations) -> None:
@@ -43,9 +46,25 @@ def settle_datum(run: Run, normal: NormalEquations) -> None:
     run.datum = FreeDatum(motions, columns)
 
 
-def explain(run: Run, normal: NormalEquations) -> None:
-    """Raise what is not determined, by name."""
-    error = what_is_undetermined(run, normal)
+def refuse_unnoticed(run: Run, normal: NormalEquations) -> None:
+    """Raise what is not determined, by name, where a pivot is poor.
+
+    Rounding turns the pivot of a singular N into a small one, and its step into anything.
+    """
+    try:
+        factor = normal.factorise(run.constraint)
+    except SingularError:
+        explain(run, normal)
+        return
+    filled = [] if run.datum is None else [d.at(run.equations, run.state) for d in run.defects]
+    known = unnoticed(normal.system, normal.diagonal, factor, filled)
+    if known.shape[1]:
+        explain(run, normal, known)
+
+
+def explain(run: Run, normal: NormalEquations, known: Array | None = None) -> None:
+    """Raise what is not determined, by name; ``known`` as in `undetermined`."""
+    error = what_is_undetermined(run, normal, known)
     try:
         if error is not None:
             raise error from None
@@ -53,15 +72,17 @@ def explain(run: Run, normal: NormalEquations) -> None:
         del error  # or frame and traceback hold each other, and everything in them
 
 
-def what_is_undetermined(run: Run, normal: NormalEquations) -> DatumError | None:
+def what_is_undetermined(
+    run: Run, normal: NormalEquations, known: Array | None = None
+) -> DatumError | None:
     """Return an error that names what is not determined, or none."""
     free = run.datum is not None
     defects = (
-        run.defects
+        [d.at(run.equations, run.state) for d in run.defects]
         if free
         else find_defects(normal.system, run.state, normal.diagonal, free=run.free)
     )
-    return undetermined(normal.system, normal.diagonal, defects, free=free)
+    return undetermined(normal.system, normal.diagonal, defects, free=free, known=known)
 
 
 def name_overflow(run: Run) -> None:
@@ -75,7 +96,7 @@ def name_overflow(run: Run) -> None:
 
 def drifting(run: Run, bound: float) -> str:
     """Say why an iteration ended whose unknowns still move without any gain."""
-    names = [f"{NOUN[kind]} {name!r}" for kind, name in run.drifting]
+    names = [f"{UNKNOWNS[kind].noun} {name!r}" for kind, name in run.drifting]
     listed = ": " + ", ".join(names[:LISTED]) if names else ""
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
     return (

@@ -18,7 +18,14 @@ import numpy as np
 
 from ..graph.variables import State
 from .damping import Damping
-from .determine import drifting, explain, name_overflow, settle_datum, what_is_undetermined
+from .determine import (
+    drifting,
+    explain,
+    name_overflow,
+    refuse_unnoticed,
+    settle_datum,
+    what_is_undetermined,
+)
 from .extrapolation import Extrapolation
 from .inner import follow
 from .normal import NormalEquations
@@ -39,6 +46,9 @@ class IterationRule:
     suspicious: float = 1e-11
     """What is left of a diagonal element of N in its elimination, relative, below which datum
     defects are looked for: rounding leaves less where nothing is determined."""
+    poor: float = 1e-6
+    """The same below which any undetermined unknown is looked for: rounding leaves up to 10⁻¹⁰ of
+    the smallest pivot of a singular N, as it depends on the order of elimination."""
     explained: int = 5000
     """Number of columns up to which a vanished pivot is explained at once, and not at the end of
     the iteration: the search for a null space takes seconds beyond."""
@@ -137,11 +147,13 @@ def _descend(
     while True:
         damped = damping.value > 0.0
         step = step_from(run, normal, damping.value)
-        if first and not damped and run.datum is None:
+        if first and not damped:
             # A defect of datum leaves a pivot without anything: no need to search without.
             suspicious = step is None or normal.smallest_pivot < ITERATION.suspicious
-            if suspicious:
+            if suspicious and run.datum is None:
                 settle_datum(run, normal)
+            if run.smallest_pivot < ITERATION.poor and step is not None:
+                refuse_unnoticed(run, normal)
         if step is not None:
             trial = _try(run, step, normal.system.vtpv)
             judged = stop.judge(trial, normal.system.vtpv, damped=damped)
@@ -159,6 +171,8 @@ def step_from(run: Run, normal: NormalEquations, damping: float = 0.0) -> Step |
     the end of the way the error says what is missing.
     """
     damped = normal.diagonal * damping
+    if damping == 0.0:
+        run.smallest_pivot = 0.0
     try:
         # Damping fills the datum too, and without taking sides for the points that are held.
         factor = normal.factorise(damped if damping > 0.0 else run.constraint)
@@ -168,6 +182,8 @@ def step_from(run: Run, normal: NormalEquations, damping: float = 0.0) -> Step |
         if run.equations.unknowns.n_columns <= ITERATION.explained:
             explain(run, normal)
         return None
+    if damping == 0.0:
+        run.smallest_pivot = normal.smallest_pivot
     return Step.of(factor, normal.gradient, damped)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..graph.variables import Unknowns
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..types import Array
 from .datum import FreeDatum
 

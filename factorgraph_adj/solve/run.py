@@ -39,6 +39,9 @@ class Run:
     """Datum defects that were found."""
     at_solution: NormalEquations | None = None
     """Normal equations at the state, if they are there already."""
+    smallest_pivot: float = 0.0
+    """What was left of the weakest diagonal element of N at the last undamped step, relative; 0
+    where there was no such step."""
     drifting: tuple[tuple[str, str], ...] = ()
     """Kind and name of unknowns that nothing holds, where the iteration is in vain."""
 
