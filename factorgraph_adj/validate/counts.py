@@ -12,20 +12,12 @@ import numpy as np
 from ..errors import Problem
 from ..graph.equations import Equations
 from ..graph.variables import calibration_name
-from ..models.registry import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array
 from .where import Sources, listed
 
 TINY = 5
 """Smallest number of points and photos with which a free network must determine every point."""
-OTHERS: dict[VariableKind, str] = {
-    "calibration": "calibration of camera",
-    "orientation": "orientation of set",
-    "refraction": "refraction group",
-    "vertical": "vertical of station",
-    "edm": "distance meter",
-}
-"""Unknowns besides points and photos, as messages call them."""
 
 
 def _touching(equations: Equations, kind: VariableKind) -> tuple[Array, list[dict[str, int]]]:
@@ -97,11 +89,12 @@ def photo_problems(equations: Equations, at: Sources) -> Iterator[Problem]:
 
 def other_problems(equations: Equations) -> Iterator[Problem]:
     """Find unknowns besides points and photos that no observation depends on."""
-    for kind, noun in OTHERS.items():
-        table = equations.unknowns.tables[kind]
+    for kind, table in equations.unknowns.tables.items():
+        if kind in ("point", "pose"):
+            continue  # they have checks of their own
         rows, _ = _touching(equations, kind)
         for i in np.flatnonzero((rows == 0) & table.free.any(axis=1)):
             yield Problem(
                 "it is unknown, but no observation depends on it: hold it, or take it out",
-                f"{noun} {table.names[i]!r}",
+                f"{UNKNOWNS[kind].noun} {table.names[i]!r}",
             )

@@ -104,9 +104,9 @@ def _hold(
     everything = np.ones((n, 3), dtype=bool)
     if "axis" in block.constants:
         held.add(part, block.constants["axis"])
-    elif block.kind in ("photo_position", "weighted_position"):
+    elif block.fixes == "coordinates":
         held.add_axes(part, np.isfinite(block.sigma))
-    elif block.kind.startswith("astronomic"):
+    elif block.fixes == "place":
         held.add_axes(part, everything)
     for table, index, kind in tables:
         fixed = ~table.free[index][:, :3] if kind == "point" else ~table.free[index][:, 3:6]

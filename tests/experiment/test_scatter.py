@@ -19,7 +19,7 @@ from scipy import stats
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.models.registry import VariableKind
+from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask

@@ -11,8 +11,8 @@ from scipy import stats
 
 import factorgraph_adj as fga
 from factorgraph_adj.frames import LocalFrame, TopocentricFrame
-from factorgraph_adj.graph.variables import ORDER
-from factorgraph_adj.observations import OBSERVATIONS, ControlPoint, Direction, HeightDifference
+from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.observations import KINDS, ControlPoint, Direction, HeightDifference
 from factorgraph_adj.simulation.determined import undetermined_points
 from factorgraph_adj.simulation.disturbances import (
     DROPPED,
@@ -306,7 +306,7 @@ def test_control_is_given_by_pattern_and_held_or_weighted(
 def test_geometry_has_no_stream_of_random_numbers_that_errors_have() -> None:
     """Neither noise, approximate values, weighted unknowns, gross errors nor drop-outs."""
     seed = 5
-    errors = [(seed, kind) for kind in range(len(OBSERVATIONS) + 1 + len(ORDER))]
+    errors = [(seed, kind) for kind in range(len(KINDS) + 1 + len(UNKNOWNS))]
     errors += [(seed, tag, i) for tag in (GROSS, DROPPED) for i in range(20)]
     first = [np.random.default_rng(words).random() for words in errors]
     for number in range(20):

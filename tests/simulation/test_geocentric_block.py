@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from factorgraph_adj.models.registry import VariableKind
+from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
-    OBSERVATIONS,
+    KINDS,
     ControlPoint,
     Correlated,
     GnssVector,
@@ -95,7 +95,7 @@ def unknowns(solution: Solution, truth: Truth) -> Iterator[tuple[VariableKind, s
 def test_every_kind_of_observation_and_unknown_takes_part(simulated: SimulatedNetwork) -> None:
     network = simulated.network
     kinds = {o.kind for o in network.observations.values()} | {"image"}
-    assert kinds == set(OBSERVATIONS)
+    assert kinds == set(KINDS)
     assert network.clusters
     assert all(not any(p.fixed) for p in network.verticals.values())
     assert all(not any(p.fixed) for p in network.refractions.values())
