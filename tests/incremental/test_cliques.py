@@ -15,7 +15,7 @@ from factorgraph_adj.incremental.recent import Recent, sparse_rows
 from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.types import Array
 from tests.benchmarks.grids import simulate_grid, simulate_mixed
-from tests.support.soak import plan
+from tests.networks.site import plan
 
 
 def site() -> fga.Network:

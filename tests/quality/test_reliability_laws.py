@@ -553,6 +553,10 @@ def test_points_far_away_leave_the_sums_what_they_are(bases: float) -> None:
     np.testing.assert_allclose(case.rel.e2, hat, rtol=0, atol=ROUNDING)
 
 
+@pytest.mark.slow(
+    "sums of shares of which single ones are ±10²¹, in a block whose points run away; the shares "
+    "of the other networks stay below 1"
+)
 def test_points_on_their_way_to_infinity_leave_the_sums_what_they_are() -> None:
     """Ladybug 49 comes not to rest (see test_bal): some rays meet at 10⁶ bases, or nowhere.
 
