@@ -155,7 +155,7 @@ def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
         solution.start,
         FreeDatum(solution.datum.motions, columns),
         solution.defects,
-        normal_at=lambda state: solution.at(state).normal(),
+        normal_at=solution.normal_at,
         step=step,
         tolerance=AT_REST,
         at_rest=solution.converged,
@@ -197,7 +197,7 @@ def _reference(
         chosen = [get_args(Motion).index(m) for m in dict.fromkeys(motions)]
         g, called = generators(freed, solution.state)[:, chosen], tuple(dict.fromkeys(motions))
     datum = FreeDatum(g, datum_columns(freed, g, names))
-    masked = np.where(datum.columns[:, None], g, 0.0)
+    masked = datum.masked
     cross = np.zeros_like(g)
     cross[place] = solution.cofactor_times(masked[place])
     return ReferenceDatum(names, called, datum, unknowns, cross, masked.T @ cross)

@@ -25,9 +25,9 @@ class ReferenceDatum:
     unknowns: Unknowns
     """Layout of these components."""
     cross: Array
-    """F = Q G_D (components, d); zero for held ones."""
+    """F = Q B_D (components, d), see `FreeDatum.basis`; zero for held ones."""
     square: Array
-    """E = G_DᵀF (d, d)."""
+    """E = B_DᵀF (d, d)."""
 
     def transformed(
         self, block: Array, a: tuple[VariableKind, str], b: tuple[VariableKind, str]
@@ -41,16 +41,16 @@ class ReferenceDatum:
         out = blocks.copy()
         on = np.flatnonzero(offset >= 0)
         columns = offset[on, None] + np.arange(3)
-        both = self.datum.motions[columns], self.cross[columns]
+        both = self.datum.basis[columns], self.cross[columns]
         out[on] = self.datum.transformed(blocks[on], both, both, self.square)
         return out
 
     def _parts(self, kind: VariableKind, name: str) -> tuple[Array, Array]:
-        """Return G and F of a variable, (k, d) each."""
+        """Return B and F of a variable, (k, d) each."""
         table = self.unknowns[kind]
         number = table.number[name]
         columns = self.unknowns.columns(kind, number)
         if not len(columns):
             nothing = np.zeros((int(table.size[number]), len(self.square)))
             return nothing, nothing
-        return self.datum.motions[columns], self.cross[columns]
+        return self.datum.basis[columns], self.cross[columns]
