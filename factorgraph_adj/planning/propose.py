@@ -32,7 +32,7 @@ from .candidates import (
 )
 from .plan import Plan, realised
 from .readings import as_planned
-from .search import Search
+from .search import CandidateSearch
 from .targets import (
     RedundancyNumber,
     Shortfall,
@@ -211,7 +211,7 @@ def _undetermined(error: DatumError, before: Plan, candidates: Sequence[Candidat
     """Return what names the candidates that do not determine what they bring."""
     kinds = {"pose": "photo", "calibration": "camera"}
     named = {(kinds.get(kind, kind), name.split("@")[0]) for kind, name in error.unknowns}
-    search = Search.of(before, candidates, before.targets)
+    search = CandidateSearch.of(before, candidates, before.targets)
     problems = []
     for n, c in enumerate(candidates):
         lost = c.brings if search.told(n, search.known) is None else c.brings & named
@@ -232,7 +232,7 @@ def _refuse_datum_changes(before: Plan, candidates: Sequence[Candidate]) -> None
     if before.solution.datum is None:
         return
     motions = before.solution.datum.motions
-    search = Search.of(before, candidates, before.targets)
+    search = CandidateSearch.of(before, candidates, before.targets)
     design = np.full(len(search.start.q), -1, dtype=np.intp)
     places = search.place[search.linear.column]
     design[places[places >= 0]] = np.flatnonzero(places >= 0)
@@ -326,7 +326,7 @@ def _attempt(
     for rounds in range(1, MOST_CHECKS + 1):  # noqa: B007
         taken = {c.name for c in chosen}
         left = [c for c in among if c.name not in taken]
-        search = Search.of(design, left, before.targets, watched)
+        search = CandidateSearch.of(design, left, before.targets, watched)
         picked = search.cheapest()
         chosen += [left[n] for n in picked]
         if picked:
@@ -356,7 +356,7 @@ def _in_the_way(design: Plan, chosen: Sequence[Candidate]) -> Candidate:
 
 def _ordered(before: Plan, chosen: Sequence[Candidate]) -> list[Candidate]:
     """Return what was chosen by gain for cost."""
-    search = Search.of(before, list(chosen), before.targets)
+    search = CandidateSearch.of(before, list(chosen), before.targets)
     state, known = search.start.copy(), search.known.copy()
     left, out = list(range(len(chosen))), []  # type: ignore[var-annotated]
     while left:

@@ -40,7 +40,7 @@ from .targets import (
 
 LARGEST = 6000
 """Scalar observations up to which this is done; all of A Q Aᵀ is held."""
-NOTHING = 1e-9
+ROUNDED_LOSS = 1e-9
 """Loss that is rounding."""
 EQUAL = 1e-6
 """Part by which two observations may differ in worth and still be worth the same.
@@ -117,7 +117,7 @@ def spare(
             f"{whole.solution.n_observations} scalar observations; up to {LARGEST} are looked at"
         )
     out: list[str] = []
-    search = _Search(whole, wanted, may_go)
+    search = _SpareSearch(whole, wanted, may_go)
     if not search.rows:
         raise InputError(
             Problem(
@@ -153,7 +153,7 @@ def _wrong_prices(prices: Mapping[str, Any], ids: Sequence[str]) -> list[Problem
     return problems
 
 
-class _Search:
+class _SpareSearch:
     """Q of a design from which observations are taken."""
 
     def __init__(self, design: Plan, targets: Sequence[Target], may_go: Sequence[str]) -> None:
@@ -204,7 +204,7 @@ class _Search:
             loss = self._loss(rows, before)
             if loss is None:
                 continue
-            worth = prices.get(ident, 1.0) / (max(loss, 0.0) + NOTHING)
+            worth = prices.get(ident, 1.0) / (max(loss, 0.0) + ROUNDED_LOSS)
             if worth > value * (1.0 + EQUAL):
                 chosen, value = ident, worth
         return chosen

@@ -32,7 +32,7 @@ from .relative import Place, covariance, covariances, position
 
 FLAT = 1e-13
 """Variance of an axis relative to the largest that is rounding: the axis is held."""
-NOTHING = 1e-12
+NO_COMPONENT = 1e-12
 """Component of a unit vector that is none but for rounding."""
 
 
@@ -307,8 +307,8 @@ def _ellipsoids(
     ends = vectors.transpose(0, 2, 1)[:, ::-1]
     east, north, up = ends[..., 0], ends[..., 1], ends[..., 2]
     level = np.hypot(east, north)
-    vertical = level < NOTHING
-    meridian = np.abs(east) < NOTHING
+    vertical = level < NO_COMPONENT
+    meridian = np.abs(east) < NO_COMPONENT
     turned = np.where(vertical, up > 0, np.where(meridian, north < 0, east < 0))
     ends = np.where(turned[..., None], -ends, ends)
     azimuths = np.where(meridian, 0.0, np.arctan2(ends[..., 0], ends[..., 1]))

@@ -19,7 +19,7 @@ from ..solve.solution import Solution
 from .rejections import Round, Snooping, Test
 from .robust import ESTIMATORS, Estimator
 from .robust import robust as robust_adjustment
-from .snooping_search import Search
+from .snooping_search import SnoopingSearch
 
 
 def snoop(
@@ -88,7 +88,7 @@ def snoop(
         solution, values = found.solution, found.test_values / found.scale
     if sidak:
         alpha = float(1.0 - (1.0 - alpha) ** (1.0 / solution.equations.n_rows))
-    search = Search(solution, test, alpha, power, {"datum": datum, "variance": variance})
+    search = SnoopingSearch(solution, test, alpha, power, {"datum": datum, "variance": variance})
     if values is not None:
         search.begin(values, progress)
     reason = search.run(share, max_rounds, progress)

@@ -24,7 +24,7 @@ from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
-from .component_search import Search, State
+from .component_search import ComponentSearch, State
 from .distributions import chi2_above, chi2_below, chi2_quantile
 from .group_redundancy import GroupRedundancy, group_redundancy, sharpened
 from .observation_groups import Groups, ObservationGroups, observation_groups
@@ -171,7 +171,7 @@ def variance_components(
         raise InputError("max_iterations must be at least 1, and tolerance greater than 0")
     solution = adjust(network, datum=datum, extra_factors=extra_factors)
     found = observation_groups(solution, groups)
-    search = Search(len(found.names))
+    search = ComponentSearch(len(found.names))
     iterations = 1
     logarithms = search.logarithms.copy()
     while True:
@@ -213,7 +213,7 @@ def variance_components(
 
 
 def _results(
-    search: Search, at: GroupRedundancy, groups: ObservationGroups, factors: Array
+    search: ComponentSearch, at: GroupRedundancy, groups: ObservationGroups, factors: Array
 ) -> tuple[tuple[VarianceComponent, ...], Array]:
     """Return the components and the correlations of their estimates."""
     cofactors, lost = search.cofactors(at)

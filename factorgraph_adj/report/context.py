@@ -26,7 +26,7 @@ from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array
 from ..units import ANGLE, LENGTH
-from .rows import Rows
+from .rows import ReportRows
 from .set_aside import SetAside, set_aside
 
 Line = TypeVar("Line")
@@ -85,10 +85,10 @@ class Report:
         return self.solution.network
 
     @cached_property
-    def rows(self) -> Rows:
+    def rows(self) -> ReportRows:
         """Its scalar observations."""
         residuals = self.solution.observations.residuals
-        return Rows(self.solution.equations, residuals, self.units)
+        return ReportRows(self.solution.equations, residuals, self.units)
 
     @cached_property
     def singular(self) -> bool:

@@ -200,7 +200,7 @@ class Solution:
         """Covariances of all points at once, (number of points, 3, 3) metres², as `covariance`."""
         table = self.equations.unknowns["point"]
         out = np.zeros((len(table.names), 3, 3))
-        reduced = self.factor.plan.reduced
+        reduced = self.factor.layers.reduced
         out[reduced] = self.factor.point_covariances()
         rest = np.flatnonzero((table.offset >= 0) & ~reduced)
         out[rest] = self.factor.selected.joint(table.offset[rest, None] + np.arange(3))
@@ -254,6 +254,14 @@ class Solution:
             return here
         return self._linearise()
 
+    def normal_at(self, state: State) -> NormalEquations:
+        """Return the normal equations at any state.
+
+        Raises:
+            InputError: as `at`.
+        """
+        return NormalEquations(self.solver, state, self.extra.at(self.equations, state).rows)
+
     def _linearise(self) -> NormalEquations:
         return NormalEquations(self.solver, self.state, self.extra.rows)
 
@@ -302,12 +310,12 @@ class Solution:
     @cached_property
     def _reduced(self) -> tuple[Array, Index]:
         """Cofactors of the points of the first layer, and their place by number of point."""
-        place = np.cumsum(self.factor.plan.reduced) - 1
+        place = np.cumsum(self.factor.layers.reduced) - 1
         return self.factor.point_covariances(), place
 
     def _own(self, kind: VariableKind, number: int, columns: Index) -> Array:
         """Return the cofactor of one variable: from the selected inverse, no solution needed."""
-        if kind == "point" and self.factor.plan.reduced[number]:
+        if kind == "point" and self.factor.layers.reduced[number]:
             every, place = self._reduced
             block = every[place[number]]
         else:

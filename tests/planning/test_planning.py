@@ -21,7 +21,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.planning.candidates import identified, with_candidates
-from factorgraph_adj.planning.search import Search
+from factorgraph_adj.planning.search import CandidateSearch
 from factorgraph_adj.planning.targets import (
     DetectableError,
     PointPrecision,
@@ -229,7 +229,7 @@ def test_the_gain_of_a_candidate_is_that_of_a_plan_of_its_own(industry: fga.Netw
     ]
     candidates = identified(candidates)
     before = fga.plan(industry, TARGETS)
-    search = Search.of(before, candidates, TARGETS)
+    search = CandidateSearch.of(before, candidates, TARGETS)
     own = sum(float(lacking(t, before.figures(t)[1]).sum()) for t in TARGETS)
     assert search.start.lack() == pytest.approx(own, rel=1e-9)
     items = {t: set(before.figures(t)[0]) for t in TARGETS}
@@ -410,7 +410,7 @@ def assert_predicted(
     before = fga.plan(with_candidates(network, []), targets)
     every = identified(candidates)
     targets = tuple(for_points(t, list(network.points)) for t in targets)
-    search = Search.of(before, every, targets)
+    search = CandidateSearch.of(before, every, targets)
     for n, candidate in enumerate(every):
         told = search.told(n, search.known)
         assert told is not None
