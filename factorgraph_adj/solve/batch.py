@@ -492,12 +492,14 @@ def _settle_datum(run: _Run, normal: NormalEquations) -> None:
     held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
     run.constraint[held] = normal.diagonal[held]
     run.datum = FreeDatum(motions, columns)
-    run.constraint = normal.held_better(run.constraint, run.datum)
 
 
 def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> Carried:
-    """Move the solution onto the inner constraints."""
+    """Move the solution onto the inner constraints, in steps on a well chosen minimal datum."""
     assert run.datum is not None
+    if at_rest:
+        here = FreeDatum(run.defects[0].at(run.equations, run.state).motions, run.datum.columns)
+        run.constraint = run.normal_at(run.state).held_better(run.constraint, here)
 
     def step(normal: NormalEquations) -> tuple[Array, float] | None:
         found = _step(run, normal, 0.0)
