@@ -33,6 +33,7 @@ from .report.text import protocol
 from .solve.batch import adjust
 from .solve.solution import Solution
 from .stochastic import StandardDeviation
+from .version import __version__
 
 __all__ = [
     "AdjustmentError",
@@ -47,6 +48,7 @@ __all__ = [
     "Solution",
     "StandardDeviation",
     "TopocentricFrame",
+    "__version__",
     "adjust",
     "build_graph",
     "check_points",

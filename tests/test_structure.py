@@ -16,7 +16,7 @@ PACKAGE = "factorgraph_adj"
 ROOT = Path(__file__).parent.parent / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "types"),
+    ("errors", "types", "version"),
     ("units", "rotation", "ellipsoid"),
     ("frames", "stochastic"),
     ("models",),

@@ -25,10 +25,11 @@ from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, variance_components
 from ..report.context import Report
 from ..report.tables import write_tables
-from ..report.text import program_version, render
+from ..report.text import render
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..validate.check import check
+from ..version import __version__
 from .options import add_adjustment, add_project, count, probability, read
 from .plan import add_plan
 from .stream import add_stream
@@ -82,7 +83,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="exit codes: 0 fine; 1 not converged, global test failed, or gross errors left; "
         "2 bad input",
     )
-    version = f"factorgraph-adj {program_version()}".strip()
+    version = f"factorgraph-adj {__version__}".strip()
     parser.add_argument("--version", action="version", version=version)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     run = commands.add_parser("adjust", help="adjust a project and print the protocol")
