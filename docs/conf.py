@@ -24,12 +24,14 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",
     "sphinx_gallery.gen_gallery",
     "sphinx_copybutton",
     "docstrings",
 ]
 exclude_patterns = ["_build", "_ext", "Thumbs.db", ".DS_Store"]
-suppress_warnings = ["config.cache"]
+# A class has two names, that of the package and that of its module.
+suppress_warnings = ["ref.python"]
 
 # Pages: Markdown with formulas between dollar signs.
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence", "attrs_inline"]
@@ -38,9 +40,11 @@ myst_dmath_double_inline = True
 
 # Single backticks in docstrings name code.
 default_role = "code"
+autoclass_content = "both"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
-autodoc_default_options = {"members": True, "show-inheritance": True}
+autodoc_default_options = {"members": True}
+toc_object_entries_show_parents = "hide"
 python_use_unqualified_type_names = True
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False

@@ -1,8 +1,8 @@
 """El-Hakim & Faig (1981), table 1
 ===============================
 
-Terrestrial observations replace control in the ISP block. In the scan of the paper the table is only
-a picture; its text says that the improvement over reduced control is significant and depends on
+Terrestrial observations replace control in the ISP block. The scan of the paper has the table only
+as a picture; its text says that the improvement over reduced control is significant and depends on
 number and distribution. ``factorgraph_adj.papers.tables_1981`` describes the geometry.
 """
 

@@ -7,26 +7,22 @@ FILE is the picture of their page.
 from __future__ import annotations
 
 import shutil
-import tempfile
 from pathlib import Path
 from typing import Any
 
 from sphinx_gallery.scrapers import figure_rst
 
-FOLDER = Path(tempfile.mkdtemp(prefix="gallery-"))
-"""Where the scripts write."""
-
 
 def _file(script: str) -> Path:
-    """Return the file that a script draws into."""
-    return FOLDER / f"{Path(script).stem}.png"
+    """Return the file that a script draws into; scripts run in their own folder."""
+    return Path(script).with_suffix(".png")
 
 
 def arguments(gallery_conf: dict[str, Any], script_vars: dict[str, Any]) -> list[str]:
     """Return the arguments of a script: a file for its picture, where it draws one."""
     script = script_vars["src_file"]
     draws = '"--plot"' in Path(script).read_text(encoding="utf-8")
-    return ["--plot", str(_file(script))] if draws else []
+    return ["--plot", _file(script).name] if draws else []
 
 
 def written_picture(
