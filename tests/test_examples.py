@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from factorgraph_adj.cli.main import main
+from tests.support.places import EXAMPLES
 
-EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 README = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
 SHOWN = dict(re.findall(r"^\| \[(gallery_\S+\.py)\].*\| `(.*)` \|$", README, re.MULTILINE))
 """A line of the output of each script of the gallery, as the README shows it."""

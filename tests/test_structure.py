@@ -12,8 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.places import ROOT
+
 PACKAGE = "factorgraph_adj"
-ROOT = Path(__file__).parent.parent / PACKAGE
+SOURCE = ROOT / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "types", "version"),
@@ -78,11 +80,11 @@ class Import:
 
 
 def _name(path: Path) -> str:
-    parts = path.relative_to(ROOT).with_suffix("").parts
+    parts = path.relative_to(SOURCE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = {_name(path): path for path in sorted(ROOT.rglob("*.py"))}
+MODULES = {_name(path): path for path in sorted(SOURCE.rglob("*.py"))}
 SUBPACKAGES = {name for name, path in MODULES.items() if path.name == "__init__.py"}
 
 
@@ -218,6 +220,6 @@ def test_every_module_can_be_imported_and_every_public_name_resolves():
         capture_output=True,
         text=True,
         check=False,
-        cwd=ROOT.parent,
+        cwd=ROOT,
     )
     assert ran.returncode == 0, ran.stderr

@@ -34,11 +34,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from tests.support.places import ROOT
+
 from . import runs as study
 from .latency import Latency
 from .worker import LADYBUG, ROMA, Measured
 
-ROOT = Path(__file__).resolve().parents[2]
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 GROWTH = (10_000, 30_000, 100_000, 300_000, 1_000_000)
 GRIDS = (100, 1_024, 10_000)
@@ -206,8 +207,8 @@ def equality(cores: set[int]) -> None:
 
 
 def soak(cores: set[int]) -> None:
-    """Let observations come and go, see ``tests/soak.py``."""
-    command = [sys.executable, str(ROOT / "tests" / "soak.py"), str(EVENTS)]
+    """Let observations come and go, see ``tests/support/soak.py``."""
+    command = [sys.executable, "-m", "tests.support.soak", str(EVENTS)]
     env = os.environ | dict.fromkeys(THREADS, "1")
     subprocess.run(command, env=env, check=True, preexec_fn=lambda: os.sched_setaffinity(0, cores))
 

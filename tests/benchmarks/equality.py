@@ -2,7 +2,7 @@
 
 Prints one line of JSON for one network in one order (``file`` or the seed of a random one): the
 largest differences while it arrives, with observations taken out and put in again, and settled.
-See tests/test_incremental_equality.py, whose networks they are.
+See tests/incremental/test_equality.py, whose networks they are.
 """
 
 from __future__ import annotations
@@ -11,14 +11,10 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from time import perf_counter
 
-TESTS = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(TESTS))  # as pytest does, whose modules are used
-
-from arrivals import Moment  # noqa: E402
-from test_incremental_equality import CASES  # noqa: E402
+from tests.networks.arriving import CASES
+from tests.support.arrivals import Moment
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,8 @@ from factorgraph_adj import adjust
 from factorgraph_adj.experiment.blas import VARIABLES
 from factorgraph_adj.experiment.industry_block import simulate_industry_block
 from factorgraph_adj.experiment.runs import Experiment, run
+from tests.support.places import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 WAYS = {"1 process": 1, "2 processes": 2, "Dask, 2 workers": 0}
 """Processes of each way; none: a local cluster."""
 REPETITIONS = 2_000

@@ -12,7 +12,6 @@ import resource
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from time import perf_counter, process_time
 
 from factorgraph_adj.approximate import approximate
@@ -24,13 +23,10 @@ from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.solve.batch import adjust
 
 from ..loaders.dbat import read_roma
+from ..support.places import DATA
 from . import colmap
 from .grids import simulate_grid
 
-DATA = Path(
-    os.environ.get("FACTORGRAPH_ADJ_DATA", Path(__file__).resolve().parents[3] / "shared" / "data")
-)
-"""As in tests/conftest.py, which needs pytest."""
 ROMA = DATA / "dbat_roma"
 LADYBUG = DATA / "bal" / "problem-49-7776-pre.txt"
 

@@ -256,3 +256,19 @@ def read_residuals(path: Path) -> list[ListedResidual]:
             )
         )
     return out
+
+
+def radius_in_azimuth(network: Network) -> float:
+    """Return Euler's radius of curvature in the azimuth of the sights, weighted by S²."""
+    total = weights = 0.0
+    for observation in network.observations.values():
+        if getattr(observation, "refraction", None) != "TEST":
+            continue
+        a, b = (np.array(network.points[n].coordinates) for n in observation.names())
+        east, north, _ = FRAME.basis(a[None], np.zeros((1, 2))).enu[0] @ (b - a)
+        latitude, _, height = FRAME.ellipsoid.to_geodetic(a)
+        m, n = FRAME.ellipsoid.radii(np.asarray(latitude))
+        s2 = east**2 + north**2
+        curvature = (north**2 / (m + height) + east**2 / (n + height)) / s2
+        total, weights = total + s2 / curvature, weights + s2
+    return float(total / weights)

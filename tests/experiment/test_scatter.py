@@ -1,0 +1,300 @@
+"""Does the covariance say how estimates scatter? 500 seeded repetitions of every kind.
+
+Of each network the errors e = x̂ − x of all unknowns are whitened with the covariance of the plan,
+z = L⁻¹e, Q = LLᵀ: if it is right, Σzzᵀ is that of unit normal vectors in every element, and vᵀPv
+follows χ²_r. Every bound is two-sided at `CONFIDENCE` for the family of figures that a test looks
+at (Bonferroni); the seeds are fixed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import factorgraph_adj as fga
+from factorgraph_adj import observations as o
+from factorgraph_adj.experiment.simulate import look_at, measure
+from factorgraph_adj.models.lens import BrownLens
+from factorgraph_adj.models.registry import VariableKind
+from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.types import Array, Mask
+from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
+from tests.networks.small_block import plan as mixed
+from tests.support.arrivals import between
+
+REPETITIONS = 500
+CONFIDENCE = 0.999
+ARCSEC = np.pi / 180 / 3600
+MM = 1e-3
+CONTROL = {"A": (0.0, 0.0, 10.0), "B": (90.0, 5.0, 22.0), "C": (80.0, 95.0, 15.0)}
+CONTROL["D"] = (-10.0, 85.0, 28.0)
+NEW = {"P": (40.0, 35.0, 19.0), "Q": (55.0, 60.0, 12.0), "R": (20.0, 62.0, 16.0)}
+SIGHT = {"instrument_height": 1.5, "target_height": 1.3}
+
+
+def field(held: str = "") -> fga.Network:
+    """Return four control points and three new ones, some of whose coordinates are held."""
+    network = fga.Network("field")
+    for name, at in CONTROL.items():
+        network.add_point(name, at, fixed="xyz")
+    for name, at in NEW.items():
+        network.add_point(name, at, fixed=held)
+    return network
+
+
+def pairs() -> list[tuple[str, str]]:
+    """Return all lines with a new point at one end or both."""
+    return [(a, b) for a in (*CONTROL, *NEW) for b in NEW if a != b]
+
+
+def slope_distances() -> fga.Network:
+    network = field()
+    network.set_distance_meter("tape", free=("scale", "zero"))
+    sigma = fga.StandardDeviation(2 * MM, ppm=20.0, centring_target=MM)
+    for a, b in pairs():
+        network.add(o.SlopeDistance(a, b, 1.0, sigma=sigma, instrument="tape", **SIGHT))
+    return network
+
+
+def horizontal_distances() -> fga.Network:
+    network = field("z")
+    for a, b in pairs():
+        network.add(o.HorizontalDistance(a, b, 1.0, sigma=3 * MM, **SIGHT))
+    return network
+
+
+def directions() -> fga.Network:
+    network = field("z")
+    for a in (*CONTROL, *NEW):
+        network.set_orientation(a, value=1.0)
+        for b in (*CONTROL, *NEW):
+            if a != b:
+                network.add(o.Direction(a, b, 0.0, sigma=10 * ARCSEC, **SIGHT))
+    return network
+
+
+def azimuths() -> fga.Network:
+    network = field("z")
+    for a, b in pairs():
+        network.add(o.Azimuth(a, b, 0.0, sigma=10 * ARCSEC, **SIGHT))
+    return network
+
+
+def angles() -> fga.Network:
+    network = field("z")
+    for a, b in pairs():
+        for c in CONTROL:
+            if c not in (a, b):
+                network.add(o.HorizontalAngle(a, b, c, 1.0, sigma=10 * ARCSEC))
+    return network
+
+
+def zenith_angles(kind: type[o.VerticalAngle]) -> Callable[[], fga.Network]:
+    def make() -> fga.Network:
+        network = field("xy")
+        network.set_refraction(value=0.13)
+        far = (2500.0, 1800.0, 140.0)
+        network.add_point("far", far, fixed="xyz")
+        for a, b in (*pairs(), ("far", "P"), ("A", "far"), ("B", "far"), ("R", "far")):
+            network.add(kind(a, b, 1.5, sigma=2 * ARCSEC, **SIGHT))
+        return network
+
+    return make
+
+
+def height_differences() -> fga.Network:
+    network = field("xy")
+    for a, b in pairs():
+        network.add(o.HeightDifference(a, b, 0.0, sigma=MM))
+    return network
+
+
+def correlated(seed: int) -> Array:
+    """Return a covariance (3, 3), some millimetres."""
+    root = np.random.default_rng(seed).normal(size=(3, 3))
+    return (3 * MM) ** 2 * (root @ root.T + np.eye(3))
+
+
+def gnss_vectors() -> fga.Network:
+    network = field()
+    for i, (a, b) in enumerate(pairs()):
+        network.add(o.GnssVector(a, b, (0.0, 0.0, 0.0), covariance=correlated(i), **SIGHT))
+    return network
+
+
+def positions(kind: type[o.ControlPoint]) -> Callable[[], fga.Network]:
+    def make() -> fga.Network:
+        network = field()
+        for i in range(3):
+            for name in NEW:
+                network.add(kind(name, (0.0, 0.0, 0.0), covariance=correlated(i)))
+        return network
+
+    return make
+
+
+def astronomy(kind: type[o.AstronomicLatitude]) -> Callable[[], fga.Network]:
+    """Deflections of the vertical from latitudes or longitudes, and from what theodolites read."""
+
+    def make() -> fga.Network:
+        network = fga.Network("vertical", frame=fga.TopocentricFrame(0.8, 0.2, 300.0))
+        for name, at in CONTROL.items():
+            network.add_point(name, at, fixed="xyz")
+            network.set_vertical(name, xi=5 * ARCSEC, eta=-3 * ARCSEC)
+            network.set_orientation(name, value=0.4)
+        for a in CONTROL:
+            network.add(*(kind(a, 0.0, sigma=2 * ARCSEC) for _ in range(2)))
+            for b in CONTROL:
+                if a != b:
+                    network.add(o.ZenithAngle(a, b, 1.5, sigma=3 * ARCSEC))
+                    network.add(o.Direction(a, b, 0.0, sigma=3 * ARCSEC))
+        return network
+
+    return make
+
+
+def correlated_directions() -> fga.Network:
+    """Angles of sets reduced to their first direction: correlated groups."""
+    network = field("z")
+    rng = np.random.default_rng(4)
+    for a in (*CONTROL, *NEW):
+        others = [b for b in (*CONTROL, *NEW) if b != a]
+        members = tuple(
+            o.HorizontalAngle(a, others[0], b, 1.0, sigma=1.0, id=f"{a}/{b}") for b in others[1:]
+        )
+        root = rng.normal(size=(len(members), len(members)))
+        covariance = (8 * ARCSEC) ** 2 * (np.eye(len(members)) + 0.5 * root @ root.T)
+        network.add(o.Correlated(members, covariance))
+    return network
+
+
+def photos(*, positions: bool = False) -> Callable[[], fga.Network]:
+    """Four convergent photos with self-calibration, control in corners or by antennas."""
+
+    def make() -> fga.Network:
+        network = fga.Network("photos")
+        for i, (name, at) in enumerate(box().items()):
+            held = not positions and i in (0, 4, 7, 11)
+            network.add_point(name, at, fixed="xyz" if held else "")
+        values = {"c": FOCAL, "k1": 1e-4}
+        network.add_camera("D3", BrownLens(), values, free=("c", "x0", "y0", "k1"))
+        for i, centre in enumerate(CENTRES):
+            rotation = look_at(np.array(centre), np.array([0.0, 0.0, 1.0]))
+            turned = rotation @ exp_rotation(np.array([0.0, 0.0, 1.5 * i]))
+            network.add_photo(f"F{i}", "D3", position=centre, rotation=turned)
+            if positions:
+                arm = (0.1, -0.2, 0.05)
+                at = (0.0, 0.0, 0.0)
+                network.add(o.PhotoPosition(f"F{i}", at, covariance=correlated(i), lever_arm=arm))
+            for point in network.points:
+                network.add(o.ImagePoint(f"F{i}", point, 0.0, 0.0, sigma=SIGMA_MM))
+        return network
+
+    return make
+
+
+NETWORKS: dict[str, Callable[[], fga.Network]] = {
+    "slope_distance": slope_distances,
+    "horizontal_distance": horizontal_distances,
+    "vertical_angle": zenith_angles(o.VerticalAngle),
+    "zenith_angle": zenith_angles(o.ZenithAngle),
+    "direction": directions,
+    "azimuth": azimuths,
+    "horizontal_angle": angles,
+    "height_difference": height_differences,
+    "astronomic_latitude": astronomy(o.AstronomicLatitude),
+    "astronomic_longitude": astronomy(o.AstronomicLongitude),
+    "gnss_vector": gnss_vectors,
+    "control": positions(o.ControlPoint),
+    "gnss_position": positions(o.GnssPosition),
+    "photo_position": photos(positions=True),
+    "image": photos(),
+    "correlated": correlated_directions,
+    "mixed": mixed,
+}
+"""A network for each kind of observation, one with correlated groups, and a mixed one."""
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """What the repetitions came to."""
+
+    whitened: Array
+    """z = L⁻¹(x̂ − x), (repetitions, unknowns)."""
+    vtpv: Array
+    """(repetitions,)."""
+    redundancy: int
+
+
+@cache
+def scatter(name: str) -> Scatter:
+    """Measure and adjust a network 500 times."""
+    plan = NETWORKS[name]()
+    true = fga.adjust(measure(plan, seed=0, noise=False))
+    unknowns = true.equations.unknowns
+    variables = [(k, unknowns[k].names[i]) for k, i in unknowns.active()]
+    free = np.concatenate([_free(true, v) for v in variables])
+    q = np.block([[true.variable_covariance(a, b) for b in variables] for a in variables])
+    root = np.linalg.cholesky(q[np.ix_(free, free)])
+    errors, vtpv = [], []
+    for seed in range(REPETITIONS):
+        found = fga.adjust(measure(plan, seed=seed), start=true)
+        assert found.converged, seed
+        errors.append(np.concatenate([between(found, true, *v) for v in variables])[free])
+        vtpv.append(found.vtpv)
+    z = np.linalg.solve(root, np.array(errors).T).T
+    return Scatter(z, np.array(vtpv), true.redundancy)
+
+
+def _free(solution: fga.Solution, variable: tuple[VariableKind, str]) -> Mask:
+    return np.diag(solution.variable_covariance(variable)) > 0
+
+
+def bounds(distribution: stats.rv_frozen, figures: int) -> tuple[float, float]:
+    """Return between which values each of some figures lies."""
+    tail = (1 - CONFIDENCE) / 2 / figures
+    return float(distribution.ppf(tail)), float(distribution.isf(tail))
+
+
+def test_every_kind_of_observation_is_here() -> None:
+    assert set(o.OBSERVATIONS) <= NETWORKS.keys()
+    for kind in o.OBSERVATIONS:
+        network = NETWORKS[kind]()
+        kinds = {x.kind for x in network.observations.values()}
+        assert kind in kinds or (kind == "image" and network.n_image_points)
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_estimates_scatter_as_their_covariance_says(name: str) -> None:
+    z = scatter(name).whitened
+    n, u = z.shape
+    squares = z.T @ z
+    variances = np.diag(squares)
+    low, high = bounds(stats.chi2(n), u)
+    assert low < variances.min()
+    assert variances.max() < high
+    low, high = bounds(stats.chi2(n * u), 1)
+    assert low < float(variances.sum()) < high
+    # Sums and differences of two, divided by √2, are normal with variance 1 too.
+    i, j = np.triu_indices(u, 1)
+    middle, product = 0.5 * (variances[i] + variances[j]), squares[i, j]
+    both = np.concatenate([middle + product, middle - product])
+    low, high = bounds(stats.chi2(n), len(both))
+    assert low < both.min()
+    assert both.max() < high
+    _, most = bounds(stats.norm(scale=np.sqrt(n)), u)
+    assert np.abs(z.sum(axis=0)).max() < most  # and there is no bias
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_the_variance_of_unit_weight_follows_its_distribution(name: str) -> None:
+    found = scatter(name)
+    r = found.redundancy
+    low, high = bounds(stats.chi2(r * REPETITIONS), 1)
+    assert low < float(found.vtpv.sum()) < high
+    assert stats.kstest(found.vtpv, stats.chi2(r).cdf).pvalue > 1 - CONFIDENCE

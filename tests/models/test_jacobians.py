@@ -1,0 +1,67 @@
+"""Every analytic partial against one numerical check, near-degenerate geometry included."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.models.lens import BrownLens
+from factorgraph_adj.models.registry import KINDS, LENSES
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.rotation import world_R_camera
+from tests.networks import every_kind
+from tests.networks.every_kind import FRAMES, GEOMETRIES, LENSES_USED, OBSERVED, VIEWS
+from tests.support.differences import assert_partials_are_right, observed_as_computed
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+@pytest.mark.parametrize("frame", FRAMES)
+def test_partials_of_every_kind_are_right_in_every_frame(frame: str, geometry: str) -> None:
+    equations, steps = every_kind.sight_equations(frame, GEOMETRIES[geometry])
+    state = equations.unknowns.start()
+    assert_partials_are_right(observed_as_computed(equations, state), state, steps)
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("lens", LENSES_USED)
+def test_partials_of_image_coordinates_are_right_for_every_lens(lens: str, view: str) -> None:
+    equations, steps = every_kind.image_equations(lens, VIEWS[view])
+    state = equations.unknowns.start()
+    assert_partials_are_right(observed_as_computed(equations, state), state, steps)
+
+
+def test_every_registered_kind_and_lens_is_checked() -> None:
+    assert set(OBSERVED) == {*KINDS, "control", "gnss_position"}
+    assert {type(c.lens) for c in LENSES_USED.values()} == set(LENSES.values())
+
+
+@pytest.mark.parametrize("away", [0.0, 1e-6, 0.3, 3.0])
+def test_partials_of_weighted_unknowns_are_right_away_from_their_given_values(away: float) -> None:
+    """``away``: by how much the attitude is turned, radians."""
+    network = Network()
+    network.add_point("i", (1.0, 2.0, 3.0), sigma=(0.1, np.inf, 0.2))
+    network.add_point("j", (4.0, 5.0, 6.0))
+    network.set_vertical("i", xi=1e-5, eta=2e-5, sigma=1e-5)
+    network.set_refraction("ray", value=0.13, sigma=0.05)
+    network.set_distance_meter("edm", scale=1e-5, zero=0.01, sigma_scale=1e-6, free=["zero"])
+    network.set_orientation("i", value=0.2, sigma=0.01)
+    values = every_kind.LENSES_USED["brown"].values
+    network.add_camera("camera", BrownLens(), values, free=["x0"], sigma={"c": 0.1, "k1": 1e-5})
+    network.add_photo(
+        "f",
+        "camera",
+        position=(1.0, 2.0, 9.0),
+        rotation=world_R_camera(0.1, 0.2, 0.3),
+        sigma_position=(0.1, 0.2, 0.3),
+        sigma_attitude=0.01,
+    )
+    network.add(*OBSERVED["slope_distance"](), *OBSERVED["zenith_angle"]())
+    equations = compile_network(network)
+    unknowns = equations.unknowns
+    step = np.zeros(unknowns.n_columns)
+    step[unknowns.columns("pose", 0)] = [0.6 * away, -0.64 * away, 0.48 * away, 0.1, 0.2, 0.3]
+    state = unknowns.retract(unknowns.start(), step)
+    steps = np.full(unknowns.n_columns, 1e-2)
+    steps[unknowns.columns("pose", 0)[:3]] = 1e-3
+    assert_partials_are_right(equations, state, steps)

@@ -1,0 +1,112 @@
+"""A network with every kind of observation, unknown and lens model, in every frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from factorgraph_adj import observations as o
+from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
+from factorgraph_adj.models import lens
+from factorgraph_adj.models.orthogonal_lens import OrthogonalLens
+from factorgraph_adj.models.registry import LENSES
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.stochastic import StandardDeviation
+
+FRAMES = {
+    "topocentric": TopocentricFrame(0.83, 0.2, 432.1, "Bessel1841", 6_400_000.0),
+    "geocentric": GeocentricFrame("WGS84"),
+    "local": LocalFrame(),
+    "curved": LocalFrame(True, 6_380_000.0, (1.1, -2.2, 1 / 3), "se"),
+}
+
+
+def everything(frame_name: str) -> Network:
+    """Return a network with every kind of observation, unknown and lens model."""
+    frame = FRAMES[frame_name]
+    local = isinstance(frame, LocalFrame)
+    rng = np.random.default_rng(1)
+    n = Network('all "kinds", in \\ one ü', frame=frame, datum="free")
+    n.add_point("A", rng.normal(size=3) * 50, fixed="z", sigma=(0.01, 0.02, np.inf))
+    n.add_point("B, 2", rng.normal(size=3) * 50, datum=True, check=(1.1, np.nan, 3.3))
+    n.add_point("#C", (np.nan, 1 / 3, np.nan))
+    n.add_point('"D"', fixed="")
+    for i, model in enumerate(LENSES.values()):
+        options = {"reference_radius": 50.3} if model is lens.HarmonicLens else {}
+        options |= {"zero_radius": 17.7} if model is lens.BalancedLens else {}
+        options |= {"affine": "after"} if model is lens.BrownLens else {}
+        options |= {"image_base": 92.3} if issubclass(model, OrthogonalLens) else {}
+        n.add_camera(
+            f"camera {i}",
+            model(**options),
+            {"c": 100.1 + 1 / 3, "x0": 1e-17, "y0": -0.3},
+            free=["c"],
+            sigma={"x0": 0.01},
+            unit="px" if i % 2 else "mm",
+            per_photo=i == 2,
+        )
+    n.add_photo(
+        "f1",
+        "camera 0",
+        position=(1, 2, 3),
+        omega_phi_kappa=(0.1, 0.2, 0.3),
+        fixed=(False, False, False, True, False, False),
+    )
+    u, _, vt = np.linalg.svd(rng.normal(size=(3, 3)))
+    n.add_photo(
+        "f2",
+        "camera 1",
+        position=(1 / 3, 2, 3),
+        rotation=u @ vt * np.linalg.det(u @ vt),
+        sigma_position=(0.1, 0.2, np.inf),
+        sigma_attitude=0.001,
+    )
+    n.add_photo("f3", "camera 2")
+    n.add_photo("f4", "camera 3", position=(0, 0, 9), omega_phi_kappa=(0, 0, -1), fixed=True)
+    n.set_orientation("A", set="2", value=1.234, sigma=0.01)
+    n.set_orientation("#C", value=-2.0, fixed=True)
+    n.set_refraction(value=0.13, sigma=0.05)
+    n.set_refraction("north", fixed=True)
+    n.set_vertical("A", xi=1e-5, eta=-2e-5, sigma=(1e-6, 2e-6))
+    n.set_vertical('"D"', fixed=True)
+    n.set_vertical("#C")
+    n.set_distance_meter("EDM", scale=1e-6, zero=0.0013, sigma_zero=0.001, free=["scale"])
+    n.set_distance_meter("tape", sigma_scale=1 / 3e6)
+    per_part = StandardDeviation(0.002, ppm=2.0, centring_target=0.001)
+    turned = StandardDeviation(1e-5, centring_instrument=0.001, centring_target=0.002)
+    n.add(
+        o.SlopeDistance("A", "B, 2", 12.3456, sigma=per_part, instrument="EDM", target_height=1.5),
+        o.HorizontalDistance("A", "B, 2", 12.3, sigma=0.003),
+        o.VerticalAngle("A", "#C", 0.1, sigma=1e-5, refraction="north"),
+        o.ZenithAngle("A", "#C", 1.4, sigma=turned, instrument_height=1 / 3),
+        o.Direction("A", '"D"', 1 / 3, sigma=1e-5, set="2"),
+        o.Direction("B, 2", '"D"', 0.2, sigma=2e-5),
+        o.Azimuth("A", '"D"', 6.1, sigma=3e-5),
+        o.HorizontalAngle("A", '"D"', "#C", 2.2, sigma=turned, target2_height=1.1),
+        o.HeightDifference("A", '"D"', 0.7, sigma=StandardDeviation(per_sqrt_km=1e-3)),
+        o.HeightDifference("A", "#C", -0.0, sigma=1e-3, length_km=0.33),
+        o.GnssVector("A", '"D"', (1, 2, 1 / 3), covariance=np.diag([1e-6, 2e-6, 3e-6]) + 1e-8),
+        o.GnssVector("A", "B, 2", (1, 2, 3), sigma=(0.01, 0.01, 0.02), target_height=1.2),
+        o.GnssPosition('"D"', (1, 2, 3.0), sigma=(0.01, 0.02, 0.03), id="antenna 7"),
+        o.ControlPoint('"D"', (3.0,), axes="z", sigma=(0.01,)),
+        o.ControlPoint(
+            '"D"', (3.0, 1.0), axes="zx", covariance=np.array([[2e-4, 1e-5], [1e-5, 1e-4]])
+        ),
+        o.ControlPoint('"D"', (3.0, 1.0, 2.0), axes="nu", sigma=(0.01, 0.02)),
+        o.PhotoPosition("f1", (1, 2, 3.0), sigma=(0.01, 0.02, 0.03), lever_arm=(0.1, 0, -0.2)),
+    )
+    if not local:
+        n.add(
+            o.AstronomicLatitude("A", 0.83, sigma=1e-6, id="Φ"),
+            o.AstronomicLongitude("A", 0.2, sigma=1e-6),
+        )
+    root = rng.normal(size=(7, 7))
+    cluster = (
+        o.GnssVector("A", "B, 2", (1, 2, 3.1), sigma=(1, 1, 1.0)),
+        o.GnssPosition('"D"', (1, 2, 3.0), sigma=(1.0, 1, 1)),
+        o.SlopeDistance("A", '"D"', 3.3, sigma=1.0),
+    )
+    n.add(o.Correlated(cluster, root @ root.T * 1e-6))
+    n.add_image_points("f2", ['"D"', "A"], [[1.5, -2.25], [1 / 3, 7]], sigma=0.5)
+    n.add_image_points("f1", ['"D"', "A"], [[1.5, 0.0], [1 / 3, 7]], sigma=[[0.003, 0.004]] * 2)
+    n.add(o.ImagePoint("f3", "A", 1, -2, sigma=0.3, id="own"))
+    return n

@@ -1,0 +1,1 @@
+"""Tests against results that other programs, textbooks and papers publish."""

@@ -1,0 +1,1 @@
+"""References, checks and places of files that several tests share."""

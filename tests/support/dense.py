@@ -1,0 +1,149 @@
+"""One least-squares step with dense matrices: a reference that shares no line with the solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from factorgraph_adj.graph.equations import Equations
+from factorgraph_adj.graph.variables import State
+from factorgraph_adj.solve.solution import Solution
+from factorgraph_adj.types import Array, Mask
+from tests.support.differences import columns_of
+
+RANK = 1e-10
+"""Singular values of the scaled design matrix, relative to the greatest, that count as zero."""
+
+
+@dataclass(frozen=True)
+class Dense:
+    """Linearised observation equations v + A dx of the free unknowns, divided by σ."""
+
+    design: Array
+    """A (n_rows, n_unknowns)."""
+    residual: Array
+    """v (n_rows,)."""
+    free: Mask
+    """Columns of the network that are unknowns, (n_columns,)."""
+
+    @classmethod
+    def at(cls, equations: Equations, state: State) -> Dense:
+        """Linearise a network."""
+        design = np.zeros((equations.n_rows, equations.unknowns.n_columns))
+        residual = np.zeros(equations.n_rows)
+        weights = np.diag(1.0 / equations.sigmas())
+        for block in equations.blocks:
+            v, partials = block.evaluate(equations.network.frame, state)
+            design[block.rows] = columns_of(equations.unknowns, block, partials)
+            residual[block.rows] = v.ravel()
+            if block.whitener is not None:
+                for i, own in enumerate(block.whitener):
+                    rows = block.first_row + block.dimension * i + np.arange(block.dimension)
+                    weights[np.ix_(rows, rows)] = own
+        for cluster in equations.clusters:
+            weights[np.ix_(cluster.rows, cluster.rows)] = cluster.whitener
+        free = equations.unknowns.free
+        return cls(weights @ design[:, free], weights @ residual, free)
+
+    def vtpv_after_step(self) -> float:
+        """Return min |v + A dx|²: vᵀPv as the linear model promises it."""
+        u, _ = self._range()
+        v = self.residual - u @ (u.T @ self.residual)
+        return float(v @ v)
+
+    def cofactor(self, datum: Mask) -> Array:
+        """Return Q (n_columns, n_columns), zero for what is held.
+
+        With a datum defect by inner constraints over the columns in ``datum`` (n_columns,):
+        Q = S Q⁻ Sᵀ, S = I − G (G_DᵀG_D)⁻¹ G_Dᵀ, G the null space of A.
+        """
+        scale = np.linalg.norm(self.design, axis=0)
+        _, s, vt = np.linalg.svd(self.design / scale, full_matrices=True)
+        rank = int(np.sum(s > RANK * s[0]))
+        root = (vt[:rank] / s[:rank, None] / scale).T
+        motions = (vt[rank:] / scale).T
+        if motions.shape[1]:
+            on = motions[datum[self.free]]
+            root = root - motions @ np.linalg.solve(on.T @ on, on.T @ root[datum[self.free]])
+        q = np.zeros((len(self.free),) * 2)
+        q[np.ix_(self.free, self.free)] = root @ root.T
+        return q
+
+    def redundancy_numbers(self) -> Array:
+        """Return r_i = 1 − (A Q Aᵀ)_ii (n_rows,), observations without correlation."""
+        u, _ = self._range()
+        return np.asarray(1.0 - np.sum(u * u, axis=1))
+
+    def _range(self) -> tuple[Array, Array]:
+        """Return an orthonormal basis of the range of A, and its singular values."""
+        scaled = self.design / np.linalg.norm(self.design, axis=0)
+        u, s, _ = np.linalg.svd(scaled, full_matrices=False)
+        return u[:, s > RANK * s[0]], s
+
+
+@dataclass(frozen=True)
+class DenseReliability:
+    """Reliability from full matrices; a reference that shares no line with the package."""
+
+    redundancy_numbers: Array
+    """diag(Q_vv P) (n_rows,)."""
+    e1: Array
+    e2: Array
+    e12: Array
+    weighted: Array
+    """Pv."""
+    precision: Array
+    """P Q_vv P (n_rows, n_rows)."""
+    lost: Array
+    """diag(P A Q AᵀP)."""
+    effects: Array
+    """Q AᵀP (n_columns, n_rows): effects of errors of one unit."""
+
+    @classmethod
+    def of(cls, solution: Solution) -> DenseReliability:
+        """Compute everything from dense inverses."""
+        equations = solution.equations
+        dense = Dense.at(equations, solution.state)
+        whitener = np.diag(1.0 / equations.sigmas())
+        for block in equations.blocks:
+            if block.whitener is not None:
+                for i, own in enumerate(block.whitener):
+                    rows = block.first_row + block.dimension * i + np.arange(block.dimension)
+                    whitener[np.ix_(rows, rows)] = own
+        for cluster in equations.clusters:
+            whitener[np.ix_(cluster.rows, cluster.rows)] = cluster.whitener
+        weight = whitener.T @ whitener
+        datum = (
+            np.zeros(len(dense.free), dtype=bool)
+            if solution.datum is None
+            else solution.datum.columns
+        )
+        q = dense.cofactor(datum)
+        a = np.zeros((len(weight), len(dense.free)))
+        a[:, dense.free] = np.linalg.solve(whitener, dense.design)
+        points = np.zeros(len(dense.free), dtype=bool)
+        for number in range(len(equations.unknowns["point"].names)):
+            points[equations.unknowns.columns("point", number)] = True
+        hat = a @ q @ a.T @ weight
+        one = a[:, ~points] @ q[np.ix_(~points, ~points)] @ a[:, ~points].T @ weight
+        basis = _basis(whitener @ a[:, points & dense.free])
+        two = np.linalg.solve(whitener, basis @ basis.T @ whitener)
+        precision = weight - weight @ a @ q @ a.T @ weight
+        return cls(
+            1.0 - np.diag(hat),
+            np.diag(one).copy(),
+            np.diag(two).copy(),
+            np.diag(hat - one - two).copy(),
+            whitener.T @ dense.residual,
+            precision,
+            np.diag(weight @ a @ q @ a.T @ weight).copy(),
+            q @ a.T @ weight,
+        )
+
+
+def _basis(a: Array) -> Array:
+    """Return an orthonormal basis of the range of a matrix."""
+    length = np.linalg.norm(a, axis=0)
+    u, s, _ = np.linalg.svd(a[:, length > 0] / length[length > 0], full_matrices=False)
+    return np.asarray(u[:, s > RANK * max(s.max(initial=0.0), 1e-300)])

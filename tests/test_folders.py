@@ -1,0 +1,77 @@
+"""Tests lie where they are looked for, and share nothing but what holds no tests."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from tests.support.places import ROOT
+
+TESTS = ROOT / "tests"
+PACKAGE = ROOT / "factorgraph_adj"
+SHARED = {"networks", "support", "loaders", "benchmarks"}
+"""Folders of modules that hold no tests."""
+OTHERS = {"published"}
+"""Folders of tests that belong to no room of the package."""
+WHOLE = {"test_structure", "test_folders", "test_readme", "test_examples", "test_docs"}
+"""Tests of the whole repository, which lie beside the folders."""
+MODULES = {str(p.relative_to(TESTS)): p for p in sorted(TESTS.rglob("*.py"))}
+
+
+def imported(text: str, path: Path) -> set[str]:
+    """Return the full names of the test modules that the text of a module imports."""
+    here = path.relative_to(ROOT).parent.parts
+    found = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = here[: len(here) - node.level + 1] if node.level else ()
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            found |= {base} | {f"{base}.{alias.name}" for alias in node.names}
+    inside = (name.split(".") for name in found)
+    return {".".join(n) for n in inside if n[0] == "tests" and n[-1].startswith("test_")}
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_no_module_imports_a_test_module(name):
+    text = MODULES[name].read_text(encoding="utf-8")
+    where = ", ".join(f"tests/{folder}" for folder in sorted(SHARED))
+    assert not imported(text, MODULES[name]), f"what tests share lies in {where}"
+
+
+def test_imports_of_every_form_are_seen():
+    text = (
+        "import tests.solve.test_a\nfrom tests.solve.test_b import x\n"
+        "from tests.solve import test_c\nfrom .test_d import x\nfrom . import test_e\n"
+        "from ..io.test_f import x\nimport numpy\n"
+    )
+    assert imported(text, TESTS / "solve" / "test_solution.py") == {
+        *("tests.solve.test_a", "tests.solve.test_b", "tests.solve.test_c"),
+        *("tests.solve.test_d", "tests.solve.test_e", "tests.io.test_f"),
+    }
+
+
+def test_every_room_of_the_package_has_its_folder_of_tests():
+    rooms = {p.parent.name for p in PACKAGE.glob("*/__init__.py")}
+    folders = {p.parent.name for p in TESTS.glob("*/__init__.py")}
+    assert folders == rooms | SHARED | OTHERS
+    empty = [f for f in rooms | OTHERS if not any((TESTS / f).glob("test_*.py"))]
+    assert not empty
+
+
+def test_only_tests_of_the_whole_repository_lie_beside_the_folders():
+    found = {p.stem for p in TESTS.glob("test_*.py")}
+    assert found <= WHOLE, "tests of a room of the package lie in the folder of its name"
+    assert len(found) > 3
+
+
+def test_modules_that_are_shared_hold_no_tests():
+    for name, path in MODULES.items():
+        if name.split("/")[0] in SHARED:
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            functions = [n.name for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)]
+            assert not path.name.startswith("test_"), name
+            assert not [f for f in functions if f.startswith("test_")], name

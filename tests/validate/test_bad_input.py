@@ -1,0 +1,614 @@
+"""Bad input ends in a list of all problems, each with file, line, observation and what is valid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.frames import GeocentricFrame
+from factorgraph_adj.io.project import load_project, read_project
+from factorgraph_adj.io.records import observation
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import Direction, GnssVector, SlopeDistance
+from factorgraph_adj.validate.check import check
+from tests.networks.projects import IMAGES, OBSERVATIONS, PHOTOS, POINTS, PROJECT, write
+
+TEXTS = {
+    "project": PROJECT,
+    "points": POINTS,
+    "photos": PHOTOS,
+    "images": IMAGES,
+    "observations": OBSERVATIONS,
+}
+KINDS = (
+    "slope_distance, horizontal_distance, vertical_angle, zenith_angle, direction, "
+    "horizontal_angle, azimuth, height_difference, astronomic_latitude, astronomic_longitude, "
+    "gnss_vector, gnss_position, control, photo_position, image"
+)
+LENGTHS = "m, dm, cm, mm, um, km"
+ANGLES = "rad, mrad, gon, mgon, cc, deg, arcmin, arcsec"
+
+
+def problems(path: Path) -> list[str]:
+    """Return the problems of reading a project, or else of checking it."""
+    try:
+        project = load_project(path)
+    except InputError as error:
+        return [str(p) for p in error.problems]
+    return [str(p) for p in check(project.network, sources=project.sources)]
+
+
+def test_the_project_that_the_others_break_has_no_problems(tmp_path):
+    assert problems(write(tmp_path)) == []
+
+
+READING = {
+    # name: table, what stands there, what is put there, the problem
+    "a number that cannot be read": (
+        *("points", "C,5.01,8,1,", "C,5.01,8,1o,"),
+        "points.csv:4: point 'C': z: '1o' is not a number",
+    ),
+    "a decimal comma": (
+        *("observations", "1,A,C,9.487", '1,A,C,"9,487"'),
+        "observations.csv:2: slope_distance A C (id 1): value: '9,487' is not a number; "
+        "write a decimal point",
+    ),
+    "NaN": (
+        *("points", "C,5.01,8,1,", "C,5.01,nan,1,"),
+        "points.csv:4: point 'C': y: 'nan' is not a finite number",
+    ),
+    "infinity": (
+        *("observations", "1,A,C,9.487", "1,A,C,inf"),
+        "observations.csv:2: slope_distance A C (id 1): value: 'inf' is not a finite number",
+    ),
+    "a number beyond all floats": (
+        *("images", "P,A,-50", "P,A,1e999"),
+        "images.csv:2: image point P/A: x: '1e999' is not a finite number",
+    ),
+    "an image coordinate that cannot be read": (
+        *("images", "P,A,-50", "P,A,-50.."),
+        "images.csv:2: image point P/A: x: '-50..' is not a number",
+    ),
+    "an unknown point": (
+        *("observations", "1,A,C,9.487", "1,A,G,9.487"),
+        "observations.csv:2: slope_distance A G (id 1): unknown point 'G'; known: A, B, C, D, E, F",
+    ),
+    "an unknown point in a photo": (
+        *("images", "P,A,-50", "P,G,-50"),
+        "images.csv:2: unknown point 'G'; known: A, B, C, D, E, F",
+    ),
+    "an unknown photo": (
+        *("images", "P,A,-50", "Q,A,-50"),
+        "images.csv:2: unknown photo 'Q'; known: P",
+    ),
+    "an unknown camera": (
+        *("photos", "P,cam", "P,can"),
+        "photos.csv:2: photo 'P': unknown camera 'can'; known: cam",
+    ),
+    "a duplicate point": (
+        *("points", "F,5,5,3,", "F,5,5,3,\nF,5,5,4,"),
+        "points.csv:8: point 'F': duplicate name of a point; first in line 7",
+    ),
+    "a duplicate id": (
+        *("observations", "2,B,C,9.487", "1,B,C,9.487"),
+        "observations.csv:3: slope_distance B C (id 1): duplicate id '1'",
+    ),
+    "a point twice in a photo": (
+        *("images", "P,C,0,0", "P,B,0,0\nP,C,0,0"),
+        "images.csv:4: image point P/B: the point is measured more than once in this photo; "
+        "first in line 3",
+    ),
+    "a missing name": (
+        *("observations", "1,A,C,9.487", "1,A,,9.487"),
+        "observations.csv:2: slope_distance A (id 1): target is missing",
+    ),
+    "a held coordinate without a value": (
+        *("points", "A,0,0,0,xyz", "A,0,0,,xyz"),
+        "points.csv:2: point 'A': z is held or weighted but has no value",
+    ),
+    "held components that are none": (
+        *("points", "B,10,0,0,xyz", "B,10,0,0,xyw"),
+        "points.csv:3: point 'B': fixed must be some of x, y, z, not 'xyw'",
+    ),
+    "half an attitude": (
+        *("photos", "100,0,0", "100,0,"),
+        "photos.csv:2: photo 'P': kappa is missing",
+    ),
+    "a row that is too long": (
+        *("points", "C,5.01,8,1,", "C,5.01,8,1,,7"),
+        "points.csv:4: 6 cells, but the header has 5 columns",
+    ),
+    "σ of zero": (
+        *("observations", "6.344,1.5", "6.344,0"),
+        "observations.csv:4: slope_distance A D (id 3): sigma_mm must be greater than zero, not 0",
+    ),
+    "σ below zero": (
+        *("observations", "95.0,,2", "95.0,,-2"),
+        "observations.csv:9: zenith_angle A D (id 8): sigma_mgon must be greater than zero, not -2",
+    ),
+    "no σ": (
+        *("observations", "direction,12,A,C,0,,1", "direction,12,A,C,0,,"),
+        "observations.csv:13: direction A C (id 12): no standard deviation: give sigma_mgon "
+        "(or another unit) here or in [sigma.direction] of the project",
+    ),
+    "σ in a unit of something else": (
+        *("observations", "direction,12,A,C,0,,1", "direction,12,A,C,0,1,1"),
+        "observations.csv:13: direction A C (id 12): sigma_mm does not apply to direction; it "
+        "takes: kind, id, station, target, value, unit, instrument_height, target_height, set, "
+        "sigma_mgon, centring_instrument_mm, centring_target_mm",
+    ),
+    "an unknown unit of a column": (
+        *("observations", "sigma_mgon", "sigma_mgrad"),
+        f"observations.csv:1: unknown unit 'mgrad' in 'sigma_mgrad'; valid: {LENGTHS}, {ANGLES}, "
+        "px",
+    ),
+    "an unknown unit of angles": (
+        *("project", 'angle = "gon"', 'angle = "grad"'),
+        f"project.toml: [units]: angle: unknown unit 'grad'; valid: {ANGLES}, dms",
+    ),
+    "an unknown unit of a camera": (
+        *("project", 'unit = "mm"', 'unit = "inch"'),
+        f"project.toml: [[camera]] 'cam': unknown unit 'inch'; valid: px, {LENGTHS}",
+    ),
+    "an unknown kind": (
+        *("observations", "zenith_angle,7", "zenit,7"),
+        f"observations.csv:8: zenit A C (id 7): unknown kind 'zenit'; valid: {KINDS}",
+    ),
+    "an unknown kind of default": (
+        *("project", "[sigma.slope_distance]", "[sigma.distance]"),
+        f"project.toml: [sigma]: unknown kind 'distance'; valid: {KINDS}",
+    ),
+    "a default σ below zero": (
+        *("project", "sigma_mm = 2", "sigma_mm = -2"),
+        "project.toml: [sigma.slope_distance]: sigma_mm must be greater than zero, not -2",
+    ),
+    "σ of image coordinates of zero": (
+        *("project", "sigma_um = 5", "sigma_um = 0"),
+        "project.toml: [[camera]] 'cam': sigma_um must be greater than zero, not 0",
+    ),
+    "σ of a calibration parameter of zero": (
+        *("project", "sigma = 0.02", "sigma = 0"),
+        "project.toml: [[camera]] 'cam' parameter x0: sigma must be greater than zero, not 0",
+    ),
+    "an unknown lens model": (
+        *("project", 'model = "harmonic"', 'model = "fisheye"'),
+        "project.toml: [[camera]] 'cam' lens: unknown model 'fisheye'; valid: none, harmonic, "
+        "brown, brown_forward, normalised, balanced, affine, ebner, gruen",
+    ),
+    "an unknown calibration parameter": (
+        *("project", "c = 100.0", "c = 100.0\nk1 = 0.0"),
+        "project.toml: camera 'cam': unknown calibration parameter k1 of lens model 'harmonic'; "
+        "known: c, x0, y0, a00, a11, b11, a20, a22, b22, a31, b31, a33, b33",
+    ),
+    "a camera inside out": (
+        *("project", "c = 100.0", "c = -100.0"),
+        "project.toml: camera 'cam': the principal distance must be positive, not -100.0",
+    ),
+    "a missing column": (
+        *("images", "photo,point,x,y", "photo,point,x,z"),
+        "images.csv:1: missing column 'y'; columns: photo, point, x, z",
+    ),
+    "a misspelt column": (
+        *("points", "z,fixed", "z,fixd"),
+        "points.csv:1: unknown column 'fixd'; did you mean 'fixed'?",
+    ),
+    "a column twice": (*("points", "x,y,z", "x,y,y"), "points.csv:1: duplicate column 'y'"),
+    "no columns at all": (
+        *("points", POINTS, ""),
+        "points.csv: is empty: the first line must name the columns",
+    ),
+    "an observation from a point to itself": (
+        *("observations", "1,A,C,9.487", "1,C,C,9.487"),
+        "observations.csv:2: slope_distance C C (id 1): an observation cannot join a point to "
+        "itself",
+    ),
+    "a broken quotation": (
+        *("points", "F,5,5,3,", 'F,5,5,"3'),
+        "points.csv:7: is not CSV: unexpected end of data",
+    ),
+    "broken TOML": (
+        *("project", 'name = "yard"', "name = yard"),
+        "project.toml:1: is not TOML: Invalid value (at line 1, column 8)",
+    ),
+    "an unknown datum": (
+        *("project", 'name = "yard"', 'name = "yard"\ndatum = "loose"'),
+        "project.toml: unknown datum 'loose'; valid: given, free",
+    ),
+    "an unknown key": (
+        *("project", 'name = "yard"', 'name = "yard"\nnote = "old"'),
+        "project.toml: unknown key 'note'; known: name, datum, dimension, frame, units, files, "
+        "camera, sigma, adjust",
+    ),
+    "an unknown frame": (
+        *("project", 'name = "yard"', 'name = "yard"\n[frame]\nkind = "flat"'),
+        "project.toml: [frame]: unknown kind 'flat'; valid: local, geocentric, topocentric",
+    ),
+    "left-handed axes with photos": (
+        *("project", 'name = "yard"', 'name = "yard"\n[frame]\naxes = "ne"'),
+        "photos.csv:2: photo 'P': photos need a right-handed frame: choose axes en, nw, ws or se",
+    ),
+    "a table that is not there": (
+        *("project", 'name = "yard"', 'name = "yard"\n[files]\nverticals = "v.csv"'),
+        "v.csv: cannot be read: No such file or directory",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", READING)
+def test_reading_names_file_line_and_what_is_valid(tmp_path, name):
+    table, good, bad, expected = READING[name]
+    assert good in TEXTS[table]
+    found = problems(write(tmp_path, **{table: TEXTS[table].replace(good, bad, 1)}))
+    assert expected in found
+    # One cause, one problem: what follows from it is not listed; a missing column is unknown too.
+    assert len(found) == (2 if name == "a missing column" else 1)
+
+
+def test_every_problem_is_found_in_one_run(tmp_path):
+    path = write(
+        tmp_path,
+        project=PROJECT.replace('angle = "gon"', 'angle = "grad"').replace("c = 100.0", "c = 0"),
+        points=POINTS.replace("C,5.01,8,1,", "C,x,y,1,"),
+        photos=PHOTOS.replace("5,-10,1", "5,-1O,1"),
+        images=IMAGES.replace("P,A,-50", "P,A,?"),
+        observations=OBSERVATIONS.replace("1,A,C,9.487,,", "1,A,A,9..487,0,").replace(
+            "direction,14", "direktion,14"
+        ),
+    )
+    assert problems(path) == [
+        f"project.toml: [units]: angle: unknown unit 'grad'; valid: {ANGLES}, dms",
+        "project.toml: camera 'cam': the principal distance must be positive, not 0.0",
+        "points.csv:4: point 'C': x: 'x' is not a number",
+        "points.csv:4: point 'C': y: 'y' is not a number",
+        "photos.csv:2: photo 'P': y: '-1O' is not a number",
+        "images.csv:2: image point P/A: x: '?' is not a number",
+        "observations.csv:2: slope_distance A A (id 1): value: '9..487' is not a number",
+        "observations.csv:2: slope_distance A A (id 1): sigma_mm must be greater than zero, not 0",
+        "observations.csv:2: slope_distance A A (id 1): an observation cannot join a point to "
+        "itself",
+        f"observations.csv:15: direktion A B (id 14): unknown kind 'direktion'; valid: {KINDS}",
+    ]
+
+
+def test_bad_numbers_do_not_hide_a_bad_structure(tmp_path):
+    path = write(
+        tmp_path,
+        points=POINTS.replace(",xyz", ","),
+        observations=OBSERVATIONS.replace("1,A,C,9.487", "1,A,C,9.4x7"),
+    )
+    numbers, datum = problems(path)
+    assert numbers.endswith("value: '9.4x7' is not a number")
+    assert datum.startswith("network 'yard': no datum: nothing holds x, y, z of the network")
+
+
+def test_an_unknown_name_in_many_rows_of_images_is_one_problem(tmp_path):
+    path = write(tmp_path, images=IMAGES.replace("P,", "Q,"))
+    assert problems(path) == [
+        "images.csv:2: unknown photo 'Q'; known: P (also in lines 3, 4, 5, 6, 7)"
+    ]
+
+
+def test_text_that_is_not_utf_8_is_named(tmp_path):
+    path = write(tmp_path)
+    (tmp_path / "points.csv").write_bytes(POINTS.replace("A,", "Ä,", 1).encode("latin-1"))
+    assert problems(path)[0].startswith("points.csv: is not UTF-8 text (byte ")
+
+
+def test_a_project_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"nowhere\.toml: cannot be read: No such file"):
+        read_project(tmp_path / "nowhere.toml")
+
+
+# -- covariances ----------------------------------------------------------------------------------
+
+VECTORS = """\
+kind,id,station,target,x,y,z,sigma_mm
+gnss_vector,v1,A,C,5.01,8,1,
+gnss_vector,v2,B,C,-4.99,8,1,
+"""
+DIAGONAL = "".join(f"k,{v},{a},{v},{a},4\n" for v in ("v1", "v2") for a in "xyz")
+HEADER = "cluster,id,component,id2,component2,covariance_mm2\n"
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        (
+            DIAGONAL + "k,v1,x,v2,x,5\n",
+            "covariances.csv:2: cluster 'k': the covariance matrix is not positive definite "
+            "(smallest eigenvalue of the correlations -2.50e-01)",
+        ),
+        (
+            DIAGONAL + "k,v1,x,v3,x,1\n",
+            "covariances.csv:2: cluster 'k': unknown id 'v3'; known: v1, v2",
+        ),
+        (
+            DIAGONAL + "k,v1,x,v2,w,1\n",
+            "covariances.csv:8: cluster 'k': unknown component 'w' of 'v2'; valid: x, y, z",
+        ),
+        (
+            DIAGONAL.replace("k,v2,z,v2,z,4\n", ""),
+            "covariances.csv:2: cluster 'k': the variance is missing of v2 z",
+        ),
+        (
+            DIAGONAL + "k,v1,x,v2,x,1..\n",
+            "covariances.csv:8: cluster 'k': covariance_mm2: '1..' is not a number",
+        ),
+        (
+            DIAGONAL + "l,v1,x,v2,x,1\n",
+            "covariances.csv:8: cluster 'l': observation 'v1' is in cluster 'k' too",
+        ),
+    ],
+)
+def test_a_covariance_that_is_none_is_named(tmp_path, rows, expected):
+    vectors = VECTORS.replace(",\n", ",3\n")
+    path = write(tmp_path, observations=vectors, covariances=HEADER + rows)
+    assert expected in problems(path)
+
+
+def test_members_of_a_cluster_need_no_standard_deviation_of_their_own(tmp_path):
+    path = write(tmp_path, observations=VECTORS, covariances=HEADER + DIAGONAL)
+    ids, covariance = read_project(path).clusters[0]
+    assert ids == ("v1", "v2")
+    assert np.array_equal(covariance, np.diag([4e-6] * 6))
+
+
+def test_the_covariance_of_one_vector_must_be_positive_definite():
+    fields = {"kind": "gnss_vector", "station": "A", "target": "C", "x": 1, "y": 2, "z": 3}
+    fields |= {f"covariance_{a}{a}_mm2": 1 for a in "xyz"}
+    with pytest.raises(InputError) as caught:
+        observation(fields | {"covariance_xy_mm2": 2}, source="stream:7")
+    assert str(caught.value) == (
+        "stream:7: gnss_vector A C: the covariance matrix is not positive definite "
+        "(smallest eigenvalue of the correlations -1.00e+00)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        ({"value": "5,3"}, "value must be a finite number, not '5,3'"),
+        ({"value": "5.3"}, "value must be a finite number, not '5.3'"),
+        ({"value": None}, "value must be a finite number, not None"),
+        ({"sigma": "2mm"}, "sigma must be a finite number, not '2mm'"),
+        ({"instrument_height": float("nan")}, "instrument_height must be a finite number, not nan"),
+        ({"target": 7}, "target must be text, not 7"),
+        ({"set": 1}, "set must be text, not 1"),
+        ({"id": 5}, "id must be text, not 5"),
+    ],
+)
+def test_values_of_the_wrong_type_name_the_observation(wrong, expected):
+    given = {"station": "A", "target": "P", "value": 5.3, "sigma": 2e-5, "id": "r1"} | wrong
+    with pytest.raises(InputError) as caught:
+        Direction(**given)
+    assert str(caught.value) == f"direction A {given['target']} (id {given['id']}): {expected}"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        ({"value": None}, "value must be a finite number, not None"),
+        ({"value": ("1", "x", 2)}, "value must be a finite number, not ('1', 'x', 2)"),
+        ({"value": ((1,), (2, 3))}, "value must be a finite number, not ((1,), (2, 3))"),
+        ({"value": (1, 2)}, "value must have 3 components, not (1, 2)"),
+        ({"value": 3.0}, "value must have 3 components, not 3.0"),
+        ({"covariance": "x"}, "covariance must be a finite number, not 'x'"),
+        ({"covariance": None, "sigma": 0.1}, "sigma must be 3 standard deviations, not 0.1"),
+    ],
+)
+def test_vectors_of_the_wrong_type_or_shape_are_named(wrong, expected):
+    given = {"value": (1.0, 2.0, 3.0), "covariance": np.eye(3), "id": "v1"} | wrong
+    with pytest.raises(InputError) as caught:
+        GnssVector("A", "P", **given)
+    assert str(caught.value) == f"gnss_vector A P (id v1): {expected}"
+
+
+def test_an_unknown_kind_is_told_with_what_the_record_says_of_itself():
+    record = {"kind": "slope_distnce", "station": "A", "target": "C", "id": "x5"}
+    with pytest.raises(InputError, match=r"A C \(id x5\): unknown kind 'slope_distnce'"):
+        observation(record, source="stream:5")
+
+
+def test_a_vector_with_a_covariance_cannot_join_a_point_to_itself_either():
+    with pytest.raises(InputError, match="cannot join a point to itself"):
+        GnssVector("A", "A", (0.0, 0.0, 0.0), covariance=np.eye(3))
+
+
+def test_a_distance_meter_with_a_standard_deviation_of_zero_is_not_free():
+    with pytest.raises(InputError, match="standard deviations must be 2 numbers > 0"):
+        Network().set_distance_meter("EDM", sigma_scale=0.0)
+
+
+# -- structure and geometry -----------------------------------------------------------------------
+
+LOOSE = POINTS + "G,1,2,3,\nH,2,2,3,\nI,4,5,6,\nJ,3,5,2,\n"
+BETWEEN = "".join(
+    f"slope_distance,{20 + i},{pair[0]},{pair[1]},3,,\n"
+    for i, pair in enumerate(("GH", "GI", "GJ", "HI", "HJ", "IJ"))
+)
+CHECKING = {
+    "no datum": (
+        {"points": POINTS.replace(",xyz", ",")},
+        "network 'yard': no datum: nothing holds x, y, z of the network; fix or weight "
+        'coordinates, give control or GNSS positions, or ask for a free network (datum = "free")',
+    ),
+    "half a datum": (
+        {"points": POINTS.replace("A,0,0,0,xyz", "A,0,0,0,x").replace("10,0,0,xyz", "10,0,0,z")},
+        "network 'yard': no datum: nothing holds y of the network; fix or weight "
+        'coordinates, give control or GNSS positions, or ask for a free network (datum = "free")',
+    ),
+    "unconnected parts": (
+        {"points": LOOSE, "observations": OBSERVATIONS + BETWEEN},
+        "unconnected part of G, H, I, J: no observation joins this part to the rest "
+        "(C, D, E, F, photo P), and nothing holds its x, y, z: observe between them, or give it "
+        "control",
+    ),
+    "unconnected parts of a free network": (
+        {
+            "project": PROJECT.replace('"yard"', '"yard"\ndatum = "free"'),
+            "points": LOOSE.replace(",xyz", ","),
+            "observations": OBSERVATIONS + BETWEEN,
+        },
+        "unconnected part of G, H, I, J: no observation joins this part to the rest "
+        "(A, B, C, D, E, F, … (7 in all)), and nothing holds its x, y, z: observe between them, "
+        "or give it control",
+    ),
+    "a point that nothing observes": (
+        {"points": POINTS + "G,1,2,3,\n"},
+        "points.csv:8: point 'G': no observation: observe it, hold it (column fixed), or take it "
+        "out",
+    ),
+    "a point with one ray": (
+        {"points": POINTS + "G,1,2,3,\n", "images": IMAGES + "P,G,0,0\n"},
+        "points.csv:8: point 'G': only 1 image ray for 3 free coordinates: observe it more, give "
+        "control, or hold coordinates (column fixed)",
+    ),
+    "a photo with too few points": (
+        {
+            "images": "".join(IMAGES.splitlines(keepends=True)[:3]),
+            "points": POINTS.replace("F,5,5,3,", "F,5,5,3,xyz"),
+        },
+        "photos.csv:2: photo 'P': 2 image points: its 6 unknowns need at least 3",
+    ),
+    "a vertical sight with a direction": (
+        {
+            "points": POINTS.replace("D,2,6.01", "D,0,0"),
+            "observations": OBSERVATIONS.replace("zenith_angle,8,A,D", "zenith_angle,8,A,E"),
+        },
+        "observations.csv:14: direction A D (id 13): the sight is vertical: it has no azimuth",
+    ),
+    "a sight without length": (
+        {
+            "points": POINTS.replace("D,2,6.01,0.5", "D,0,0,0"),
+            "observations": OBSERVATIONS.replace(
+                "zenith_angle,8,A,D", "zenith_angle,8,A,E"
+            ).replace("13,A,D", "13,A,E"),
+        },
+        "observations.csv:4: slope_distance A D (id 3): station and target coincide: the sight "
+        "has no length",
+    ),
+    "a point behind a camera": (
+        {"points": POINTS.replace("F,5,5,3", "F,5,-12,3")},
+        "images.csv:7: image P F: the point lies 2 m behind the camera, by the given coordinates "
+        "and orientation: correct them, or leave approximate ones out",
+    ),
+    "a point in the focal plane": (
+        {"points": POINTS.replace("F,5,5,3", "F,7,-10,3")},
+        "images.csv:7: image P F: the point lies in the focal plane of the photo: it has no image",
+    ),
+    "no observations": (
+        {
+            "project": PROJECT.replace("{ value = 0.01, sigma = 0.02 }", "0.01"),
+            "images": "photo,point,x,y\n",
+            "observations": "kind,id\n",
+        },
+        "nothing to adjust: the network has no observations",
+    ),
+    "nothing unknown": (
+        {
+            "project": PROJECT.replace("{ value = 0.01, sigma = 0.02 }", "0.01"),
+            "points": POINTS.replace(",\n", ",xyz\n"),
+            "photos": "name,camera,x,y,z,omega,phi,kappa,fixed\nP,cam,5,-10,1,100,0,0,yes\n",
+            "observations": "".join(OBSERVATIONS.splitlines(keepends=True)[:-3]),
+        },
+        "nothing to adjust: everything is held",
+    ),
+}
+
+
+MORE = ("unconnected parts of a free network",)
+
+
+@pytest.mark.parametrize("name", CHECKING)
+def test_checking_names_what_is_missing_before_adjusting(tmp_path, name):
+    changed, expected = CHECKING[name]
+    found = problems(write(tmp_path, **changed))
+    assert expected in found
+    # The two parts of a free network lack each other.
+    assert len(found) == (2 if name in MORE else 1)
+
+
+def test_two_parts_with_a_datum_each_are_a_network(tmp_path):
+    held = LOOSE
+    for name in "GHI":
+        line = next(x for x in held.splitlines() if x.startswith(f"{name},"))
+        held = held.replace(line, line + "xyz")
+    path = write(tmp_path, points=held, observations=OBSERVATIONS + BETWEEN)
+    assert problems(path) == []
+
+
+def test_unknowns_that_nothing_depends_on_are_named(tmp_path):
+    path = write(
+        tmp_path,
+        distance_meters="name,scale_ppm,free\nEDM,1,scale\ntape,1,\n",
+        refractions="name,value,sigma\n,0.13,0.05\nnorth,0.1,\n",
+    )
+    what = "it is unknown, but no observation depends on it: hold it, or take it out"
+    assert problems(path) == [f"refraction group 'north': {what}", f"distance meter 'EDM': {what}"]
+
+
+def test_points_are_found_idle_together(tmp_path):
+    path = write(tmp_path, points=LOOSE)
+    assert problems(path)[0].startswith("points.csv:8: points 'G', 'H', 'I', 'J': no observation")
+
+
+def test_local_coordinates_in_a_geocentric_frame_are_refused():
+    network = Network(frame=GeocentricFrame())
+    network.add_point("A", (100.0, 200.0, 0.0), fixed="xyz")
+    network.add_point("B", (4e6, 1e6, 4.8e6))
+    network.add(SlopeDistance("A", "B", 10.0, sigma=0.1))
+    (found,) = (p for p in check(network) if "geocentric" in p.what)
+    assert str(found) == (
+        "point 'A': it lies 0.224 km from the centre of the Earth: a geocentric frame needs "
+        "geocentric coordinates"
+    )
+
+
+# -- anything at all ------------------------------------------------------------------------------
+
+EXTRAS = {
+    "orientations": "station,set,value,sigma_mgon,fixed\nA,1,300,5,\n",
+    "refractions": "name,value,sigma,fixed\n,0.13,0.05,\nnorth,0.1,,yes\n",
+    "verticals": "station,xi_arcsec,eta_arcsec,sigma_arcsec,fixed\nC,1,-1,2,\n",
+    "distance_meters": "name,scale_ppm,zero_mm,sigma_zero_mm,free\nEDM,1,2,3,\n",
+    "covariances": HEADER + "k,1,,1,,4\nk,1,,2,,1\nk,2,,2,,4\n",
+}
+SPLINTERS = [
+    *(",", ";", "\n", '"', "-", ".", "e", "0", "nan", "inf", "1e999", "x", "[", "]", "{", "}"),
+    *(
+        "=",
+        "#",
+        " ",
+        "\t",
+        "\0",
+        "é",
+        "true",
+        "[[camera]]",
+        "kind",
+        "xyz",
+        "A",
+        "fixed",
+        "sigma_mm",
+    ),
+]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_damaged_project_is_read_or_refused_but_never_a_traceback(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    whole = TEXTS | EXTRAS
+    assert problems(write(tmp_path, **whole)) == []
+    for _ in range(25):
+        damaged = dict(whole)
+        for _ in range(int(rng.integers(1, 4))):
+            name = str(rng.choice(list(damaged)))
+            text = damaged[name]
+            at, width = int(rng.integers(len(text) + 1)), int(rng.integers(0, 6))
+            splinter = str(rng.choice(SPLINTERS))
+            damaged[name] = text[:at] + splinter + text[at + width :]
+        for problem in problems(write(tmp_path, **damaged)):
+            assert problem
+            assert "Traceback" not in problem
