@@ -64,6 +64,7 @@ sphinx_gallery_conf = {
     "abort_on_example_error": True,
     "download_all_examples": False,
     "remove_config_comments": True,
+    "default_thumb_file": str(DOCS / "_static" / "industry_block.png"),
     "show_memory": False,
     "show_signature": False,
     "plot_gallery": "True",

@@ -24,15 +24,15 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib.metadata import version
-from itertools import takewhile
+from itertools import takewhile, zip_longest
 from pathlib import Path
 
 import pytest
 
 import factorgraph_adj
 from factorgraph_adj.cli.main import main
+from tests.support.places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGES = {
     str(p.relative_to(ROOT)): p
     for p in (
@@ -177,7 +177,7 @@ def test_every_block_of_a_page_runs_and_prints_what_is_shown(
     (tmp_path / "examples").symlink_to(ROOT / "examples", target_is_directory=True)
     shell = Shell(tmp_path)
     blocks = blocks_of(PAGES[page].read_text(encoding="utf-8"))
-    for block, after in zip(blocks, [*blocks[1:], None], strict=True):
+    for block, after in zip_longest(blocks, blocks[1:]):
         where = f"{page}:{block.line}"
         assert block.language in LANGUAGES | DIRECTIVES, f"{where}: {block.language!r}"
         if block.language == "toml":
@@ -252,5 +252,23 @@ def test_every_relative_link_of_a_page_leads_somewhere(page: str) -> None:
         assert (PAGES[page].parent / path).exists(), f"{page}: {target}"
 
 
+def test_every_test_that_a_page_names_is_there() -> None:
+    named = {
+        m.groups()
+        for page in PAGES.values()
+        for m in re.finditer(r"\b(\w+/test_\w+)(?:::(test_\w+))?", page.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 20
+    for module, function in named:
+        text = (ROOT / "tests" / f"{module}.py").read_text(encoding="utf-8")
+        assert function is None or f"def {function}(" in text, (module, function)
+
+
 def test_the_version_is_that_of_the_installed_package() -> None:
     assert factorgraph_adj.__version__ == version("factorgraph_adj")
+
+
+def test_the_citation_states_the_version_of_the_project() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {project['version']}\n" in citation
