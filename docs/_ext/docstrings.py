@@ -74,7 +74,7 @@ def _process(
 ) -> None:
     lines[:] = as_markup(lines)
     if what in ("attribute", "property", "data"):
-        # Napoleon would take "R: radius of the Earth" for the type R; an escaped newline is nothing.
+        # Napoleon would take "R: radius" for the type R; an escaped newline shows nothing.
         lines.insert(0, "\\")
 
 
