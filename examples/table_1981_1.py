@@ -9,8 +9,8 @@ number and distribution. ``factorgraph_adj.papers.tables_1981`` describes the ge
 import argparse
 
 from factorgraph_adj.experiment.runs import Experiment, run
+from factorgraph_adj.papers.comparison import Comparison, compared
 from factorgraph_adj.papers.tables_1981 import ISP_CASES, isp_trial
-from factorgraph_adj.report.comparison import Comparison, compared
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the table into FILE")
@@ -33,6 +33,6 @@ table = Comparison(
 )
 print(table)
 if options.plot:
-    from factorgraph_adj.report.plots import plot_comparison
+    from factorgraph_adj.papers.comparison_plot import plot_comparison
 
     plot_comparison([table]).savefig(options.plot, dpi=150)

@@ -8,8 +8,8 @@ Accuracy of the adjustments of the industry block.
 import argparse
 from math import nan
 
+from factorgraph_adj.papers.comparison import Comparison, compared
 from factorgraph_adj.papers.tables_1981 import INDUSTRY_CASES, industry_figures
-from factorgraph_adj.report.comparison import Comparison, compared
 
 PRINTED = {
     "a": (0.6, 0.4, 0.8, 1.6),
@@ -56,6 +56,6 @@ ratios = Comparison(
 )
 print(table, ratios, sep="\n\n")
 if options.plot:
-    from factorgraph_adj.report.plots import plot_comparison
+    from factorgraph_adj.papers.comparison_plot import plot_comparison
 
     plot_comparison([table, ratios]).savefig(options.plot, dpi=150)

@@ -10,7 +10,7 @@ geometry.
 import argparse
 
 from factorgraph_adj.papers import tables_1986 as paper
-from factorgraph_adj.report.comparison import Comparison, compared
+from factorgraph_adj.papers.comparison import Comparison, compared
 
 XYZ = ("X mm", "Y mm", "Z mm")
 BLOCK = "52 photos, 1:4400; points on the edge with the printed number of rays and like r."
@@ -92,6 +92,6 @@ options = parser.parse_args()
 tables = [TABLES[n]() for n in ([options.table] if options.table else TABLES)]
 print(*tables, sep="\n\n")
 if options.plot:
-    from factorgraph_adj.report.plots import plot_comparison
+    from factorgraph_adj.papers.comparison_plot import plot_comparison
 
     plot_comparison(tables).savefig(options.plot, dpi=150)

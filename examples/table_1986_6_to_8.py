@@ -9,7 +9,7 @@ prints table 6; without a number all tables are printed.
 import argparse
 
 from factorgraph_adj.papers import systematic_1986 as left_in
-from factorgraph_adj.report.comparison import Comparison, compared
+from factorgraph_adj.papers.comparison import Comparison, compared
 
 XYZ = ("X mm", "Y mm", "Z mm")
 SYSTEMATIC = "No noise; curve, layout and make-up of the deformation are chosen, not printed."
@@ -58,6 +58,6 @@ options = parser.parse_args()
 tables = [TABLES[n]() for n in ([options.table] if options.table else TABLES)]
 print(*tables, sep="\n\n")
 if options.plot:
-    from factorgraph_adj.report.plots import plot_comparison
+    from factorgraph_adj.papers.comparison_plot import plot_comparison
 
     plot_comparison(tables).savefig(options.plot, dpi=150)

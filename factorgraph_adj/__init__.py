@@ -1,7 +1,7 @@
 """Combined adjustment of terrestrial and photogrammetric observations in one factor graph.
 
 import factorgraph_adj as fga
-solution = fga.adjust(fga.read_project("project.toml"))
+solution = fga.adjust(fga.read("project.toml"))
 """
 
 from .errors import AdjustmentError, ApproximationError, DatumError, InputError
@@ -11,6 +11,7 @@ from .incremental.adjustment import IncrementalAdjustment
 from .io.bal import read_bal
 from .io.gama import read_gama
 from .io.project import read_project
+from .io.readers import read
 from .io.write_project import write_project
 from .network.network import Network
 from .network.selection import without
@@ -60,6 +61,7 @@ __all__ = [
     "predict",
     "propose",
     "protocol",
+    "read",
     "read_bal",
     "read_gama",
     "read_project",

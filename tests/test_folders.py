@@ -15,7 +15,14 @@ SHARED = {"networks", "support", "loaders", "benchmarks"}
 """Folders of modules that hold no tests."""
 OTHERS = {"published"}
 """Folders of tests that belong to no room of the package."""
-WHOLE = {"test_structure", "test_folders", "test_readme", "test_examples", "test_docs"}
+WHOLE = {
+    "test_structure",
+    "test_folders",
+    "test_readme",
+    "test_examples",
+    "test_docs",
+    "test_extension",
+}
 """Tests of the whole repository, which lie beside the folders."""
 MODULES = {str(p.relative_to(TESTS)): p for p in sorted(TESTS.rglob("*.py"))}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import graphlib
+import statistics
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -22,7 +23,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("units", "rotation", "ellipsoid"),
     ("frames", "stochastic"),
     ("models",),
-    ("observations", "network.entities"),
+    ("network.entities",),
+    ("observations",),
     ("network",),
     ("network.additions",),
     # The equations in arrays, which know nothing of GTSAM.
@@ -61,12 +63,22 @@ of one entry may import one another, those of two entries of a line may not."""
 
 DECLARED = {"gtsam", "numpy", "scipy"}
 EXTRAS = {
-    "rich": ("cli", "report"),
-    "matplotlib": ("cli", "report"),
+    "rich": ("cli",),
+    "matplotlib": ("report", "papers"),
     "distributed": ("experiment",),
     "pandas": ("experiment",),
 }
 """Optional; imported when they are needed, and where."""
+
+KNOWN_CIRCLES = {("solve.solution", "quality.datum_change")}
+"""Imports for type checkers alone that close a circle, and are still to go."""
+
+MOST_LINES, MEDIAN_LINES = 500, 200
+"""Bounds of the number of lines of a module: of every one, and of half of them."""
+TOO_LONG = {"solve.batch"}
+"""Modules beyond the bound that are still to be divided."""
+UNBOUND = {"incremental"}
+"""Rooms without bounds, which are to be written anew."""
 
 
 @dataclass(frozen=True)
@@ -163,16 +175,39 @@ def test_imports_point_one_way(name):
     assert not wrong
 
 
+def _reaches(graph: dict[str, set[str]], start: str, end: str) -> bool:
+    """Return whether a module imports another one, through others or not."""
+    seen, ahead = {start}, [start]
+    while ahead:
+        new = graph[ahead.pop()] - seen
+        seen |= new
+        ahead += new
+    return end in seen
+
+
 def test_no_modules_import_one_another_in_a_circle():
+    """Imports that only type checkers see count too: a reader follows them like any other."""
+    every = {name: [i for i in _imports(name) if _inside(i) is not None] for name in MODULES}
     graph = {
-        name: {
-            inner
-            for imported in _imports(name)
-            if not imported.for_types and (inner := _inside(imported)) is not None
-        }
-        for name in MODULES
+        name: {_inside(i) for i in imports if (name, _inside(i)) not in KNOWN_CIRCLES}
+        for name, imports in every.items()
     }
     assert len(list(graphlib.TopologicalSorter(graph).static_order())) == len(MODULES)
+    for name, other in KNOWN_CIRCLES:
+        closing = [i for i in every[name] if _inside(i) == other]
+        assert closing and all(i.for_types for i in closing), f"{name} → {other}: no exception"
+        assert _reaches(graph, other, name), f"{name} → {other} closes no circle any more"
+
+
+def test_modules_are_short():
+    """An exception that is short enough has to leave the list."""
+    lines = {
+        name: len(path.read_text(encoding="utf-8").splitlines())
+        for name, path in MODULES.items()
+        if name.split(".")[0] not in UNBOUND
+    }
+    assert {name for name, n in lines.items() if n > MOST_LINES} == TOO_LONG
+    assert statistics.median(lines.values()) < MEDIAN_LINES
 
 
 def test_every_entry_of_the_layers_is_a_module():

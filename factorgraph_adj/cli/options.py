@@ -1,21 +1,13 @@
-"""Options of the command that say what to adjust, and how; and what is to be adjusted, read."""
+"""Options that several commands share: what is adjusted, how, and with which probabilities."""
 
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import get_args
 
-from ..errors import InputError, Problem
-from ..io.bal import read_bal
-from ..io.gama import read_gama
-from ..io.project import Project, load_project
+from ..io.readers import READERS
 from ..quality.observation_groups import Rule
 from ..quality.robust import ESTIMATORS
-
-READERS = (
-    ".toml (project), .gkf (GNU Gama), .txt, .txt.bz2, .txt.gz (Bundle Adjustment in the Large)"
-)
 
 
 def add_project(parser: argparse.ArgumentParser) -> None:
@@ -73,28 +65,6 @@ def add_probabilities(parser: argparse._ActionsContainer) -> None:
         metavar="P",
         help="with which an error of the smallest detectable size is found (0.80)",
     )
-
-
-def read(name: str, *, readings: bool = True) -> Project:
-    """Read what is adjusted, whatever kind of project it is.
-
-    Args:
-        name: file or folder.
-        readings: whether the observations of a project need observed values; a plan does not.
-
-    Raises:
-        InputError: no such file, or everything that is wrong with it.
-    """
-    path = Path(name)
-    if not path.exists():
-        raise InputError(Problem("no such file or folder", name))
-    if path.is_dir() or path.suffix == ".toml":
-        return load_project(path, readings=readings)
-    if path.suffix == ".gkf":
-        return Project(read_gama(path), path)
-    if ".txt" in path.suffixes:
-        return Project(read_bal(path), path)
-    raise InputError(Problem(f"unknown kind of file; valid: {READERS}", name))
 
 
 def count(text: str) -> int:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import AdjustmentError, InputError, Problem
 from ..io.project import Project
+from ..io.readers import READERS
 from ..io.write_project import write_project
 from ..planning.candidates import identified, with_candidates
 from ..planning.files import Wishes, read_wishes
@@ -28,9 +29,9 @@ from ..planning.targets import (
     limit_of,
 )
 from ..units import LENGTH
-from .options import add_probabilities, add_project, count, read
+from .exit_codes import DOUBTFUL, FINE
+from .options import add_probabilities, add_project, count
 
-FINE, FAILED = 0, 1
 LISTED = 20
 """Rows of a list, unless --rows says otherwise."""
 NO_READINGS = "No readings are needed: observations.csv may go without its column value."
@@ -79,7 +80,7 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    project = read(options.project, readings=False)
+    project = READERS.load(options.project, readings=False)
     wishes = Wishes((), ())
     if options.targets is not None:
         wishes = read_wishes(options.targets, project, candidates=False)
@@ -87,11 +88,11 @@ def _plan(options: argparse.Namespace) -> int:
             raise InputError(Problem("has no [[target]]", options.targets))
     found = plan(project.network, wishes.targets, alpha=options.alpha, power=options.power)
     print(render_plan(found, options.rows or LISTED))
-    return FINE if found.met else FAILED
+    return FINE if found.met else DOUBTFUL
 
 
 def _propose(options: argparse.Namespace) -> int:
-    project = read(options.project, readings=False)
+    project = READERS.load(options.project, readings=False)
     wishes = read_wishes(options.candidates, project)
     problems = [
         Problem(f"has no [[{what}]]", options.candidates)
@@ -113,7 +114,7 @@ def _propose(options: argparse.Namespace) -> int:
         if not unmet.explains(error):
             raise
         print(render_unmet(unmet, error, rows))
-        return FAILED
+        return DOUBTFUL
     print(render_proposal(found, rows))
     if out is not None:
         write_project(found.plan.network, out, units=project.units)

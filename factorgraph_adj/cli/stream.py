@@ -22,13 +22,14 @@ from ..errors import InputError, Problem
 from ..incremental.adjustment import IncrementalAdjustment
 from ..incremental.verdicts import Policy
 from ..io.project import Project
-from ..report.live import MISSING, LiveView, live_view
+from ..io.readers import READERS
 from ..service.requests import LONGEST
 from ..service.stream import Stream
 from ..service.stream import __doc__ as protocol
-from .options import add_probabilities, add_project, read
+from .exit_codes import FINE, INTERRUPTED
+from .live import MISSING, LiveView, live_view
+from .options import add_probabilities, add_project
 
-FINE, INTERRUPTED = 0, 130
 ALPHA = 0.001
 """Of one test, where nothing is stated."""
 
@@ -108,7 +109,7 @@ def _start(options: argparse.Namespace) -> Stream:
         raise InputError(problems)
     if options.live and find_spec("rich") is None:
         raise InputError(MISSING)
-    project = read(options.project)
+    project = READERS.load(options.project)
     if options.resume:
         adjustment = IncrementalAdjustment.resume(options.journal)
         _same(adjustment, project, options)

@@ -9,14 +9,15 @@ import numpy as np
 
 from ..errors import Problem, known
 from ..graph.equations import compile_rows
+from ..models.variables import UNKNOWNS
 from ..network.entities import ImageTable, Parameter
 from ..network.network import Network
 from ..network.selection import without
-from ..observations import OBSERVATIONS, ControlPoint, Observation, SlopeDistance
+from ..observations import KINDS, ControlPoint, Observation, SlopeDistance
 from ..types import Array
 from .determined import undetermined_points
 from .parameters import Parameters, number, path_of
-from .simulate import Seed, measure, moves, with_value
+from .simulate import Seed, measure
 from .systematic import InImages, Systematic
 
 GROSS, DROPPED = 1000, 1001
@@ -57,8 +58,8 @@ class GrossError(Parameters):
             found.append(Problem("give either size or times_sigma", path_of(where, "size")))
         if bool(self.ids) == bool(self.count):
             found.append(Problem("give either ids or count", path_of(where, "ids")))
-        if self.observations and self.observations not in OBSERVATIONS:
-            what = f"unknown kind {self.observations!r}; valid: {', '.join(OBSERVATIONS)}"
+        if self.observations and self.observations not in KINDS:
+            what = f"unknown kind {self.observations!r}; valid: {', '.join(KINDS)}"
             found.append(Problem(what, path_of(where, "observations")))
         return found
 
@@ -118,9 +119,9 @@ class DropOut(Parameters):
 
     def problems(self, where: str) -> list[Problem]:
         """Return what is wrong."""
-        if not self.observations or self.observations in OBSERVATIONS:
+        if not self.observations or self.observations in KINDS:
             return []
-        what = f"unknown kind {self.observations!r}; valid: {', '.join(OBSERVATIONS)}"
+        what = f"unknown kind {self.observations!r}; valid: {', '.join(KINDS)}"
         return [Problem(what, path_of(where, "observations"))]
 
     def takes(self, kind: str) -> bool:
@@ -161,7 +162,7 @@ def readings_of(network: Network) -> dict[Reading, str]:
     """Return the scalar readings of a network with the kinds of their observations."""
     found: dict[Reading, str] = {}
     for ident, o in network.observations.items():
-        axes = tuple(o.axes) if isinstance(o, ControlPoint) else o.components
+        axes = o.component_names()
         found |= {(ident, c if len(axes) > 1 else ""): o.kind for c in axes}
     for ident in _image_ids(network):
         found[ident, "x"] = found[ident, "y"] = "image"
@@ -198,10 +199,12 @@ def read(plan: Network, true: Network, errors: Errors, *, seed: Seed) -> Network
         drawn = network.observations[ident]
         if isinstance(o, SlopeDistance) and isinstance(drawn, SlopeDistance):
             network.observations[ident] = replace(drawn, instrument=o.instrument)
-    network.refractions = _assumed(plan.refractions, true.refractions, network.refractions)
-    network.distance_meters = _assumed(
-        plan.distance_meters, true.distance_meters, network.distance_meters
-    )
+    network.parameters = {
+        kind: _assumed(given, true.of_kind(kind), network.of_kind(kind))
+        if UNKNOWNS[kind].additional
+        else network.of_kind(kind)
+        for kind, given in plan.parameters.items()
+    }
     _deform(network, true, errors)
     return network
 
@@ -276,13 +279,13 @@ def add_gross_errors(network: Network, errors: Errors, *, seed: Seed) -> dict[Re
 
 def _shifted(network: Network, o: Observation, component: str, size: float) -> Observation:
     """Return an observation with an error in one component."""
-    axes = tuple(o.axes) if isinstance(o, ControlPoint) else o.components
-    if moves(o):
-        value = np.zeros(len(axes))
+    axes = o.component_names()
+    if isinstance(o, ControlPoint) and o.local:
+        value = np.zeros(len(axes))  # its reading is how far it is moved
     else:
         value = np.atleast_1d(np.array(getattr(o, "value"), dtype=float))  # noqa: B009
     value[axes.index(component) if component else 0] += size
-    return with_value(network, o, value.tolist())
+    return o.with_reading(value.tolist(), network.frame)
 
 
 def _sigmas(network: Network) -> dict[Reading, float]:

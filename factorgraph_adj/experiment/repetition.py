@@ -38,6 +38,30 @@ class Outcome:
     """What the error says."""
 
 
+@dataclass(frozen=True)
+class Repetition:
+    """One repetition of one cell: a row of the results."""
+
+    levels: Levels
+    """Level of every factor."""
+    repetition: int
+    """Counted from 0."""
+    seed: int
+    """Seed that the trial was given; with it the repetition can be run again alone."""
+    figures: Mapping[str, float]
+    """Figures that the trial returned, by name; empty where it failed."""
+    error: str = ""
+    """Type of the error; empty where it did not fail."""
+    message: str = ""
+    """What the error says."""
+
+    @classmethod
+    def of(cls, levels: Levels, task: Task, outcome: Outcome) -> Repetition:
+        """Return the row of an outcome."""
+        figures, error, message = outcome.figures, outcome.error, outcome.message
+        return cls(levels, task.repetition, task.seed, figures, error, message)
+
+
 def repeat(trial: Trial, seed: int, levels: Levels) -> Outcome:
     """Run a trial once. Whatever goes wrong in it is an outcome; only an interruption is not."""
     try:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +13,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..io.atomic import write_files
 from ..types import Array
-from .repetition import Outcome, Task
+from .repetition import Repetition
 from .study import Level, Levels, encoded, written
 from .summary import Summary, summarise
 
@@ -22,30 +21,6 @@ if TYPE_CHECKING:
     import pandas
 
 MISSING = "a data frame needs pandas: pip install 'factorgraph_adj[table]'"
-
-
-@dataclass(frozen=True)
-class Repetition:
-    """One repetition of one cell."""
-
-    levels: Levels
-    """Level of every factor."""
-    repetition: int
-    """Counted from 0."""
-    seed: int
-    """What the trial was given: with it the repetition can be run again alone."""
-    figures: Mapping[str, float]
-    """What the trial returned; empty where it failed."""
-    error: str = ""
-    """Type of the error; empty where it did not fail."""
-    message: str = ""
-    """What the error says."""
-
-    @classmethod
-    def of(cls, levels: Levels, task: Task, outcome: Outcome) -> Repetition:
-        """Return the row of an outcome."""
-        figures, error, message = outcome.figures, outcome.error, outcome.message
-        return cls(levels, task.repetition, task.seed, figures, error, message)
 
 
 @dataclass(frozen=True)
@@ -177,4 +152,10 @@ class Results:
         Raises:
             InputError: the confidence is not between 0 and 1.
         """
-        return summarise(self, confidence)
+        return summarise(
+            name=self.name,
+            factors=self.factors,
+            figures=self.figures,
+            rows=self.rows,
+            confidence=confidence,
+        )

@@ -20,8 +20,8 @@ from .blas import one_blas_thread
 from .cluster import is_client, on_cluster
 from .finished import Done, open_file, record
 from .processes import in_processes
-from .repetition import Outcome, Task, not_sent, repeat
-from .results import Repetition, Results
+from .repetition import Outcome, Repetition, Task, not_sent, repeat
+from .results import Results
 from .study import Experiment, Levels, Trial
 
 if TYPE_CHECKING:

@@ -8,33 +8,28 @@ right is shown on real measurements.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
 from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
-from ..models.registry import VariableKind
-from ..network.entities import Camera, ImageTable, Parameter, Photo
+from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..network.entities import Camera, ImageTable, Parameter, Photo, parameter_name
 from ..network.network import Network
-from ..observations import (
-    OBSERVATIONS,
-    Azimuth,
-    ControlPoint,
-    Direction,
-    HorizontalAngle,
-    Observation,
-)
+from ..observations import BUILT_IN, KINDS
 from ..rotation import exp_rotation
 from ..types import Array
 
 Seed = int
 """Seed of a simulation: the same seed gives the same errors on every machine."""
 
+STREAMS = ("point", "orientation", "refraction", "vertical", "edm", "pose", "calibration")
+"""Kinds of unknowns of the package in the order of their streams of errors."""
 NEGLIGIBLE = 1e-13
 """Measured → ideal lens models are inverted to this part of the principal distance."""
 MOST_ROUNDS = 50
@@ -50,12 +45,8 @@ class Truth:
     """Exterior orientation by photo."""
     cameras: Mapping[str, Camera]
     """Calibration by camera."""
-    refractions: Mapping[str, Parameter]
-    """Coefficients of refraction by group."""
-    verticals: Mapping[str, Parameter]
-    """Deflections ξ, η, radians, by station."""
-    distance_meters: Mapping[str, Parameter]
-    """Scale and zero constant, metres, by distance meter."""
+    parameters: Mapping[VariableKind, Mapping[Any, Parameter]]
+    """Other unknowns by kind and name: refraction, verticals, distance meters …"""
 
     @classmethod
     def of(cls, plan: Network) -> Truth:
@@ -64,15 +55,28 @@ class Truth:
             {name: np.array(p.coordinates) for name, p in plan.points.items()},
             dict(plan.photos),
             dict(plan.cameras),
-            dict(plan.refractions),
-            dict(plan.verticals),
-            dict(plan.distance_meters),
+            {kind: dict(given) for kind, given in plan.parameters.items()},
         )
 
     def calibration(self, camera: str, parameter: str) -> float:
         """Return the true value of a calibration parameter, image units."""
         found = self.cameras[camera]
         return found.values[found.lens.names.index(parameter)]
+
+    @property
+    def refractions(self) -> Mapping[str, Parameter]:
+        """Coefficients of refraction by group."""
+        return self.parameters.get("refraction", {})
+
+    @property
+    def verticals(self) -> Mapping[str, Parameter]:
+        """Deflections ξ, η, radians, by station."""
+        return self.parameters.get("vertical", {})
+
+    @property
+    def distance_meters(self) -> Mapping[str, Parameter]:
+        """Scale and zero constant, metres, by distance meter."""
+        return self.parameters.get("edm", {})
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,7 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
         for ident, row in zip(block.ids, value.tolist(), strict=True):
             values.setdefault(ident, []).extend(row)
     measured.observations = {
-        ident: with_value(plan, o, values[ident]) for ident, o in plan.observations.items()
+        ident: o.with_reading(values[ident], plan.frame) for ident, o in plan.observations.items()
     }
     return measured
 
@@ -154,7 +158,7 @@ def disturb(
         attitudes: the same of free attitudes about each axis, radians.
     """
     # After the streams of noise, before those of weighted unknowns: no stream is two things.
-    rng = np.random.default_rng([seed, len(OBSERVATIONS)])
+    rng = np.random.default_rng([seed, len(BUILT_IN)])
     moved = copy(network)
     tables = compile_network(network).unknowns.tables
     loose = {k: table.free & np.isinf(table.sigma) for k, table in tables.items()}
@@ -168,10 +172,15 @@ def disturb(
     moved.photos = {
         name: _moved_photo(f, by[i]) for i, (name, f) in enumerate(network.photos.items())
     }
-    moved.orientations = {
-        key: replace(p, values=(np.nan,)) if loose["orientation"][i] else p
-        for i, (key, p) in enumerate(network.orientations.items())
-    }
+    moved.parameters = dict(network.parameters)
+    for kind in (k.name for k in parameter_kinds() if k.absent == "found"):
+        number = tables[kind].number
+        moved.parameters[kind] = {
+            key: replace(p, values=(np.nan,) * len(p.values))
+            if loose[kind][number[parameter_name(key)]].all()
+            else p
+            for key, p in network.of_kind(kind).items()
+        }
     return moved
 
 
@@ -201,9 +210,10 @@ def _weighted_drawn(equations: Equations, plan: Network, seed: Seed) -> Network:
     """Return a copy of the plan with the given values of weighted unknowns drawn."""
     drawn = copy(plan)
     errors: dict[VariableKind, Array] = {}
-    for place, (kind, table) in enumerate(equations.unknowns.tables.items(), len(OBSERVATIONS) + 1):
+    for kind, table in equations.unknowns.tables.items():
         weighted = np.isfinite(table.sigma) & table.free
-        z = np.random.default_rng([seed, place]).standard_normal(weighted.shape)
+        stream = _stream(kind, STREAMS, len(BUILT_IN) + 1)
+        z = np.random.default_rng([seed, *stream]).standard_normal(weighted.shape)
         errors[kind] = np.where(weighted, table.sigma, 0.0) * np.where(weighted, z, 0.0)
     number = {kind: table.number for kind, table in equations.unknowns.tables.items()}
 
@@ -211,7 +221,12 @@ def _weighted_drawn(equations: Equations, plan: Network, seed: Seed) -> Network:
         return np.asarray(errors[kind][number[kind][name]])
 
     def parameter(kind: VariableKind, name: str, given: Parameter) -> Parameter:
-        return replace(given, values=_sum(given.values, error(kind, name)))
+        by = error(kind, name)[: len(given.values)]
+        if not by.any():
+            return given
+        record, values = UNKNOWNS[kind], np.array([given.values])
+        moved = record.given(record.retract(record.store(values), by[None]))
+        return replace(given, values=tuple(moved[0].tolist()))
 
     drawn.points = {
         n: replace(p, coordinates=_sum(p.coordinates, error("point", n)))
@@ -222,12 +237,10 @@ def _weighted_drawn(equations: Equations, plan: Network, seed: Seed) -> Network:
         n: c if c.per_photo else replace(c, values=_sum(c.values, error("calibration", n)))
         for n, c in plan.cameras.items()
     }
-    drawn.orientations = {
-        (s, r): parameter("orientation", f"{s}/{r}", p) for (s, r), p in plan.orientations.items()
+    drawn.parameters = {
+        kind: {key: parameter(kind, parameter_name(key), p) for key, p in given.items()}
+        for kind, given in plan.parameters.items()
     }
-    drawn.refractions = {n: parameter("refraction", n, p) for n, p in plan.refractions.items()}
-    drawn.verticals = {n: parameter("vertical", n, p) for n, p in plan.verticals.items()}
-    drawn.distance_meters = {n: parameter("edm", n, p) for n, p in plan.distance_meters.items()}
     return drawn
 
 
@@ -237,15 +250,14 @@ def _sum(values: tuple[float, ...], error: Array) -> tuple[Any, ...]:
 
 def _errors(equations: Equations, seed: Seed) -> Array:
     """Draw the error of every scalar row (n_rows,), units of the observations."""
-    kinds = list(OBSERVATIONS)
     out = np.zeros(equations.n_rows)
     normal = np.zeros(equations.n_rows)
     streams: dict[str, np.random.Generator] = {}
     for block in equations.blocks:
-        if block.kind not in OBSERVATIONS:
+        if block.kind not in KINDS:
             continue
         if block.kind not in streams:
-            streams[block.kind] = np.random.default_rng([seed, kinds.index(block.kind)])
+            streams[block.kind] = np.random.default_rng([seed, *_stream(block.kind, BUILT_IN, 0)])
         z = streams[block.kind].standard_normal(block.observed.shape)
         normal[block.rows] = z.ravel()
         if block.whitener is None:
@@ -255,6 +267,16 @@ def _errors(equations: Equations, seed: Seed) -> Array:
     for cluster in equations.clusters:
         out[cluster.rows] = np.linalg.solve(cluster.whitener, normal[cluster.rows])
     return out
+
+
+def _stream(kind: str, built_in: Sequence[str], first: int) -> list[int]:
+    """Return the number of the stream of a kind; of a kind that was added it is its name.
+
+    The streams of the kinds of the package stay the same whatever is registered.
+    """
+    if kind in built_in:
+        return [first + built_in.index(kind)]
+    return [first, *kind.encode()]
 
 
 def _observed_truly(equations: Equations, block: Block, state: State) -> Block:
@@ -271,22 +293,3 @@ def _observed_truly(equations: Equations, block: Block, state: State) -> Block:
         if np.abs(v).max() < NEGLIGIBLE * c:
             break
     return block
-
-
-def moves(o: Observation) -> TypeGuard[ControlPoint]:
-    """Return whether an observation is a point known in e, n, u: with its axes it is moved."""
-    return isinstance(o, ControlPoint) and set(o.axes) <= set("enu")
-
-
-def with_value(plan: Network, o: Observation, value: list[float]) -> Observation:
-    """Return an observation with another value, angles wrapped; in e, n, u: moved by it."""
-    if moves(o):
-        at = np.array(o.value, dtype=float)
-        enu = plan.frame.basis(at[None], np.zeros((1, 2))).enu[0]
-        at = at + np.array(value) @ enu[["enu".index(a) for a in o.axes]]
-        return replace(o, value=tuple(at.tolist()))
-    if isinstance(o, Direction | Azimuth | HorizontalAngle):
-        return replace(o, value=value[0] % (2 * np.pi))
-    if len(o.components) > 1 or isinstance(o, ControlPoint):
-        return replace(o, value=tuple(value))  # type: ignore[call-arg]
-    return replace(o, value=value[0])  # type: ignore[call-arg]

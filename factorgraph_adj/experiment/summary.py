@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import nan, sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import stats
 
 from ..errors import InputError, known
+from ..quality.distributions import chi2_quantile, chi2_upper_quantile, student_quantile
 from ..report import layout
 from ..types import Array
+from .repetition import Repetition
 from .study import Level, Levels, encoded, key, said, written
-
-if TYPE_CHECKING:
-    from .results import Repetition, Results
 
 SHOWN = 3
 """Messages of failed repetitions that a table shows."""
@@ -172,26 +169,44 @@ def _shown(value: float, sigma: float) -> str:
     return layout.with_sigma(value, sigma) if np.isfinite(value) else "–"
 
 
-def summarise(results: Results, confidence: float) -> Summary:
-    """Return the summary of results, see `Results.summary`."""
+def summarise(
+    *,
+    name: str,
+    factors: tuple[str, ...],
+    figures: Iterable[str],
+    rows: Sequence[Repetition],
+    confidence: float,
+) -> Summary:
+    """Return the summary of an experiment, see `Results.summary`.
+
+    Args:
+        name: name of the experiment.
+        factors: names of its factors.
+        figures: names of the figures, in the order of the table.
+        rows: every repetition, failed ones among them.
+        confidence: of each interval, between 0 and 1.
+
+    Raises:
+        InputError: the confidence is not between 0 and 1.
+    """
     if isinstance(confidence, bool) or not 0 < confidence < 1:
         raise InputError(f"confidence must be between 0 and 1, not {confidence!r}")
     cells: dict[str, list[Repetition]] = {}
-    for row in results.rows:
+    for row in rows:
         cells.setdefault(key(row.levels), []).append(row)
-    rows = _rows(results.figures, list(cells.values()), confidence)
+    failed = [row for row in rows if row.error]
     return Summary(
-        name=results.name,
-        factors=results.factors,
+        name=name,
+        factors=factors,
         confidence=confidence,
-        n_repetitions=len(results.rows),
-        n_failed=len(results.failed),
-        rows=tuple(rows),
-        failures=_failures(results.failed),
+        n_repetitions=len(rows),
+        n_failed=len(failed),
+        rows=tuple(_rows(figures, list(cells.values()), confidence)),
+        failures=_failures(failed),
     )
 
 
-def _failures(failed: tuple[Repetition, ...]) -> tuple[Failure, ...]:
+def _failures(failed: Sequence[Repetition]) -> tuple[Failure, ...]:
     """Return the messages of failed repetitions, each once."""
     same: dict[tuple[str, str], list[Repetition]] = {}
     for row in failed:
@@ -203,7 +218,7 @@ def _failures(failed: tuple[Repetition, ...]) -> tuple[Failure, ...]:
 
 
 def _rows(
-    figures: tuple[str, ...], cells: list[list[Repetition]], confidence: float
+    figures: Iterable[str], cells: list[list[Repetition]], confidence: float
 ) -> Iterator[FigureSummary]:
     for figure in figures:
         for rows in cells:
@@ -241,7 +256,7 @@ def _moments(values: Array) -> tuple[float, float]:
 def _of_mean(mean: float, s: float, n: int, confidence: float) -> tuple[float, float]:
     if n < 2:
         return nan, nan
-    half = float(stats.t.isf((1 - confidence) / 2, n - 1)) * s / sqrt(n)
+    half = -student_quantile((1 - confidence) / 2, n - 1) * s / sqrt(n)
     return mean - half, mean + half
 
 
@@ -249,5 +264,5 @@ def _of_deviation(s: float, n: int, confidence: float) -> tuple[float, float]:
     if n < 2:
         return nan, nan
     tail = (1 - confidence) / 2
-    low, high = stats.chi2.isf(tail, n - 1), stats.chi2.ppf(tail, n - 1)
-    return s * sqrt((n - 1) / float(low)), s * sqrt((n - 1) / float(high))
+    low, high = float(chi2_upper_quantile(tail, n - 1)), chi2_quantile(tail, n - 1)
+    return s * sqrt((n - 1) / low), s * sqrt((n - 1) / high)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -13,9 +14,13 @@ from ..frames import Frame
 from ..models.base import DegenerateError, Linearised
 from ..models.image import image
 from ..models.lens import Lens
-from ..models.registry import Unit, VariableKind
+from ..models.variables import VariableKind
+from ..observations import Unit
 from ..types import Array, Index
 from .variables import State
+
+Fixes: TypeAlias = Literal["nothing", "coordinates", "attitude", "place"]
+"""What observations say of the place of a network."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +51,18 @@ class Block:
     """The lens model of image coordinates."""
     constants: dict[str, Array] = field(default_factory=dict)
     """Further arguments of the model, arrays over the rows."""
+    prior: bool = False
+    """Whether the observations are given values of weighted unknowns."""
+    fixes: Fixes = "nothing"
+    """What the observations say of the place of the network; see `ObservationKind.fixes`, and
+    attitudes of photos."""
+    by_axis: bool = False
+    """Whether several rows of the block may belong to one observation, one for each axis."""
     axes: Sequence[str] | None = None
     """Name of the one component of each observation, where they are not all alike (n,)."""
+    widths: dict[int, int] = field(default_factory=dict)
+    """Components that the model gets of a variable, by its place, where sizes of the kind
+    differ."""
     first_row: int = 0
     """Number of the first scalar row among all rows of the network."""
 
@@ -102,6 +117,8 @@ class Block:
                     frame, *values, observed=self.observed, lens=self.lens, jacobians=jacobians
                 )
             assert self.model is not None
+            for j, width in self.widths.items():
+                values[j] = values[j][:, :width]
             return self.model(frame, *values, observed=self.observed, **self.constants)
         except DegenerateError as error:
             raise InputError(

@@ -82,7 +82,7 @@ class Equations:
         out, first = [np.zeros(0, dtype=np.intp)], 0
         for block in self.blocks:
             starts = np.ones(block.n, dtype=bool)
-            if block.kind in ("control", "gnss_position"):
+            if block.by_axis:
                 # One row for each known coordinate.
                 ids = np.array(list(block.ids), dtype=object)
                 starts[1:] = ids[1:] != ids[:-1]

@@ -8,10 +8,10 @@ import gtsam
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..types import Array, Index
 from .equations import Equations
-from .keys import KeyMap, insert, pose_from_gtsam
+from .keys import KeyMap, from_gtsam, insert
 from .variables import State
 
 _NOISE = 1e-12
@@ -148,9 +148,7 @@ def _columns(
     first = 0
     for (kind, number), size in zip(variables, sizes, strict=True):
         part = a[:, first : first + size]
-        if kind == "pose":
-            part = pose_from_gtsam(part, state["pose"][number, :9].reshape(3, 3))
-        parts.append(part)
+        parts.append(from_gtsam(kind, part, state[kind][number]))
         columns.append(unknowns.columns(kind, number))
         first += size
     index = np.concatenate(columns)

@@ -17,11 +17,11 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..frames import Frame
-from ..models.registry import VariableKind
-from ..rotation import log_rotation, right_jacobian_inverse
+from ..models.variables import UNKNOWNS, VariableKind
+from ..rotation import right_jacobian_inverse
 from ..types import Array, Index
 from .blocks import Block
-from .keys import KeyMap, pose_rows, pose_to_gtsam
+from .keys import KeyMap, stored_row, to_gtsam
 from .variables import State, Unknowns
 
 Evaluation: TypeAlias = tuple[Array, list[Array]]
@@ -133,11 +133,9 @@ class _Observations:
         local = self._local
         if local is None:
             local = self._local = _Local.of(self._given, self._parts, self._variables)
-        for (kind, here), key, size in zip(local.variables, self.keys, self.sizes, strict=True):
-            if kind == "pose":
-                local.state[kind][here] = pose_rows([values.atPose3(key)])[0]
-            else:
-                local.state[kind][here, :size] = values.atVector(key)
+        for (kind, here), key in zip(local.variables, self.keys, strict=True):
+            row = stored_row(values, kind, key)
+            local.state[kind][here, : len(row)] = row
         total = sum(part.rows.size for part in self._parts)
         residual = np.empty(total)
         partials = [np.zeros((total, size)) for size in self.sizes] if jacobians else []
@@ -153,9 +151,7 @@ class _Observations:
                         partials[slot][part.rows[i]] += by[i][:, : self.sizes[slot]]
         if jacobians:
             for slot, (kind, here) in enumerate(local.variables):
-                if kind == "pose":
-                    rotation = local.state[kind][here, :9].reshape(3, 3)
-                    partials[slot] = pose_to_gtsam(partials[slot], rotation)
+                partials[slot] = to_gtsam(kind, partials[slot], local.state[kind][here])
         return residual, partials
 
     def label(self) -> str:
@@ -209,22 +205,18 @@ def held_factor(
     key = KeyMap.of(kind, number)
     held = state[kind][number].copy()
 
-    def vector(values: gtsam.Values, jacobians: bool) -> Evaluation:
-        return values.atVector(key)[which] - held[which], [np.eye(size)[which]]
-
-    def pose(values: gtsam.Values, jacobians: bool) -> Evaluation:
-        row = pose_rows([values.atPose3(key)])[0]
-        rotation = row[:9].reshape(3, 3)
-        turn = log_rotation((held[:9].reshape(3, 3).T @ rotation)[None])
-        partials = np.eye(6)
-        partials[:3, :3] = right_jacobian_inverse(turn)[0]
-        residual = np.concatenate([turn[0], row[9:] - held[9:]])
-        return residual[which], [pose_to_gtsam(partials, rotation)[which]]
+    def evaluate(values: gtsam.Values, jacobians: bool) -> Evaluation:
+        row = stored_row(values, kind, key)
+        residual = UNKNOWNS[kind].local(held[None, : len(row)], row[None])[0]
+        partials = np.eye(size)
+        if UNKNOWNS[kind].rotates:
+            partials[:3, :3] = right_jacobian_inverse(residual[None, :3])[0]
+        return residual[which], [to_gtsam(kind, partials, row)[which]]
 
     return guarded(
         gtsam.noiseModel.Constrained.All(len(which)),
         [key],
         [size],
-        pose if kind == "pose" else vector,
+        evaluate,
         lambda: f"held components of {kind} {table.names[number]!r}",
     )

@@ -1,11 +1,13 @@
-"""How the unknowns of a network appear in GTSAM: keys, values and the tangent of poses.
+"""How the unknowns of a network appear in GTSAM: keys, values and tangents.
 
 A key is ``gtsam.symbol(char, number)``: the character tells the kind, the number counts the
 variables of that kind in the order in which the network got them. Variables that are held
 altogether are constants of the factors and have no key.
 
-The tangent of a pose is the one thing that differs. Ours is [ω, δ]: R ← R Exp(ω), X₀ ← X₀ + δ
-in object axes; GTSAM's is [ω, v] with v = Rᵀ δ to first order.
+A rotation with a shift is a ``gtsam.Pose3``, every other unknown is a vector of its given values;
+one that rotates begins with its rotation vector. Two tangents differ. Of a pose ours is [ω, δ]:
+R ← R Exp(ω), X₀ ← X₀ + δ in object axes; GTSAM's is [ω, v] with v = Rᵀ δ to first order. Of a
+rotation vector r ours is ω = J_r(r) dr, GTSAM's is dr.
 """
 
 from __future__ import annotations
@@ -16,22 +18,12 @@ import gtsam
 import numpy as np
 
 from ..errors import InputError, Problem, known
-from ..models.registry import VariableKind
+from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
+from ..rotation import log_rotation, right_jacobian_inverse
 from ..types import Array
 from .equations import Equations
 from .variables import State, Unknowns
 
-CHARS: dict[VariableKind, str] = {
-    "point": "p",
-    "pose": "c",
-    "calibration": "k",
-    "orientation": "o",
-    "refraction": "r",
-    "vertical": "v",
-    "edm": "e",
-}
-"""Character of the keys of each kind of variable."""
-_KINDS: dict[int, VariableKind] = {ord(char): kind for kind, char in CHARS.items()}
 _SHIFT = 56
 """A gtsam.Symbol keeps its character in the highest of eight bytes."""
 _NUMBER = (1 << _SHIFT) - 1
@@ -48,7 +40,7 @@ class KeyMap:
         """Return the key of a variable.
 
         Args:
-            kind: point, pose, calibration, orientation, refraction, vertical or edm.
+            kind: a kind of unknowns, such as point, pose, calibration, orientation or edm.
             name: of the point, photo (its pose), camera (``camera@photo`` where each photo has a
                 calibration of its own), set (``station/set``), refraction group, station
                 or distance meter.
@@ -56,8 +48,8 @@ class KeyMap:
         Raises:
             InputError: the network has no such variable, or it is held altogether.
         """
-        if kind not in CHARS:
-            raise InputError(f"unknown kind of variable {kind!r}; valid: {', '.join(CHARS)}")
+        if kind not in UNKNOWNS:
+            raise InputError(f"unknown kind of variable {kind!r}; valid: {', '.join(UNKNOWNS)}")
         table = self.unknowns[kind]
         number = table.number.get(name)
         if number is None:
@@ -83,11 +75,12 @@ class KeyMap:
         Raises:
             InputError: no variable of the network has the key, or it is held altogether.
         """
-        kind = _KINDS.get(key >> _SHIFT)
+        kind = next((k.name for k in UNKNOWNS.values() if ord(k.letter) == key >> _SHIFT), None)
         number = key & _NUMBER
         shown = gtsam.DefaultKeyFormatter(key)
         if kind is None or number >= len(self.unknowns[kind].names):
-            held = ", ".join(f"{char} {k}" for k, char in CHARS.items())
+            names = sorted(UNKNOWNS, key=lambda name: name not in ENTITIES)
+            held = ", ".join(f"{UNKNOWNS[name].letter} {name}" for name in names)
             raise InputError(f"key {shown} belongs to no variable of the network (keys: {held})")
         table = self.unknowns[kind]
         if table.offset[number] < 0:
@@ -100,11 +93,17 @@ class KeyMap:
     @staticmethod
     def of(kind: VariableKind, number: int) -> int:
         """Return the key of a variable by its number, without a check."""
-        return (ord(CHARS[kind]) << _SHIFT) | int(number)
+        return (ord(UNKNOWNS[kind].letter) << _SHIFT) | int(number)
 
     def __len__(self) -> int:
         """Return the number of keys."""
         return sum(int(np.sum(t.offset >= 0)) for t in self.unknowns.tables.values())
+
+
+def is_pose(kind: VariableKind) -> bool:
+    """Return whether unknowns of a kind are poses in GTSAM: a rotation and a shift."""
+    record = UNKNOWNS[kind]
+    return record.rotates and record.size == 6
 
 
 def insert(
@@ -115,12 +114,19 @@ def insert(
 ) -> None:
     """Put variables of ``state`` into ``values``: poses as Pose3, all others as vectors."""
     for kind, number in variables:
-        row = state[kind][number]
         key = KeyMap.of(kind, number)
-        if kind == "pose":
+        if is_pose(kind):
+            row = state[kind][number]
             values.insert(key, gtsam.Pose3(gtsam.Rot3(row[:9].reshape(3, 3)), row[9:]))
         else:
-            values.insert(key, row[: unknowns[kind].size[number]])
+            values.insert(key, unknowns.given(state, kind, number))
+
+
+def stored_row(values: gtsam.Values, kind: VariableKind, key: int) -> Array:
+    """Return the stored form of one variable of ``values``."""
+    if is_pose(kind):
+        return np.asarray(pose_rows([values.atPose3(key)])[0])
+    return np.asarray(UNKNOWNS[kind].store(values.atVector(key)[None])[0])
 
 
 def values_of(equations: Equations, state: State) -> gtsam.Values:
@@ -150,15 +156,9 @@ def state_of(equations: Equations, values: gtsam.Values) -> State:
         raise InputError(missing)
     state = unknowns.start()
     for kind, table in unknowns.tables.items():
-        rows = np.flatnonzero(table.offset >= 0)
-        keys = [KeyMap.of(kind, i) for i in rows.tolist()]
-        if kind == "pose":
-            state[kind][rows] = pose_rows([values.atPose3(k) for k in keys])
-        elif kind == "calibration":
-            for i, k in zip(rows, keys, strict=True):
-                state[kind][i, : table.size[i]] = values.atVector(k)
-        elif len(rows):
-            state[kind][rows] = [values.atVector(k) for k in keys]
+        for i in np.flatnonzero(table.offset >= 0).tolist():
+            row = stored_row(values, kind, KeyMap.of(kind, i))
+            state[kind][i, : len(row)] = row
     return state
 
 
@@ -171,11 +171,25 @@ def pose_rows(poses: Sequence[gtsam.Pose3]) -> Array:
     return out
 
 
-def pose_from_gtsam(jacobian: Array, rotation: Array) -> Array:
-    """Return partials (m, 6) by our tangent [ω, δ] of those by GTSAM's [ω, v]: v = Rᵀ δ."""
-    return np.hstack([jacobian[:, :3], jacobian[:, 3:] @ rotation.T])
+def from_gtsam(kind: VariableKind, jacobian: Array, row: Array) -> Array:
+    """Return partials (m, k) by our tangent of those by GTSAM's, at the stored value ``row``."""
+    if is_pose(kind):
+        return np.hstack([jacobian[:, :3], jacobian[:, 3:] @ row[:9].reshape(3, 3).T])
+    if UNKNOWNS[kind].rotates:
+        return np.hstack([jacobian[:, :3] @ _by_turn(row), jacobian[:, 3:]])
+    return jacobian
 
 
-def pose_to_gtsam(jacobian: Array, rotation: Array) -> Array:
-    """Return partials (m, 6) by GTSAM's tangent [ω, v] of those by ours [ω, δ]: δ = R v."""
-    return np.hstack([jacobian[:, :3], jacobian[:, 3:] @ rotation])
+def to_gtsam(kind: VariableKind, jacobian: Array, row: Array) -> Array:
+    """Return partials (m, k) by GTSAM's tangent of those by ours, at the stored value ``row``."""
+    if is_pose(kind):
+        return np.hstack([jacobian[:, :3], jacobian[:, 3:] @ row[:9].reshape(3, 3)])
+    if UNKNOWNS[kind].rotates:
+        return np.hstack([jacobian[:, :3] @ np.linalg.inv(_by_turn(row)), jacobian[:, 3:]])
+    return jacobian
+
+
+def _by_turn(row: Array) -> Array:
+    """Return J_r⁻¹ = ∂r/∂ω (3, 3) of the rotation vector r of a stored value."""
+    turn = log_rotation(row[:9].reshape(1, 3, 3))
+    return np.asarray(right_jacobian_inverse(turn)[0])

@@ -2,33 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any, cast
 
 import numpy as np
 
 from ..models import position
-from ..models.registry import KINDS, VariableKind
-from ..network.entities import REFRACTION_OF_THE_NETWORK
+from ..models.variables import ENTITIES, UNKNOWNS, UnknownKind, VariableKind
+from ..network.entities import parameter_key, parameter_name
 from ..network.network import Network
-from ..observations import ControlPoint, GnssVector, Observation, PhotoPosition
-from ..types import Array, Mask
+from ..observations import KINDS, ControlPoint, Observation, ObservationKind, Unit, observation_kind
+from ..types import Array, Index, Mask
 from .blocks import Block
-from .variables import NO_DEFLECTION, NO_METER, Unknowns
+from .variables import DEFAULT, Unknowns, Variables, calibration_name
 from .weights import constant_sigma, vector_weights
 
 
 def variable_name(network: Network, kind: VariableKind, attribute: str, o: Observation) -> str:
     """Return the name of the variable of a kind that an attribute of an observation names."""
-    name: str | None = getattr(o, attribute)
-    if kind == "orientation":
-        return f"{o.station}/{name}"  # type: ignore[attr-defined]
-    if kind == "vertical" and name not in network.verticals:
-        return NO_DEFLECTION
-    if name is None:
-        return REFRACTION_OF_THE_NETWORK if kind == "refraction" else NO_METER
-    return name
+    if kind == "calibration":
+        return calibration_name(network, getattr(o, attribute))
+    if kind in ENTITIES:
+        return str(getattr(o, attribute))
+    record = UNKNOWNS[kind]
+    key = parameter_key(record, attribute, o)
+    if record.absent == "default" and key not in network.parameters.get(kind, {}):
+        return DEFAULT
+    return parameter_name(key)
 
 
 def _by_kind(network: Network) -> dict[str, list[tuple[str, Observation]]]:
@@ -41,52 +42,75 @@ def _by_kind(network: Network) -> dict[str, list[tuple[str, Observation]]]:
 def plain_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
     """Observations of the kinds that have a model of their own."""
     for name, group in _by_kind(network).items():
-        kind = KINDS.get(name)
-        if kind is None:
-            continue
-        observations = [o for _, o in group]
-        variables = tuple(
-            (
-                what,
-                np.array(
-                    [
-                        unknowns[what].number[variable_name(network, what, attribute, o)]
-                        for o in observations
-                    ],
-                    dtype=np.intp,
-                ),
-            )
-            for what, attribute in kind.variables
+        kind = observation_kind(name)
+        if kind.model is not None:
+            yield from _plain_blocks(network, unknowns, kind, group)
+
+
+def _plain_blocks(
+    network: Network,
+    unknowns: Unknowns,
+    kind: ObservationKind,
+    group: Sequence[tuple[str, Observation]],
+) -> Iterable[Block]:
+    """One block; several where unknowns of a kind differ in size."""
+    index = [
+        np.array(
+            [unknowns[what].number[variable_name(network, what, attribute, o)] for _, o in group],
+            dtype=np.intp,
         )
-        n = len(group)
-        d = len(observations[0].components)
-        whitener = None
-        if isinstance(observations[0], GnssVector | PhotoPosition):
-            sigma, whitener = vector_weights(observations)
-        else:
-            sigma = np.array([constant_sigma(o) for o in observations]).reshape(n, 1)
-        yield Block(
-            name,
-            kind.unit,
-            variables,
-            np.array([o.value for o in cast(Any, observations)], dtype=np.float64).reshape(n, d),
-            sigma,
-            [ident for ident, _ in group],
-            observations[0].components,
-            lambda i, found=observations: found[i].label(),  # type: ignore[misc]
-            whitener,
-            kind.model,
-            constants={
-                c: np.array([getattr(o, c) for o in observations], dtype=float)
-                for c in kind.constants
-            },
+        for what, attribute in kind.variables
+    ]
+    unequal = [j for j, (what, _) in enumerate(kind.variables) if UNKNOWNS[what].variable_size]
+    if not unequal:
+        yield _plain_block(kind, group, index, {})
+        return
+    sizes = np.stack([unknowns[kind.variables[j][0]].size[index[j]] for j in unequal], axis=1)
+    for each in np.unique(sizes, axis=0):
+        rows = np.flatnonzero((sizes == each).all(axis=1))
+        widths = dict(zip(unequal, each.tolist(), strict=True))
+        yield _plain_block(
+            kind, [group[i] for i in rows.tolist()], [n[rows] for n in index], widths
         )
+
+
+def _plain_block(
+    kind: ObservationKind,
+    group: Sequence[tuple[str, Observation]],
+    index: Sequence[Index],
+    widths: dict[int, int],
+) -> Block:
+    observations = [o for _, o in group]
+    n = len(group)
+    d = len(observations[0].components)
+    whitener = None
+    if kind.weight is None and d > 1:
+        sigma, whitener = vector_weights(observations)
+    else:
+        sigma = np.array([constant_sigma(o) for o in observations]).reshape(n, 1)
+    return Block(
+        kind.name,
+        kind.unit,
+        tuple((what, i) for (what, _), i in zip(kind.variables, index, strict=True)),
+        np.array([o.value for o in cast(Any, observations)], dtype=np.float64).reshape(n, d),
+        sigma,
+        [ident for ident, _ in group],
+        observations[0].components,
+        lambda i: observations[i].label(),
+        whitener,
+        kind.model,
+        constants={
+            c: np.array([getattr(o, c) for o in observations], dtype=float) for c in kind.constants
+        },
+        fixes=kind.fixes,
+        widths=widths,
+    )
 
 
 def control_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
     """Control points, GNSS positions: each known coordinate is a row."""
     groups = _by_kind(network)
-    for name in ("control", "gnss_position"):
+    for name in (k.name for k in KINDS.values() if k.by_axis):
         rows: list[tuple[int, Array, Array, float, float]] = []
         ids: list[str] = []
         labels: list[str] = []
@@ -97,7 +121,7 @@ def control_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
             sigma = o.sigma if o.covariance is None else np.sqrt(np.diag(o.covariance)).tolist()
             assert sigma is not None
             for i, axis in enumerate(o.axes):
-                if axis in "xyz":
+                if not o.local:
                     vector, reference, value = np.eye(3)["xyz".index(axis)], np.zeros(3), o.value[i]
                 else:
                     reference = np.array(o.value, dtype=float)
@@ -117,6 +141,8 @@ def _coordinate_block(
     ids: list[str],
     labels: list[str],
     axes: list[str],
+    *,
+    prior: bool = False,
 ) -> Block:
     number, axis, reference, value, sigma = zip(*rows, strict=True)
     return Block(
@@ -130,6 +156,9 @@ def _coordinate_block(
         labels.__getitem__,
         model=position.coordinate,
         constants={"axis": np.array(axis), "reference": np.array(reference)},
+        prior=prior,
+        fixes="coordinates",
+        by_axis=True,
         axes=axes,
     )
 
@@ -138,8 +167,12 @@ def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
     """Weighted unknowns: their given values are observations."""
     for kind, table in unknowns.tables.items():
         weighted = np.isfinite(table.sigma) & table.free
+        record = UNKNOWNS[kind]
+        if record.rotates:
+            yield from _weighted_rotations(record, table, weighted)
+            weighted[:, :3] = False
         if kind == "pose":
-            yield from _weighted_poses(unknowns, weighted)
+            yield from _weighted_centres(table, weighted)
             continue
         numbers, which = np.nonzero(weighted)
         if not len(numbers):
@@ -148,7 +181,8 @@ def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
             unknowns.component_names(kind, int(i))[c] for i, c in zip(numbers, which, strict=True)
         ]
         ids = [f"{kind} {table.names[i]} {c}" for i, c in zip(numbers, components, strict=True)]
-        values = table.values[numbers, which]
+        shift = record.stored - record.size
+        values = table.values[numbers, which + shift]
         sigma = table.sigma[numbers, which]
         if kind == "point":
             eye, zero = np.eye(3), np.zeros(3)
@@ -161,6 +195,7 @@ def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
                 ids,
                 [f"weighted {i}" for i in ids],
                 components,
+                prior=True,
             )
             continue
         # Variables of one size at a time: calibrations of different lens models are not alike.
@@ -169,52 +204,68 @@ def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
             chosen, named = [ids[i] for i in at], [components[i] for i in at]
             yield Block(
                 f"weighted_{kind}",
-                "mixed",
+                unit_of(record),
                 ((kind, numbers[at].astype(np.intp)),),
                 values[at, None],
                 sigma[at, None],
                 chosen,
                 ("",),
                 [f"weighted {i}" for i in chosen].__getitem__,
-                model=partial(position.component, size=int(size)),
+                model=partial(position.component, size=int(size), shift=shift),
                 constants={"which": which[at].astype(float)},
+                prior=True,
                 axes=named,
             )
 
 
-def _weighted_poses(unknowns: Unknowns, weighted: Mask) -> Iterable[Block]:
-    """Attitudes as a whole, projection centres by coordinate: each may be weighted or not."""
-    table = unknowns["pose"]
+def unit_of(kind: UnknownKind) -> Unit:
+    """Return the unit of the values of a kind of unknowns."""
+    each = {c.quantity for c in kind.components}
+    return "rad" if each == {"angle"} else "m" if each == {"length"} else "mixed"
+
+
+def _weighted_rotations(kind: UnknownKind, table: Variables, weighted: Mask) -> Iterable[Block]:
+    """Weighted attitudes, each as a whole: its three rotations do not commute."""
     rows = np.flatnonzero(weighted[:, :3].any(axis=1))
-    if len(rows):
-        names = [f"photo {table.names[i]} attitude" for i in rows]
-        yield Block(
-            "weighted_attitude",
-            "rad",
-            (("pose", rows.astype(np.intp)),),
-            np.zeros((len(rows), 3)),
-            table.sigma[rows, :3],
-            names,
-            ("rx", "ry", "rz"),
-            [f"weighted {n}" for n in names].__getitem__,
-            model=position.photo_attitude,
-            constants={"reference": table.values[rows, :9].reshape(-1, 3, 3)},
-        )
+    if not len(rows):
+        return
+    pose = kind.name == "pose"
+    what, called = (kind.noun, "attitude") if pose else (kind.name, "rotation")
+    names = [f"{what} {table.names[i]} {called}" for i in rows]
+    yield Block(
+        "weighted_attitude" if pose else f"weighted_{kind.name}",
+        "rad",
+        ((kind.name, rows.astype(np.intp)),),
+        np.zeros((len(rows), 3)),
+        table.sigma[rows, :3],
+        names,
+        kind.names(3),
+        [f"weighted {n}" for n in names].__getitem__,
+        model=partial(position.attitude, size=kind.size),
+        constants={"reference": table.values[rows, :9].reshape(-1, 3, 3)},
+        prior=True,
+        fixes="attitude",
+    )
+
+
+def _weighted_centres(table: Variables, weighted: Mask) -> Iterable[Block]:
+    """Weighted projection centres, coordinate by coordinate."""
     rows, axes = np.nonzero(weighted[:, 3:])
-    if len(rows):
-        names = [
-            f"photo {table.names[i]} position {'xyz'[c]}" for i, c in zip(rows, axes, strict=True)
-        ]
-        yield Block(
-            "weighted_position",
-            "m",
-            (("pose", rows.astype(np.intp)),),
-            table.values[rows, 9 + axes][:, None],
-            table.sigma[rows, 3 + axes][:, None],
-            names,
-            ("",),
-            [f"weighted {n}" for n in names].__getitem__,
-            model=position.photo_coordinate,
-            constants={"axis": np.eye(3)[axes]},
-            axes=["xyz"[c] for c in axes],
-        )
+    if not len(rows):
+        return
+    names = [f"photo {table.names[i]} position {'xyz'[c]}" for i, c in zip(rows, axes, strict=True)]
+    yield Block(
+        "weighted_position",
+        "m",
+        (("pose", rows.astype(np.intp)),),
+        table.values[rows, 9 + axes][:, None],
+        table.sigma[rows, 3 + axes][:, None],
+        names,
+        ("",),
+        [f"weighted {n}" for n in names].__getitem__,
+        model=position.photo_coordinate,
+        constants={"axis": np.eye(3)[axes]},
+        prior=True,
+        fixes="coordinates",
+        axes=["xyz"[c] for c in axes],
+    )

@@ -14,35 +14,15 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..models.registry import VariableKind
-from ..network.entities import REFRACTION_OF_THE_NETWORK, Parameter
+from ..models.variables import UNKNOWNS, UnknownKind, VariableKind
+from ..network.entities import Parameter, parameter_name
 from ..network.network import Network
-from ..rotation import retract_poses
 from ..types import Array, Index, Mask
 
 State: TypeAlias = dict[VariableKind, Array]
 """Values of all variables: (n, width) for each kind; poses are 9 of rotation and 3 of centre."""
 MaskState: TypeAlias = dict[VariableKind, Mask]
 """Which of them; arrays like those of a state."""
-
-ORDER: tuple[VariableKind, ...] = (
-    "point",
-    "orientation",
-    "refraction",
-    "vertical",
-    "edm",
-    "pose",
-    "calibration",
-)
-COMPONENTS: dict[VariableKind, tuple[str, ...]] = {
-    "point": ("x", "y", "z"),
-    "pose": ("rx", "ry", "rz", "x", "y", "z"),
-    "orientation": ("orientation",),
-    "refraction": ("kappa",),
-    "vertical": ("xi", "eta"),
-    "edm": ("scale", "zero"),
-}
-"""Names of the components of a variable; those of a calibration are its lens model's."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +55,8 @@ class Unknowns:
         self.network = network
         tables: dict[VariableKind, Variables] = {}
         first = 0
-        for kind in ORDER:
-            names, values, sizes, free, sigma = _RAW[kind](network)
+        for kind in UNKNOWNS:
+            names, values, sizes, free, sigma = _laid_out(network, kind)
             active = free.any(axis=1)
             columns = np.where(active, sizes, 0)
             offset = first + np.cumsum(columns) - columns
@@ -145,10 +125,9 @@ class Unknowns:
 
     def moving(self) -> MaskState:
         """Return which values of a state an adjustment may change."""
-        out: MaskState = {kind: table.free.copy() for kind, table in self.tables.items()}
-        free = self.tables["pose"].free
-        out["pose"] = np.repeat(free, [3, 3, 3, 1, 1, 1], axis=1)
-        return out
+        return {
+            kind: UNKNOWNS[kind].in_stored_form(table.free) for kind, table in self.tables.items()
+        }
 
     def retract(self, state: State, step: Array) -> State:
         """Move a state by a step (n_columns,)."""
@@ -163,14 +142,7 @@ class Unknowns:
                 has = column < table.size[rows]
                 delta[has, column] = step[table.offset[rows[has]] + column]
             values = state[kind].copy()
-            if kind == "pose":
-                rotation, centre = retract_poses(
-                    values[rows, :9].reshape(-1, 3, 3), values[rows, 9:], delta
-                )
-                values[rows, :9] = rotation.reshape(-1, 9)
-                values[rows, 9:] = centre
-            else:
-                values[rows] += delta
+            values[rows] = UNKNOWNS[kind].retract(values[rows], delta)
             moved[kind] = values
         return moved
 
@@ -187,7 +159,12 @@ class Unknowns:
             name = self.tables[kind].names[number]
             camera = self.network.cameras.get(name) or self.network.cameras[name.split("@")[0]]
             return camera.lens.names
-        return COMPONENTS[kind]
+        return UNKNOWNS[kind].names(int(self.tables[kind].size[number]))
+
+    def given(self, state: State, kind: VariableKind, number: int) -> Array:
+        """Return the values of one variable in the form in which they are given, (size,)."""
+        stored = state[kind][number][None]
+        return UNKNOWNS[kind].given(stored)[0, : self.tables[kind].size[number]].copy()
 
     def describe(self, column: int) -> tuple[VariableKind, str, str]:
         """Return kind, name and component of a column."""
@@ -205,7 +182,7 @@ class Unknowns:
 
     def active(self) -> Iterator[tuple[VariableKind, int]]:
         """Iterate over kind and number of the variables that own columns, in column order."""
-        for kind in ORDER:
+        for kind in self.tables:
             for number in np.flatnonzero(self.tables[kind].offset >= 0):
                 yield kind, int(number)
 
@@ -276,49 +253,33 @@ def _calibrations(network: Network) -> _Raw:
     return names, values, np.array([len(c.values) for c in cameras], dtype=np.intp), free, sigma
 
 
-def _small(entries: dict[str, Parameter], size: int) -> _Raw:
+def _parameters(network: Network, kind: UnknownKind) -> _Raw:
+    """Lay out the unknowns that a network states as parameters, the default first."""
+    stated = network.parameters.get(kind.name, {})
+    entries = {parameter_name(key): p for key, p in stated.items()}
+    if kind.default is not None:
+        k = kind.size
+        entries = {DEFAULT: Parameter(kind.default, (True,) * k, (np.inf,) * k)} | entries
     n = len(entries)
-    parameters = list(entries.values())
-    return (
-        list(entries),
-        np.array([p.values for p in parameters], dtype=float).reshape(n, size),
-        np.full(n, size, dtype=np.intp),
-        ~np.array([p.fixed for p in parameters], dtype=bool).reshape(n, size),
-        np.array([p.sigma for p in parameters], dtype=float).reshape(n, size),
-    )
+    values = np.zeros((n, kind.size))
+    free = np.zeros((n, kind.size), dtype=bool)
+    sigma = np.full((n, kind.size), np.inf)
+    sizes = np.zeros(n, dtype=np.intp)
+    for i, p in enumerate(entries.values()):
+        k = sizes[i] = len(p.values)
+        values[i, :k] = p.values
+        free[i, :k] = ~np.array(p.fixed)
+        sigma[i, :k] = p.sigma
+    return list(entries), kind.store(values), sizes, free, sigma
 
 
-def _orientations(network: Network) -> _Raw:
-    return _small({f"{s}/{r}": p for (s, r), p in network.orientations.items()}, 1)
+DEFAULT = ""
+"""Name of the constant of a kind that observations use which name no unknown of that kind."""
 
 
-def _refractions(network: Network) -> _Raw:
-    held = {REFRACTION_OF_THE_NETWORK: Parameter((0.0,), (True,), (np.inf,))}
-    return _small(held | network.refractions, 1)
+_ENTITIES = {"point": _points, "pose": _poses, "calibration": _calibrations}
 
 
-NO_DEFLECTION = ""
-"""Name of the vertical of stations without one of their own: ξ = η = 0, held."""
-NO_METER = ""
-"""Name of the distance meter of distances that name none: scale 1, zero 0, held."""
-
-
-def _verticals(network: Network) -> _Raw:
-    held = {NO_DEFLECTION: Parameter((0.0, 0.0), (True, True), (np.inf, np.inf))}
-    return _small(held | network.verticals, 2)
-
-
-def _meters(network: Network) -> _Raw:
-    held = {NO_METER: Parameter((0.0, 0.0), (True, True), (np.inf, np.inf))}
-    return _small(held | network.distance_meters, 2)
-
-
-_RAW = {
-    "point": _points,
-    "pose": _poses,
-    "calibration": _calibrations,
-    "orientation": _orientations,
-    "refraction": _refractions,
-    "vertical": _verticals,
-    "edm": _meters,
-}
+def _laid_out(network: Network, kind: VariableKind) -> _Raw:
+    entities = _ENTITIES.get(kind)
+    return _parameters(network, UNKNOWNS[kind]) if entities is None else entities(network)

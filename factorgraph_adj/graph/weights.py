@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..models.registry import KINDS
 from ..models.sight import sight
 from ..network.network import Network
-from ..observations import AstronomicLatitude, ControlPoint, HeightDifference, Observation
+from ..observations import Observation, observation_kind
+from ..observations.weights import Parts
 from ..stochastic import StandardDeviation, whitening
 from ..types import Array, Index
 from .blocks import Block
@@ -35,29 +36,66 @@ def constant_sigma(o: Observation) -> float:
     return float(sigma)
 
 
-def vector_weights(observations: list[Observation]) -> tuple[Array, Array | None]:
+def vector_weights(observations: Sequence[Observation]) -> tuple[Array, Array | None]:
     """Return σ (n, d) and, where covariances are given, W (n, d, d)."""
+    given = [getattr(o, "covariance", None) for o in observations]
     covariances = [
-        np.diag(np.square(o.sigma)) if o.covariance is None else np.asarray(o.covariance)  # type: ignore[attr-defined]
-        for o in observations
+        np.diag(np.square(o.sigma)) if c is None else np.asarray(c)  # type: ignore[attr-defined]
+        for o, c in zip(observations, given, strict=True)
     ]
     sigma = np.sqrt(np.array([np.diag(c) for c in covariances]))
-    if all(o.covariance is None for o in observations):  # type: ignore[attr-defined]
+    if all(c is None for c in given):
         return sigma, None
     return sigma, np.array([whitening(c) for c in covariances])
 
 
+@dataclass(frozen=True)
+class _Geometry:
+    """What the variances of some observations of a block depend on."""
+
+    network: Network
+    block: Block
+    observations: Sequence[Observation]
+    state: State
+
+    @property
+    def observed(self) -> Array:
+        """Observed values, (n,)."""
+        return np.asarray(self.block.observed[:, 0])
+
+    def sight(self, target: str = "target") -> Array:
+        """Return the line from the instrument to ``target``, east, north, up, (n, 3) metres."""
+        record = observation_kind(self.block.kind)
+        x = {
+            named: self.state[kind][index]
+            for named, (kind, index) in zip(record.variables, self.block.variables, strict=True)
+        }
+        zero = np.zeros(self.block.n)
+        ends = (("point", "station"), ("vertical", "station"), ("point", target))
+        heights = ("instrument_height", f"{target}_height")
+        return sight(
+            self.network.frame,
+            *(x.get(end, np.zeros((self.block.n, 2))) for end in (*ends, ("vertical", target))),
+            *(self.block.constants.get(h, zero) for h in heights),
+        ).q
+
+    def number(self, attribute: str) -> Array:
+        """Return a number of each observation, (n,); NaN where it has none."""
+        found = [getattr(o, attribute, None) for o in self.observations]
+        return np.array([np.nan if v is None else v for v in found], dtype=float)
+
+
 def weigh(network: Network, block: Block, state: State) -> Block:
     """Return the block with standard deviations that depend on lengths evaluated."""
-    if block.kind not in KINDS or block.whitener is not None or block.dimension > 1:
+    if block.prior or block.lens is not None:
+        return block
+    weight = observation_kind(block.kind).weight
+    if weight is None:
         return block
     observations = [network.observations[i] for i in block.ids]
     # The standard deviation of a clustered observation is that of its cluster.
     clustered = {ident for ids, _ in network.clusters for ident in ids}
-    sigmas = [
-        None if isinstance(o, AstronomicLatitude) else o.sigma  # type: ignore[attr-defined]
-        for o in observations
-    ]
+    sigmas = [o.sigma for o in observations]  # type: ignore[attr-defined]
     rows = np.array(
         [
             i
@@ -69,54 +107,9 @@ def weigh(network: Network, block: Block, state: State) -> Block:
     if not len(rows):
         return block
     part = block.select(rows)
-    chosen = [sigmas[i] for i in rows]
-    constant, ppm, per_km, ci, ct = (
-        np.array([getattr(s, name) for s in chosen])
-        for name in (
-            "constant",
-            "ppm",
-            "per_sqrt_km",
-            "centring_instrument",
-            "centring_target",
-        )
-    )
-    x = [state[kind][index] for kind, index in part.variables]
-    q = sight(
-        network.frame, *x[:4], *(part.constants[c] for c in ("instrument_height", "target_height"))
-    ).q
-    slope, level = np.linalg.norm(q, axis=1), np.hypot(q[:, 0], q[:, 1])
-    if block.kind in ("slope_distance", "horizontal_distance"):
-        length = np.abs(part.observed[:, 0])
-        variance = (constant + 1e-6 * ppm * length) ** 2 + ci**2 + ct**2
-    elif block.kind == "height_difference":
-        km = np.array(
-            [
-                o.length_km if isinstance(o, HeightDifference) and o.length_km is not None else h
-                for o, h in zip((observations[i] for i in rows), level / 1000.0, strict=True)
-            ]
-        )
-        variance = constant**2 + per_km**2 * km + ci**2 + ct**2
-    elif block.kind in ("vertical_angle", "zenith_angle"):
-        variance = constant**2 + (ci**2 + ct**2) / slope**2
-    elif block.kind == "horizontal_angle":
-        q2 = sight(
-            network.frame,
-            x[0],
-            x[1],
-            x[4],
-            x[5],
-            part.constants["instrument_height"],
-            part.constants["target2_height"],
-        ).q
-        level2 = np.hypot(q2[:, 0], q2[:, 1])
-        across = np.hypot(q2[:, 0] - q[:, 0], q2[:, 1] - q[:, 1])
-        variance = (
-            constant**2
-            + ci**2 * (across / (level * level2)) ** 2
-            + ct**2 * (1 / level**2 + 1 / level2**2)
-        )
-    else:
-        variance = constant**2 + (ci**2 + ct**2) / level**2
+    parts = Parts(*(np.array([getattr(sigmas[i], f.name) for i in rows]) for f in fields(Parts)))
+    geometry = _Geometry(network, part, [observations[i] for i in rows], state)
+    variance = weight.variance(parts, geometry)
     problems = [
         Problem("the standard deviation is zero here: none of its parts applies", part.labels(i))
         for i in np.flatnonzero(~(variance > 0)).tolist()
@@ -134,10 +127,10 @@ def clusters_of(
     """Find the rows of the network's clusters and of control points with a covariance."""
     groups = list(network.clusters)
     groups += [
-        ((ident,), np.asarray(o.covariance))
+        ((ident,), np.asarray(o.covariance))  # type: ignore[attr-defined]
         for ident, o in network.observations.items()
-        if isinstance(o, ControlPoint)
-        and o.covariance is not None
+        if o.record.by_axis
+        and o.covariance is not None  # type: ignore[attr-defined]
         and not any(ident in g for g, _ in network.clusters)
     ]
     if not groups:
@@ -145,7 +138,7 @@ def clusters_of(
     rows_of: dict[str, list[int]] = {}
     place: dict[str, list[tuple[int, int]]] = {}
     for number, block in enumerate(blocks):
-        if block.kind == "image" or block.kind.startswith("weighted"):
+        if block.prior or block.lens is not None:
             continue
         for i, ident in enumerate(block.ids):
             first = block.first_row + i * block.dimension

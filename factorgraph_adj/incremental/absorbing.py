@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..errors import AdjustmentError
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..network.network import Network
 from ..observations import ImagePoint
 from ..solve.batch import adjust

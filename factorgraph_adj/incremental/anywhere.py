@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..graph.blocks import Block
-from ..models.registry import KINDS
+from ..observations import KINDS
 from ..solve.solution import Solution
 
 WITHIN = 3.0
@@ -91,4 +91,4 @@ def anywhere(solution: Solution) -> list[Anywhere]:
 
 def _curved(block: Block) -> bool:
     """Return whether partials by points depend on where these are."""
-    return block.lens is not None or (block.kind in KINDS and KINDS[block.kind].curved)
+    return block.lens is not None or (not block.prior and KINDS[block.kind].curved)

@@ -10,13 +10,12 @@ import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..graph.image_blocks import find_images
-from ..models.registry import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..network.additions import add_entities
 from ..network.entities import Camera, Photo, Point
 from ..network.network import Network
 from ..network.selection import without
 from ..observations import AnyObservation, Correlated, ImagePoint
-from ..solve.rank import NOUN
 from ..types import Array
 from .local import filtered
 from .register import Register
@@ -423,7 +422,7 @@ class Book:
     def why(self, unit: Unit, register: Register) -> str:
         """Return what a unit of the pool lacks."""
         found = dict.fromkeys(
-            self.lacks.get(v) or f"{NOUN[v[0]]} {v[1]!r} is not determined yet"
+            self.lacks.get(v) or f"{UNKNOWNS[v[0]].noun} {v[1]!r} is not determined yet"
             for v in pending(register, unit)
         )
         return "; ".join(found)

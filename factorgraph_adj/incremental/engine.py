@@ -8,7 +8,7 @@ deviation. `Engine.keep_the_promise` linearises anew what does not hold any more
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 
 import gtsam
@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import AdjustmentError, DatumError, InputError
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..network.network import Network
 from ..solve.batch import OFF_DATUM, adjust
 from ..solve.free_network import SHRINKING
@@ -181,17 +181,17 @@ class Engine(Graph):
             off = [np.where(r.alive.view, r.off.view, 0.0) for r in kinds]
             turned = [np.where(r.alive.view, r.turned.view, 0.0) for r in kinds]
             total = sum(float(o.sum()) for o in off)
-            turned_poses = self.register.turned_poses(TURNED)
-            if total == 0.0 and not len(turned_poses):
+            turned_away = self.register.turned(TURNED)
+            if total == 0.0 and not turned_away:
                 return True
             bent = self._bent(turned, bound)
             far = self._far(step, total)
-            if not bent and not far and not len(turned_poses):
+            if not bent and not far and not turned_away:
                 return True
             if not total < RUNAWAY or (total > last and total > ROUGH):
                 return False
             last = total
-            piece = self._doubtful(kinds, off, turned, turned_poses, far=far)
+            piece = self._doubtful(kinds, off, turned, turned_away, far=far)
             rough = total > ROUGH or sum(float(t @ t) for t in turned) > AGED**2
             self.aged = self.aged or rough
             if piece is None or round_ >= most_parts:
@@ -204,7 +204,7 @@ class Engine(Graph):
                 continue
             self.flush()
             remove = slots_of(piece, self.store)
-            self.register.recentre_poses(turned_poses)
+            self.register.recentre_turned(turned_away)
             self.store.reweigh(piece, self.network)
             self.store.linearise(piece)
             for rows, at in piece.rows:
@@ -282,7 +282,7 @@ class Engine(Graph):
         kinds: list[Rows],
         off: list[Array],
         turned: list[Array],
-        turned_poses: Index,
+        turned_away: Mapping[VariableKind, Index],
         *,
         far: bool,
     ) -> Piece | None:
@@ -303,8 +303,8 @@ class Engine(Graph):
         ]
         for r, c in zip(kinds, chosen, strict=True):
             for kind, index in zip(r.kinds, r.index, strict=True):
-                if kind == "pose":
-                    c |= np.isin(index.view, turned_poses) & r.alive.view
+                if kind in turned_away:
+                    c |= np.isin(index.view, turned_away[kind]) & r.alive.view
         inside = [r.group.view[c] for r, c in zip(kinds, chosen, strict=True)]
         groups = np.unique(np.concatenate(inside))
         groups = groups[groups >= 0]

@@ -18,13 +18,14 @@ import numpy as np
 from ..approximate import reach
 from ..errors import AdjustmentError, DatumError, InputError, Problem
 from ..graph.equations import Equations, compile_rows
+from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
 from ..quality.snooping import snoop
 from ..solve.batch import adjust
 from ..solve.datum import find_defects
 from ..solve.linear import LinearSystem
-from ..solve.rank import NOUN, NULL, null_space
+from ..solve.rank import NULL, null_space
 from ..solve.solution import Solution
 from ..types import Array
 from .anywhere import anywhere
@@ -197,7 +198,7 @@ def _disagreeing(register: Register, units: Iterable[Unit], reason: str) -> dict
         for v in pending(register, unit):
             of.setdefault(v, []).append(unit)
     return {
-        v: f"{NOUN[v[0]]} {v[1]!r} has {describe(own, v)}, which agree nowhere: {reason}"
+        v: f"{UNKNOWNS[v[0]].noun} {v[1]!r} has {describe(own, v)}, which agree nowhere: {reason}"
         for v, own in of.items()
     }
 
@@ -233,7 +234,7 @@ def _countable(
                 usable = sum(u.n_scalars for u in every[v])
                 of_known = "" if usable == n else " are between things that can be determined"
                 lacks[v] = (
-                    f"{NOUN[v[0]]} {v[1]!r} has {describe(every[v], v)}: "
+                    f"{UNKNOWNS[v[0]].noun} {v[1]!r} has {describe(every[v], v)}: "
                     f"{n + own} of the {size} readings that it needs{of_known}"
                 )
         n_rows = sum(u.n_scalars for u in units) + weights
@@ -280,7 +281,9 @@ def _unreachable(
                     if np.isin(unknowns.columns(kind, number), d.part).any():
                         v = (kind, unknowns[kind].names[number])
                         lost.add(v)
-                        lacks[v] = f"{NOUN[kind]} {v[1]!r} is not joined to the free network"
+                        lacks[v] = (
+                            f"{UNKNOWNS[kind].noun} {v[1]!r} is not joined to the free network"
+                        )
             return lost
         if defects:
             scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
@@ -296,14 +299,14 @@ def _unreachable(
             v = (kind, unknowns[kind].names[number])
             lost.add(v)
             of = [u for u in units if v in u.variables]
-            lacks[v] = f"{NOUN[kind]} {v[1]!r} is not determined by {describe(of, v)}"
+            lacks[v] = f"{UNKNOWNS[kind].noun} {v[1]!r} is not determined by {describe(of, v)}"
     lost = _points_first(lost)
     if not lost:  # spread thinly over very many: all of them
         for kind, number in unknowns.active():
             if share[unknowns.columns(kind, number)].any():
                 v = (kind, unknowns[kind].names[number])
                 lost.add(v)
-                lacks[v] = f"{NOUN[kind]} {v[1]!r} has no datum yet"
+                lacks[v] = f"{UNKNOWNS[kind].noun} {v[1]!r} has no datum yet"
     return lost
 
 
@@ -353,7 +356,7 @@ def _named(
             for v in lost.intersection(u.variables):
                 of[v].append(u)
         for v in lost:
-            lacks[v] = f"{NOUN[v[0]]} {v[1]!r} is not determined by {describe(of[v], v)}"
+            lacks[v] = f"{UNKNOWNS[v[0]].noun} {v[1]!r} is not determined by {describe(of[v], v)}"
     elif isinstance(error, InputError):
         about: dict[str, list[Variable]] = {}
         for unit in units:

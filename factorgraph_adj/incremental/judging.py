@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..graph.keys import KeyMap
-from ..models.registry import VariableKind
-from ..observations import ControlPoint, Observation, n_scalars
+from ..models.variables import VariableKind
 from ..types import Array, Index
 from .engine import Engine
 from .trial import Trial
@@ -175,7 +174,7 @@ def verdicts(
         innovation = np.where(controlled, innovation, np.nan)
         at = 0
         for ident, o in zip(unit.ids, unit.observations, strict=True):
-            part = slice(at, at + n_scalars(o))
+            part = slice(at, at + len(o.component_names()))
             at = part.stop
             out.append(
                 Verdict(
@@ -183,7 +182,7 @@ def verdicts(
                     o.kind,
                     o.label(),
                     outcome,
-                    _components(o),
+                    o.component_names(),
                     innovation[part],
                     sigma[part],
                     w[part],
@@ -203,13 +202,11 @@ def verdicts(
 def waiting(unit: Unit, lacks: str) -> list[Verdict]:
     """Return the verdicts of a unit that waits."""
     return [
-        Verdict(i, o.kind, o.label(), "waiting", _components(o), lacks=lacks, points=unit.points)
+        Verdict(
+            i, o.kind, o.label(), "waiting", o.component_names(), lacks=lacks, points=unit.points
+        )
         for i, o in zip(unit.ids, unit.observations, strict=True)
     ]
-
-
-def _components(o: Observation) -> tuple[str, ...]:
-    return tuple(o.axes) if isinstance(o, ControlPoint) else o.components
 
 
 def _gains(engine: Engine, trial: Trial, unit: Unit, rows: Index, m: Array) -> tuple[Gain, ...]:

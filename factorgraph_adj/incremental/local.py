@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..graph.equations import Equations
-from ..graph.variables import NO_DEFLECTION, NO_METER, State, calibration_name
-from ..models.registry import VariableKind
-from ..network.entities import FREE_ORIENTATION, Camera, ImageTable, Parameter
+from ..graph.variables import State, calibration_name
+from ..models.variables import ENTITIES, UNKNOWNS, VariableKind, parameter_kinds
+from ..network.entities import FREE_ORIENTATION, Camera, ImageTable, Parameter, parameter_name
 from ..network.network import DatumChoice, Network
 from ..solve.solution import Solution
 from ..types import Array
@@ -41,12 +41,12 @@ def local_network(
             _take_point(out, network, register, name)
         elif kind == "pose":
             poses.append(name)
-        elif kind == "vertical" and name != NO_DEFLECTION:
-            out.verticals[name] = _small(register, kind, name, network.verticals[name])
-        elif kind == "refraction" and name in network.refractions:
-            out.refractions[name] = _small(register, kind, name, network.refractions[name])
-        elif kind == "edm" and name != NO_METER:
-            out.distance_meters[name] = _small(register, kind, name, network.distance_meters[name])
+        elif kind not in ENTITIES and UNKNOWNS[kind].absent != "found":
+            given = network.of_kind(kind)
+            compound = (k for k in given if not isinstance(k, str) and parameter_name(k) == name)
+            key = name if name in given else next(compound, None)
+            if key is not None:
+                out.of_kind(kind)[key] = _small(register, kind, name, given[key])
     for name in out.verticals:
         # A vertical needs its station; horizons turn with it.
         if name not in out.points:
@@ -55,9 +55,11 @@ def local_network(
         _take_photo(out, network, register, name)
     for unit in chosen:
         out.add(unit.item)
-    for key in out.orientations:
-        parameter = network.orientations.get(key, FREE_ORIENTATION)
-        out.orientations[key] = _small(register, "orientation", "/".join(key), parameter)
+    for kind in (k.name for k in parameter_kinds() if k.absent == "found"):
+        found, given = out.of_kind(kind), network.of_kind(kind)
+        for key in found:
+            parameter = given.get(key, FREE_ORIENTATION)
+            found[key] = _small(register, kind, parameter_name(key), parameter)
     return out
 
 
@@ -110,6 +112,7 @@ def _small(register: Register, kind: VariableKind, name: str, given: Parameter) 
     if value is None:
         return given
     k = len(given.values)
+    value = UNKNOWNS[kind].given(value[None])[0]
     return Parameter(tuple(value[:k].tolist()), (True,) * k, (np.inf,) * k)
 
 
@@ -149,14 +152,13 @@ def filtered(network: Network, stays: Callable[[VariableKind, str], bool]) -> Ne
         _keep(out, photos, points)
     used = {f.camera for f in out.photos.values()}
     out.cameras = {n: c for n, c in network.cameras.items() if n in used}
-    out.orientations = {
-        k: p for k, p in network.orientations.items() if stays("orientation", "/".join(k))
-    }
-    out.refractions = {n: p for n, p in network.refractions.items() if stays("refraction", n)}
-    out.verticals = {
-        n: p for n, p in network.verticals.items() if n in out.points and stays("vertical", n)
-    }
-    out.distance_meters = {n: p for n, p in network.distance_meters.items() if stays("edm", n)}
+    for kind in parameter_kinds():
+        out.parameters[kind.name] = {
+            k: p
+            for k, p in network.of_kind(kind.name).items()
+            if stays(kind.name, parameter_name(k))
+            and (kind.absent == "found" or not kind.at_point or k in out.points)
+        }
     return out
 
 

@@ -18,7 +18,7 @@ from ..errors import InputError, Problem
 from ..graph.equations import Equations, compile_network, compile_rows
 from ..graph.keys import KeyMap
 from ..graph.variables import State
-from ..models.registry import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
 from ..observations import Observation
 from ..solve.solution import Solution
@@ -48,8 +48,6 @@ PATIENCE = 8
 that takes all variances anew."""
 IMPRECISE = 1000
 """Arrivals until it is tried again where that was not precise."""
-LATE: dict[VariableKind, int] = {"pose": 1, "calibration": 2, "refraction": 2, "edm": 2}
-"""Variables of very many observations are eliminated last."""
 
 
 class _Imprecise(Exception):
@@ -211,11 +209,10 @@ class Graph:
     def _note_priors(self, piece: Piece) -> None:
         """Note the rows of weighted unknowns: one variable, and no observation of their id."""
         for rows, at in piece.rows:
-            kind = rows.template.kind
-            if len(rows.kinds) > 1 or not (kind.startswith("weighted") or kind == "control"):
+            if not rows.template.prior and not rows.template.by_axis:
                 continue
             for i in at.tolist():
-                if kind == "control" and not rows.labels[i].startswith("weighted "):
+                if not rows.labels[i].startswith("weighted "):
                     continue
                 owner = rows.kinds[0], int(rows.index[0].view[i])
                 ids = self.priors.setdefault(owner, [])
@@ -288,7 +285,7 @@ class Graph:
     def _after_points(self) -> list[tuple[int, int]]:
         """Return variables of very many observations, to be eliminated after all others."""
         every = ((key, self.register.variable(key)[0]) for key in self.register.keys)
-        out = [(key, LATE[kind]) for key, kind in every if kind in LATE]
+        out = [(key, UNKNOWNS[kind].late) for key, kind in every if UNKNOWNS[kind].late]
         return out if len(out) < len(self.register.keys) else []
 
     def _late_in(self, n: int) -> list[tuple[int, int]]:

@@ -20,7 +20,7 @@ from scipy.sparse import coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
 from ..errors import InputError
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..types import Array, Index
 from .register import Register
 from .rows import Store

@@ -1,7 +1,7 @@
 """The variables of the graph: numbers that stay, where they are, and how they are charted.
 
 iSAM2 holds each variable as a plain vector δ of its free components, zero at a chart's origin:
-x = origin ⊞ δ, with the tangents of `factorgraph_adj.rotation.retract_poses` for poses.
+x = origin ⊞ δ, with the tangents of `factorgraph_adj.models.variables.UnknownKind.retract`.
 What is held altogether is a constant: it has a number and a value, and no key.
 """
 
@@ -14,16 +14,10 @@ import numpy as np
 
 from ..graph.equations import Equations
 from ..graph.keys import KeyMap
-from ..graph.variables import COMPONENTS, ORDER, State
-from ..models.registry import VariableKind
-from ..rotation import retract_poses
+from ..graph.variables import State
+from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index, Mask
 from .growing import Growing
-
-WIDTH: dict[VariableKind, int] = {kind: len(COMPONENTS[kind]) for kind in COMPONENTS} | {
-    "calibration": 0
-}
-"""Components of the tangent; those of calibrations grow with their lenses."""
 
 FAR = 1e150
 """Where no variable ever is."""
@@ -35,7 +29,7 @@ class Table:
     def __init__(self, kind: VariableKind) -> None:
         """Start without variables."""
         self.kind = kind
-        k, w = WIDTH[kind], 12 if kind == "pose" else WIDTH[kind]
+        k, w = UNKNOWNS[kind].size, UNKNOWNS[kind].stored
         self.names: list[str] = []
         self.number: dict[str, int] = {}
         self.value = Growing(np.zeros((0, w)))
@@ -87,7 +81,7 @@ class Register:
 
     def __init__(self) -> None:
         """Start empty."""
-        self.tables: dict[VariableKind, Table] = {kind: Table(kind) for kind in ORDER}
+        self.tables: dict[VariableKind, Table] = {kind: Table(kind) for kind in UNKNOWNS}
         self.keys: list[int] = []
         """Keys in the graph, in the order of their places."""
         self.n_places = 0
@@ -274,7 +268,7 @@ class Register:
     @staticmethod
     def variable(key: int) -> tuple[VariableKind, int]:
         """Return kind and number of a key."""
-        return _KIND_OF[key >> 56], key & ((1 << 56) - 1)
+        return _kind_of(key >> 56), key & ((1 << 56) - 1)
 
     def move_to(self, delta: Array) -> None:
         """Set δ of all variables (n_places,), and their values."""
@@ -293,12 +287,7 @@ class Register:
     def _retract(self, kind: VariableKind, rows: Index) -> None:
         table = self.tables[kind]
         delta, origin = table.delta.view[rows], table.origin.view[rows]
-        if kind == "pose":
-            rotation, centre = retract_poses(origin[:, :9].reshape(-1, 3, 3), origin[:, 9:], delta)
-            table.value.view[rows, :9] = rotation.reshape(-1, 9)
-            table.value.view[rows, 9:] = centre
-        else:
-            table.value.view[rows] = origin + delta
+        table.value.view[rows] = UNKNOWNS[kind].retract(origin, delta)
 
     def note_variances(self, keys: Iterable[int], diagonal: Array) -> None:
         """Note variances of the free components of some variables, one after the other."""
@@ -362,20 +351,25 @@ class Register:
             for column in (table.delta, table.checked, table.lined, table.radius):
                 column.view[:] = 0.0
 
-    def turned_poses(self, far: float) -> Index:
-        """Return the poses that are turned from the origins of their charts by more than ``far``.
+    def turned(self, far: float) -> dict[VariableKind, Index]:
+        """Return what is turned from the origin of its chart by more than ``far``, by kind.
 
         The covariance of a rotation is about the axes of the camera, which turn with it.
         """
-        turn = self.tables["pose"].delta.view[:, :3]
-        return np.flatnonzero(np.abs(turn).max(axis=1, initial=0.0) > far)
+        out: dict[VariableKind, Index] = {}
+        for kind, table in self.tables.items():
+            if UNKNOWNS[kind].rotates:
+                turn = np.abs(table.delta.view[:, :3]).max(axis=1, initial=0.0)
+                out[kind] = np.flatnonzero(turn > far)
+        return {kind: numbers for kind, numbers in out.items() if len(numbers)}
 
-    def recentre_poses(self, numbers: Index) -> None:
-        """Put the origins of the charts of some poses where these are."""
-        table = self.tables["pose"]
-        table.origin.view[numbers] = table.value.view[numbers]
-        for column in (table.delta, table.checked, table.lined, table.radius):
-            column.view[numbers] = 0.0
+    def recentre_turned(self, turned: Mapping[VariableKind, Index]) -> None:
+        """Put the origins of the charts of some variables where these are."""
+        for kind, numbers in turned.items():
+            table = self.tables[kind]
+            table.origin.view[numbers] = table.value.view[numbers]
+            for column in (table.delta, table.checked, table.lined, table.radius):
+                column.view[numbers] = 0.0
 
     def moved(self, least: float) -> dict[VariableKind, Mask]:
         """Return which variables moved so far that their observations are to be looked at.
@@ -426,4 +420,6 @@ class Register:
                 column.view[:] = table.delta.view
 
 
-_KIND_OF: dict[int, VariableKind] = {KeyMap.of(kind, 0) >> 56: kind for kind in ORDER}
+def _kind_of(letter: int) -> VariableKind:
+    """Return the kind whose keys begin with a letter, by its code."""
+    return next(k.name for k in UNKNOWNS.values() if ord(k.letter) == letter)

@@ -26,8 +26,9 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.keys import KeyMap
 from ..graph.weights import weigh
-from ..models.registry import KINDS, VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
+from ..observations import observation_kind
 from ..rotation import right_jacobian_inverse
 from ..stochastic import StandardDeviation
 from ..types import Array, Index, Mask
@@ -125,7 +126,11 @@ class Rows:
             t.model,
             t.lens,
             {k: v.view for k, v in self.constants.items()},
-            self.axes,
+            prior=t.prior,
+            fixes=t.fixes,
+            by_axis=t.by_axis,
+            axes=self.axes,
+            widths=t.widths,
         )
 
     def append(self, block: Block, numbers: dict[VariableKind, Index], group: Index) -> Index:
@@ -411,7 +416,7 @@ class Store:
             a = part.whiten(jacobian)
             if grouped.any():
                 a[grouped] = jacobian[grouped]
-            if kind == "pose":
+            if UNKNOWNS[kind].rotates:
                 turn = table.delta.view[index, :3]
                 if turn.any():
                     a[:, :, :3] = a[:, :, :3] @ np.linalg.inv(right_jacobian_inverse(turn))
@@ -672,7 +677,7 @@ class Store:
 
 
 def _varies(block: Block, network: Network) -> bool:
-    if block.kind not in KINDS or block.dimension > 1 or block.whitener is not None:
+    if block.prior or block.lens is not None or observation_kind(block.kind).weight is None:
         return False
     return any(
         isinstance(getattr(network.observations[i], "sigma", None), StandardDeviation)
@@ -685,7 +690,7 @@ def _width(equations: Equations, block: Block, j: int) -> int:
     if kind == "calibration" and block.lens is not None:
         return len(block.lens.names)
     table = equations.unknowns[kind]
-    return int(table.size[index[0]]) if kind == "calibration" else table.free.shape[1]
+    return int(table.size[index[0]]) if UNKNOWNS[kind].variable_size else table.free.shape[1]
 
 
 def _factor(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..types import Array
 from .cliques import cofactor_times
 from .engine import Engine

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..graph.keys import KeyMap
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..types import Array, Index
 from .rows import Piece, Store
 from .units import Unit

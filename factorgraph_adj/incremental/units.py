@@ -9,11 +9,10 @@ from typing import TypeAlias
 import numpy as np
 
 from ..graph.make_blocks import variable_name
-from ..graph.variables import calibration_name
-from ..models.registry import KINDS, VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import FREE_ORIENTATION, Parameter
 from ..network.network import Network
-from ..observations import AnyObservation, Correlated, ImagePoint, Observation, n_scalars
+from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..types import Array
 from .register import Register
 
@@ -39,7 +38,7 @@ class Unit:
     @property
     def n_scalars(self) -> int:
         """Number of scalar rows."""
-        return sum(n_scalars(o) for o in self.observations)
+        return sum(len(o.component_names()) for o in self.observations)
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -59,7 +58,7 @@ class Unit:
         if not any(stays):
             return None
         assert self.covariance is not None
-        sizes = [n_scalars(o) for o in self.observations]
+        sizes = [len(o.component_names()) for o in self.observations]
         rows = np.flatnonzero(np.repeat(stays, sizes))
         left = [o for o, s in zip(self.observations, stays, strict=True) if s]
         return unit_of(network, left, self.covariance[np.ix_(rows, rows)])
@@ -93,17 +92,8 @@ def unit_of(
 
 def variables_of(network: Network, o: Observation) -> Iterator[Variable]:
     """Return what an observation depends on."""
-    if isinstance(o, ImagePoint):
-        yield "pose", o.photo
-        yield "calibration", calibration_name(network, o.photo)
-        yield "point", o.point
-        return
-    kind = KINDS.get(o.kind)
-    if kind is None:
-        yield "point", o.point  # type: ignore[attr-defined]
-        return
-    for what, attribute in kind.variables:
-        yield what, variable_name(network, what, attribute, o)
+    for kind, attribute in o.record.variables:
+        yield kind, variable_name(network, kind, attribute, o)
 
 
 def components(network: Network, variable: Variable) -> tuple[int, int]:
@@ -133,19 +123,18 @@ def components(network: Network, variable: Variable) -> tuple[int, int]:
 
 def small_unknown(network: Network, kind: VariableKind, name: str) -> Parameter | None:
     """Return what was stated of a small unknown; none where it is a constant of all."""
-    if kind == "orientation":
+    given = network.of_kind(kind)
+    if UNKNOWNS[kind].table.keys[1:]:  # type: ignore[union-attr]
+        # A name may have a slash of its own.
         at = name.find("/")
         while at >= 0:
-            found = network.orientations.get((name[:at], name[at + 1 :]))
+            found = given.get((name[:at], name[at + 1 :]))
             if found is not None:
                 return found
             at = name.find("/", at + 1)
-        return FREE_ORIENTATION
-    if kind == "refraction":
-        return network.refractions.get(name)
-    if kind == "vertical":
-        return network.verticals.get(name)
-    return network.distance_meters.get(name)
+    elif name in given:
+        return given[name]
+    return FREE_ORIENTATION if UNKNOWNS[kind].absent == "found" else None
 
 
 def pending(register: Register, unit: Unit) -> list[Variable]:

@@ -23,8 +23,8 @@ from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
-from scipy.stats import chi2
 
+from ..quality.distributions import chi2_quantile
 from ..types import Array, Index
 
 Policy: TypeAlias = Literal["accept", "flag", "reject"]
@@ -137,4 +137,4 @@ def pseudo_inverse(m: Array) -> tuple[Array, int]:
 @lru_cache(maxsize=256)
 def critical_t2(alpha: float, dof: int) -> float:
     """Return the critical value of T²: the quantile 1 − α of χ² with ``dof`` degrees."""
-    return float(chi2.ppf(1.0 - alpha, dof)) if dof else np.nan
+    return chi2_quantile(1.0 - alpha, dof) if dof else np.nan

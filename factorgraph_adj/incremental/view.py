@@ -28,7 +28,7 @@ from ..types import Array, Index
 from .cliques import own_cliques
 
 if TYPE_CHECKING:
-    from .engine import Engine
+    from .network_graph import Graph
     from .register import Register
     from .tree import LinearTree
 
@@ -85,18 +85,18 @@ def columns_of(register: Register, equations: Equations) -> dict[int, Index]:
     return out
 
 
-def solution_of(engine: Engine) -> Solution:
+def solution_of(graph: Graph) -> Solution:
     """Return the solution of the network as it stands; a free one on its inner constraints."""
-    equations, state, given = engine.whole()
+    equations, state, given = graph.whole()
     solver = Solver.of(equations)
-    tree = engine.tree.copy()
-    columns = columns_of(engine.register, equations)
-    constraint = engine.constraint(equations)
+    tree = graph.tree.copy()
+    columns = columns_of(graph.register, equations)
+    constraint = graph.constraint(equations)
     datum: FreeDatum | None = None
     defects: tuple[Defect, ...] = ()
     v = equations.residuals(state)
     on_datum = True
-    if engine.held:
+    if graph.held:
         moved, defects, datum = _on_datum(equations, state, given)
         there = equations.residuals(moved)
         # What no observation notices changes no residual.
@@ -114,15 +114,15 @@ def solution_of(engine: Engine) -> Solution:
             made.append(TreeNormal(solver, state, tree, columns))
         return made[0]
 
-    at_rest = f"within {engine.accuracy:.0%} of each σ of the minimum"
-    doubt = engine.doubt if not engine.kept else "" if on_datum else OFF_DATUM
+    at_rest = f"within {graph.accuracy:.0%} of each σ of the minimum"
+    doubt = graph.doubt if not graph.kept else "" if on_datum else OFF_DATUM
     return Solution(
         network=equations.network,
         equations=equations,
         state=state,
         start=given,
-        converged=engine.kept and on_datum,
-        reason=doubt or ("at rest" if engine.settled else at_rest),
+        converged=graph.kept and on_datum,
+        reason=doubt or ("at rest" if graph.settled else at_rest),
         iterations=0,
         vtpv=float(v @ v),
         datum=datum,

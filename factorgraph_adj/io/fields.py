@@ -1,7 +1,7 @@
 """Names of fields: which columns and keys each kind of observation has.
 
-They follow from the dataclasses in `factorgraph_adj.observations`, so that a new kind with
-known attributes needs nothing here.
+They follow from the records of the kinds, see `factorgraph_adj.observations.registry`, so that a
+new kind needs nothing here.
 """
 
 from __future__ import annotations
@@ -12,26 +12,23 @@ from difflib import get_close_matches
 from functools import lru_cache
 from itertools import product
 
-from ..models.registry import KINDS
-from ..observations import OBSERVATIONS, ControlPoint
+from ..models.variables import Quantity
+from ..observations import KINDS, observation_kind
 from ..units import ANGLE, LENGTH
 
 NAMES = ("station", "target", "target2", "point", "photo")
+"""Fields that name points and photos, in the order in which the package's own kinds have them."""
 HEIGHTS = ("instrument_height", "target_height", "target2_height")
+"""Lengths that several kinds share."""
 TEXTS = ("set", "instrument", "refraction", "axes")
-PARTS = {
-    "ppm": ("slope_distance", "horizontal_distance"),
-    "sqrt_km": ("height_difference",),
-    "centring_instrument": None,
-    "centring_target": None,
-}
-"""Further parts of a standard deviation, and the kinds they apply to (none: all with parts)."""
-PART_ATTRIBUTES = {
+"""Texts that several kinds share."""
+PART_COLUMNS = {
     "ppm": "ppm",
-    "sqrt_km": "per_sqrt_km",
+    "per_sqrt_km": "sqrt_km",
     "centring_instrument": "centring_instrument",
     "centring_target": "centring_target",
 }
+"""Columns of the parts of a standard deviation, without their units."""
 LEVER_ARM = tuple(f"lever_arm_{a}" for a in "xyz")
 PAIRS = tuple(a + b for axes in ("xyz", "enu") for a, b in product(axes, repeat=2))
 """Pairs of axes in names of covariances."""
@@ -39,19 +36,49 @@ PAIRS = tuple(a + b for axes in ("xyz", "enu") for a, b in product(axes, repeat=
 
 def is_angle(kind: str) -> bool:
     """Return whether the value of a kind is an angle."""
-    return kind in KINDS and KINDS[kind].unit == "rad"
+    return observation_kind(kind).unit == "rad"
 
 
-@lru_cache
 def attributes(kind: str) -> frozenset[str]:
     """Return the names of the attributes of a kind of observation."""
-    return frozenset(f.name for f in fields(OBSERVATIONS[kind]))
+    return observation_kind(kind).attributes
 
 
-@lru_cache
 def has_parts(kind: str) -> bool:
     """Return whether the standard deviation of a kind may have several parts."""
-    return any(f.name == "sigma" and f.type == "Sigma" for f in fields(OBSERVATIONS[kind]))
+    return observation_kind(kind).weight is not None
+
+
+def parts_of(kind: str) -> dict[str, str]:
+    """Return the parts of a standard deviation that a kind uses, and their columns."""
+    weight = observation_kind(kind).weight
+    used = () if weight is None else weight.parts
+    return {part: column for part, column in PART_COLUMNS.items() if part in used}
+
+
+def names_of(kind: str) -> tuple[str, ...]:
+    """Return the fields of a kind that name points and photos."""
+    own = observation_kind(kind).named
+    return (*(n for n in NAMES if n in own), *(n for n in own if n not in NAMES))
+
+
+def texts_of(kind: str) -> tuple[str, ...]:
+    """Return the fields of a kind that name other unknowns, and its axes."""
+    record = observation_kind(kind)
+    own = (*record.texts, *(("axes",) if "axes" in record.attributes else ()))
+    return (*(n for n in TEXTS if n in own), *(n for n in own if n not in TEXTS))
+
+
+def numbers_of(kind: str) -> dict[str, Quantity]:
+    """Return the numbers that a kind has besides its value, and what they measure.
+
+    A constant of a model is a length unless the metadata of its field has another ``quantity``.
+    """
+    record = observation_kind(kind)
+    stated = {f.name: f.metadata.get("quantity", "length") for f in fields(record.observation)}
+    own = {n: stated[n] for n in record.constants if n != "lever_arm"}
+    ordered = [*(n for n in HEIGHTS if n in own), *(n for n in own if n not in HEIGHTS)]
+    return {n: own[n] for n in ordered}
 
 
 @lru_cache
@@ -62,12 +89,10 @@ def sigma_fields(kind: str) -> tuple[str, ...]:
         return tuple(f"sigma{axis}_{u}" for axis in ("", "_x", "_y") for u in units)
     units = tuple(ANGLE) if is_angle(kind) else tuple(LENGTH)
     out = [f"sigma_{u}" for u in units]
-    if has_parts(kind):
-        for part, kinds in PARTS.items():
-            if kinds is None or kind in kinds:
-                out += ["ppm"] if part == "ppm" else [f"{part}_{u}" for u in LENGTH]
+    for part, column in parts_of(kind).items():
+        out += ["ppm"] if part == "ppm" else [f"{column}_{u}" for u in LENGTH]
     if "covariance" in attributes(kind):
-        axes = "xyzenu" if issubclass(OBSERVATIONS[kind], ControlPoint) else "xyz"
+        axes = "xyzenu" if observation_kind(kind).by_axis else "xyz"
         out += [f"sigma_{a}_{u}" for a in axes for u in LENGTH]
         out += [
             f"covariance_{pair}_{u}2" for pair in PAIRS if set(pair) <= set(axes) for u in LENGTH
@@ -81,37 +106,45 @@ def stand_in_sigma(kind: str) -> dict[str, object]:
     return {f"sigma_{u}": 1.0 for u in units}
 
 
+@lru_cache
 def plain_fields(kind: str) -> tuple[str, ...]:
     """Return the fields of a kind but for its standard deviation."""
     have = attributes(kind)
-    out = ["kind", "id", *(n for n in NAMES if n in have)]
+    out = ["kind", "id", *names_of(kind)]
     if kind == "image":
         return (*out, "x", "y")
     out += ["x", "y", "z"] if "covariance" in have else ["value"]
-    out += ["unit", *(n for n in (*HEIGHTS, *TEXTS) if n in have)]
+    out += ["unit", *numbers_of(kind), *texts_of(kind)]
     out += ["length_km"] if "length_km" in have else []
     out += LEVER_ARM if "lever_arm" in have else []
     return tuple(out)
 
 
-@lru_cache
 def known_fields(kind: str | None = None) -> frozenset[str]:
     """Return every field that records of a kind, or of any kind, may have."""
-    kinds = [kind] if kind else list(OBSERVATIONS)
+    return _known_fields((kind,) if kind else tuple(KINDS))
+
+
+@lru_cache
+def _known_fields(kinds: tuple[str, ...]) -> frozenset[str]:
     return frozenset(f for k in kinds for f in (*plain_fields(k), *sigma_fields(k), "remark"))
 
 
-COLUMNS: tuple[str, ...] = (
-    *("kind", "id", *NAMES, "value", "x", "y", "z", "unit", "axes"),
-    *("set", "instrument", "refraction", *HEIGHTS, "length_km"),
-    *(f"sigma{axis}_{u}" for axis in ("", *(f"_{a}" for a in "xyzenu")) for u in LENGTH),
-    *(f"sigma_{u}" for u in (*ANGLE, "px")),
-    "ppm",
-    *(f"{part}_{u}" for part in PARTS if part != "ppm" for u in LENGTH),
-    *(f"covariance_{pair}_{u}2" for pair in PAIRS for u in LENGTH),
-    *LEVER_ARM,
-)
-"""Columns of observations.csv in the order in which they are written."""
+def columns() -> tuple[str, ...]:
+    """Return the columns of observations.csv in the order in which they are written."""
+    further = dict.fromkeys(n for k in KINDS for n in (*names_of(k), *texts_of(k), *numbers_of(k)))
+    known = {*NAMES, *TEXTS, *HEIGHTS}
+    return (
+        *("kind", "id", *NAMES, "value", "x", "y", "z", "unit", "axes"),
+        *("set", "instrument", "refraction", *HEIGHTS, "length_km"),
+        *(n for n in further if n not in known),
+        *(f"sigma{axis}_{u}" for axis in ("", *(f"_{a}" for a in "xyzenu")) for u in LENGTH),
+        *(f"sigma_{u}" for u in (*ANGLE, "px")),
+        "ppm",
+        *(f"{c}_{u}" for part, c in PART_COLUMNS.items() if part != "ppm" for u in LENGTH),
+        *(f"covariance_{pair}_{u}2" for pair in PAIRS for u in LENGTH),
+        *LEVER_ARM,
+    )
 
 
 def unknown_field(name: str, valid: Iterable[str]) -> str | None:

@@ -9,9 +9,8 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..observations import (
-    OBSERVATIONS,
+    KINDS,
     AnyObservation,
-    ControlPoint,
     Correlated,
     ImagePoint,
     Observation,
@@ -75,7 +74,7 @@ def observation_fields(
 
 def _single_fields(item: Observation, id: str | None, unit: str) -> Fields:
     # An empty field counts as absent, so that reading would give something else.
-    stated = {n: getattr(item, n, None) for n in ("id", "set", "instrument", "refraction")}
+    stated = {n: getattr(item, n, None) for n in ("id", *item.record.texts)}
     problems = [
         Problem(f"{name} must be text that is not empty, not {value!r}", item.label())
         for name, value in stated.items()
@@ -190,10 +189,10 @@ def _matrix(row: Row) -> Array | None:
 
 def _axes(record: Mapping[str, object]) -> tuple[str, ...]:
     """Return the components of a record that may still be wrong."""
-    cls = OBSERVATIONS.get(str(record.get("kind")))
-    if cls is not None and issubclass(cls, ControlPoint):
+    kind = KINDS.get(str(record.get("kind")))
+    if kind is not None and kind.by_axis:
         return tuple(str(record.get("axes") or "xyz").replace(" ", ""))
-    return () if cls is None else cls.components
+    return () if kind is None else kind.observation.components
 
 
 def _size(record: Mapping[str, object]) -> int:
@@ -203,7 +202,7 @@ def _size(record: Mapping[str, object]) -> int:
 def _with_sigma(record: Mapping[str, object], variances: Array) -> Mapping[str, object]:
     """Give a member the variances of the group as its own where it has none, as tables do."""
     kind, axes = str(record.get("kind")), _axes(record)
-    if kind not in OBSERVATIONS or any(record.get(f) is not None for f in sigma_fields(kind)):
+    if kind not in KINDS or any(record.get(f) is not None for f in sigma_fields(kind)):
         return record
     unit = "rad" if is_angle(kind) else "m"
     own = zip(axes, variances.tolist(), strict=False)

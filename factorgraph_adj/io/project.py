@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -19,30 +20,27 @@ from ..errors import InputError, Problem
 from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ..models.lens import Lens
 from ..models.registry import LENSES
+from ..models.variables import parameter_kinds
 from ..network.entities import Camera
 from ..network.network import Network
-from ..observations import OBSERVATIONS
+from ..observations import KINDS
 from ..units import LENGTH
 from ..validate.check import check
 from .context import ImageAxes, RecordContext
 from .fields import sigma_fields, stand_in_sigma, unknown_field
 from .numbers import Units
+from .parameter_tables import table_of
 from .read_observations import ObservationsReader
 from .read_unknowns import Dimension, UnknownsReader
 from .tables import Row, Table, read_table
 
-TABLES = (
-    "points",
-    "photos",
-    "images",
-    "observations",
-    "covariances",
-    "orientations",
-    "refractions",
-    "verticals",
-    "distance_meters",
-)
-"""Tables of a project; each is a file name.csv unless [files] says otherwise."""
+
+def tables() -> tuple[str, ...]:
+    """Return the tables of a project; each is a file name.csv unless [files] says otherwise."""
+    parameters = (table_of(k).file for k in parameter_kinds())
+    return ("points", "photos", "images", "observations", "covariances", *parameters)
+
+
 KEYS = ("name", "datum", "dimension", "frame", "units", "files", "camera", "sigma", "adjust")
 FRAMES = {
     "local": ("curvature", "radius", "origin", "axes"),
@@ -71,7 +69,7 @@ class Project:
     network: Network
     """What is measured and asked for."""
     path: Path
-    """The TOML file."""
+    """The file that was read."""
     context: RecordContext = field(default_factory=RecordContext)
     """What further records of this project need not say themselves."""
     options: AdjustOptions = field(default_factory=AdjustOptions)
@@ -127,24 +125,31 @@ def load_project(path: str | Path, *, readings: bool = True) -> Project:
     axes = _cameras(document, network, path.name, problems)
     sigma = _sigma_defaults(document, path.name, problems)
     options = _options(_table(document, "adjust", path.name, problems))
-    tables = _tables(_table(document, "files", path.name, problems), path)
+    found_tables = _tables(_table(document, "files", path.name, problems), path)
     reader = UnknownsReader(network, units, cast(Dimension, dimension or 3), problems)
-    for name in ("points", "photos", "orientations", "refractions", "verticals", "distance_meters"):
-        table = tables.get(name)
+    readers: list[tuple[str, Callable[[Table], None]]] = [
+        ("points", reader.points),
+        ("photos", reader.photos),
+        *((table_of(k).file, partial(reader.parameters, kind=k)) for k in parameter_kinds()),
+    ]
+    for name, read in readers:
+        table = found_tables.get(name)
         if table is not None:
-            getattr(reader, name)(table)
-        elif name in tables:
+            read(table)
+        elif name in found_tables:
             reader.unreadable.add(name.removesuffix("s"))
     images = {f.name: axes[f.camera] for f in network.photos.values() if f.camera in axes}
     context = RecordContext(units, sigma, images, axes)
     observations = ObservationsReader(network, context, problems, reader.unreadable, readings)
-    if tables.get("images") is not None:
-        observations.images(cast(Table, tables["images"]))
-    if tables.get("observations") is not None:
-        observations.observations(cast(Table, tables["observations"]), tables.get("covariances"))
+    if found_tables.get("images") is not None:
+        observations.images(cast(Table, found_tables["images"]))
+    if found_tables.get("observations") is not None:
+        observations.observations(
+            cast(Table, found_tables["observations"]), found_tables.get("covariances")
+        )
     if problems:
         # With every name in place the structure can be judged in the same run.
-        whole = reader.complete and observations.complete and None not in tables.values()
+        whole = reader.complete and observations.complete and None not in found_tables.values()
         found = check(network, sources=reader.sources) if whole else ()
         raise InputError([*problems, *found])
     return Project(network, path, context, options, reader.sources)
@@ -335,8 +340,8 @@ def _sigma_defaults(
     out: dict[str, dict[str, object]] = {}
     whole = _table(document, "sigma", file, problems)
     for kind, given in whole.fields.items():
-        if kind not in OBSERVATIONS:
-            whole.wrong(f"unknown kind {kind!r}; valid: {', '.join(OBSERVATIONS)}")
+        if kind not in KINDS:
+            whole.wrong(f"unknown kind {kind!r}; valid: {', '.join(KINDS)}")
             continue
         if not isinstance(given, dict):
             whole.wrong(f"{kind} must be a table [sigma.{kind}]")
@@ -350,7 +355,7 @@ def _sigma_defaults(
         # A bad default is noted once, not again with every row that would use it.
         out[kind] = stand_in_sigma(kind) if row.failed else given
     if whole.failed:
-        return {kind: stand_in_sigma(kind) for kind in OBSERVATIONS} | out
+        return {kind: stand_in_sigma(kind) for kind in KINDS} | out
     return out
 
 
@@ -366,10 +371,10 @@ def _options(row: Row) -> AdjustOptions:
 
 def _tables(row: Row, path: Path) -> dict[str, Table | None]:
     """Read the tables that [files] names, or else those that are there."""
-    _only(row, TABLES)
+    _only(row, tables())
     stated = bool(row.fields)
     out: dict[str, Table | None] = {}
-    for name in TABLES:
+    for name in tables():
         needed = name == "points"
         file = row.text(name, default=None if stated and not needed else f"{name}.csv")
         if file is not None and (stated or needed or (path.parent / file).exists()):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..network.network import Network
-from ..observations import OBSERVATIONS, ControlPoint, Correlated, ImagePoint, Observation
+from ..observations import KINDS, Correlated, ImagePoint, Observation
 from ..types import Array
 from ..units import LENGTH
 from . import records
@@ -56,7 +56,7 @@ class ObservationsReader:
         context = self.context
         if any(c.startswith(("sigma", "covariance")) and c not in valid for c in table.columns):
             # Noted once in the header, not again with every row that lacks it.
-            stand_ins = {kind: stand_in_sigma(kind) for kind in OBSERVATIONS}
+            stand_ins = {kind: stand_in_sigma(kind) for kind in KINDS}
             context = replace(context, sigma={**stand_ins, **context.sigma})
         rows = list(table.records())
         taken = {fields["id"] for _, fields in rows if "id" in fields}
@@ -234,7 +234,7 @@ class _Covariances:
         """Give a member of a cluster the variances of the cluster as its own, if it has none."""
         cluster = self.cluster_of.get(ident)
         kind = str(record.get("kind", ""))
-        if cluster is None or kind not in OBSERVATIONS:
+        if cluster is None or kind not in KINDS:
             return
         if any(f in record for f in sigma_fields(kind)):
             return
@@ -309,6 +309,4 @@ def _symmetric(matrix: Array) -> Array:
 
 def _components(o: Observation) -> tuple[str, ...]:
     """Return the names of the scalar components, as covariances.csv has them."""
-    if isinstance(o, ControlPoint):
-        return tuple(o.axes)
-    return () if isinstance(o, ImagePoint) else o.components
+    return () if isinstance(o, ImagePoint) else o.component_names()

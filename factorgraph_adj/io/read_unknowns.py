@@ -1,4 +1,4 @@
-"""Tables of unknowns: points, photos, orientations, refraction, verticals, distance meters."""
+"""Tables of unknowns: points, photos, and those that are parameters."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..frames import LocalFrame, TopocentricFrame
-from ..network.entities import FREE_ORIENTATION, Photo
+from ..models.variables import UnknownKind
+from ..network.entities import Key, Photo
 from ..network.network import Network
 from ..types import Array
 from ..units import ANGLE, LENGTH
 from .fields import unknown_field
 from .numbers import Units
+from .parameter_tables import columns_of, read_parameter, table_of
 from .tables import IGNORED, Row, Table
 
 Dimension = Literal[1, 2, 3]
@@ -43,16 +45,6 @@ POINT_COLUMNS = (
 PHOTO_COLUMNS = (
     *("name", "camera", "x", "y", "z", *ANGLES, *ROTATION, "fixed"),
     *(*_SIGMA_XYZ, *_with_units(("sigma_attitude",), ANGLE)),
-)
-ORIENTATION_COLUMNS = ("station", "set", "value", "fixed", *_with_units(("sigma",), ANGLE))
-REFRACTION_COLUMNS = ("name", "value", "sigma", "fixed")
-VERTICAL_COLUMNS = (
-    *("station", "fixed"),
-    *_with_units(("xi", "eta", "sigma", "sigma_xi", "sigma_eta"), ANGLE),
-)
-METER_COLUMNS = (
-    *("name", "scale_ppm", *_with_units(("zero",), LENGTH), "sigma_scale_ppm"),
-    *(*_with_units(("sigma_zero",), LENGTH), "free"),
 )
 
 
@@ -119,14 +111,14 @@ class UnknownsReader:
             yield row, row.text(key, default="") or ""
 
     def _named(
-        self, table: Table, columns: tuple[str, ...], what: str
+        self, table: Table, columns: tuple[str, ...], what: str, *, nameless: bool = False
     ) -> Iterable[tuple[Row, str]]:
-        """Iterate over rows with a name that is there and new."""
+        """Iterate over rows with a name that is new, and there unless one may be ``nameless``."""
         seen: dict[str, int] = {}
         line_of = {table.where(line): line for line, _ in table.rows}
         for row, name in self._rows(table, columns, ("name",), "name"):
             row.of = f"{what} {name!r}"
-            if not name and what != "refraction group":
+            if not name and not nameless:
                 row.of = ""
                 row.wrong("name is missing")
                 self.complete = False
@@ -265,100 +257,39 @@ class UnknownsReader:
                 row.wrong(f"fixed must be some of {valid}, not {word!r}")
         return [part in held for part in POSE_PARTS]
 
-    def orientations(self, table: Table) -> None:
-        """Read orientations.csv; a set without a value is free and found from its directions."""
-        seen: set[tuple[str, str]] = set()
-        for row, station in self._rows(table, ORIENTATION_COLUMNS, ("station",), "station"):
-            chosen = row.text("set", default="1") or "1"
-            row.of = f"orientation of {station!r}, set {chosen!r}"
-            if (station, chosen) in seen:
-                row.wrong("duplicate orientation")
+    def parameters(self, table: Table, kind: UnknownKind) -> None:
+        """Read the table of a kind of unknowns that are parameters."""
+        stated, given = table_of(kind), self.network.of_kind(kind.name)
+        columns, required = columns_of(kind), stated.keys[:1]
+        if stated.keys == ("name",):
+            for row, name in self._named(
+                table, columns, kind.noun, nameless=kind.default is not None
+            ):
+                read_parameter(row, kind, name, self.network, self.units)
+                if name not in given:
+                    self._parameter_stand_in(kind, name)
+            return
+        seen: set[Key] = set()
+        for row, first in self._rows(table, columns, required, stated.keys[0]):
+            others = [
+                row.text(k, default=stated.key_default) or stated.key_default
+                for k in stated.keys[1:]
+            ]
+            key: Key = (first, *others) if others else first
+            row.of = f"{kind.name} of {first!r}" + "".join(
+                f", {k} {v!r}" for k, v in zip(stated.keys[1:], others, strict=True)
+            )
+            if key in seen:
+                row.wrong(f"duplicate {kind.name}")
                 continue
-            seen.add((station, chosen))
-            value = row.number("value", self.units.angle)
-            sigma = row.quantity("sigma", ANGLE, positive=True)
-            fixed = row.flag("fixed")
-            if row.failed:
-                continue
-            if value is None and (fixed or sigma is not None):
-                row.wrong("value is missing: a held or weighted orientation needs one")
-                continue
-            try:
-                self.network.set_orientation(
-                    station,
-                    set=chosen,
-                    value=0.0 if value is None else value,
-                    sigma=sigma,
-                    fixed=fixed,
-                )
-            except InputError as error:
-                row.wrong_all(error)
-                continue
-            if value is None:
-                self.network.orientations[station, chosen] = FREE_ORIENTATION
+            seen.add(key)
+            read_parameter(row, kind, key, self.network, self.units)
 
-    def refractions(self, table: Table) -> None:
-        """Read refractions.csv; the row without a name is the network's."""
-        for row, name in self._named(table, REFRACTION_COLUMNS, "refraction group"):
-            value = row.number("value")
-            sigma = row.number("sigma", positive=True)
-            fixed = row.flag("fixed")
-            if not row.failed:
-                try:
-                    self.network.set_refraction(
-                        name, value=0.13 if value is None else value, sigma=sigma, fixed=fixed
-                    )
-                except InputError as error:
-                    row.wrong_all(error)
-            if name not in self.network.refractions:
-                self.network.set_refraction(name)
-
-    def verticals(self, table: Table) -> None:
-        """Read verticals.csv."""
-        seen: set[str] = set()
-        for row, station in self._rows(table, VERTICAL_COLUMNS, ("station",), "station"):
-            row.of = f"vertical of {station!r}"
-            if station in seen:
-                row.wrong("duplicate vertical")
-                continue
-            seen.add(station)
-            xi, eta = (row.quantity(n, ANGLE) for n in ("xi", "eta"))
-            sigma = _sigmas(row, ("xi", "eta"), ANGLE)
-            fixed = row.flag("fixed")
-            if row.failed:
-                continue
-            try:
-                self.network.set_vertical(
-                    station, xi=xi or 0.0, eta=eta or 0.0, sigma=sigma, fixed=fixed
-                )
-            except InputError as error:
-                row.wrong_all(error)
-
-    def distance_meters(self, table: Table) -> None:
-        """Read distance_meters.csv."""
-        for row, name in self._named(table, METER_COLUMNS, "distance meter"):
-            scale = row.number("scale_ppm", "ppm")
-            zero = row.quantity("zero", LENGTH)
-            sigma_scale = row.number("sigma_scale_ppm", "ppm", positive=True)
-            sigma_zero = row.quantity("sigma_zero", LENGTH, positive=True)
-            words = (row.text("free", default="") or "").split()
-            unknown = [w for w in words if w not in ("scale", "zero")]
-            if unknown:
-                row.wrong(f"free must be some of scale, zero, not {unknown[0]!r}")
-            if not row.failed:
-                try:
-                    self.network.set_distance_meter(
-                        name,
-                        scale=scale or 0.0,
-                        zero=zero or 0.0,
-                        sigma_scale=sigma_scale,
-                        sigma_zero=sigma_zero,
-                        free=words,  # type: ignore[arg-type]
-                    )
-                except InputError as error:
-                    row.wrong_all(error)
-            if name not in self.network.distance_meters:
-                self.network.set_distance_meter(name)
+    def _parameter_stand_in(self, kind: UnknownKind, name: str) -> None:
+        """Put an unknown of a bad row in, so that its name is known to the rest."""
+        values = [0.0 if np.isnan(c.start) else c.start for c in kind.components]
+        fixed = table_of(kind).held_unless_free
+        self.network.set_unknown(kind.name, name, values, fixed=fixed)
 
 
 def _or_nan(value: float | None) -> float:

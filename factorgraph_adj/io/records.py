@@ -20,36 +20,36 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..observations import OBSERVATIONS, ImagePoint, Observation
+from ..models.variables import Quantity
+from ..observations import KINDS, ImagePoint, Observation
 from ..stochastic import StandardDeviation
 from ..types import Array
 from ..units import ANGLE, LENGTH
 from . import numbers
 from .context import ImageAxes, RecordContext
 from .fields import (
-    HEIGHTS,
     LEVER_ARM,
     NAMES,
-    PART_ATTRIBUTES,
-    PARTS,
     attributes,
-    has_parts,
     is_angle,
     known_fields,
+    names_of,
+    numbers_of,
     offer,
+    parts_of,
     sigma_fields,
+    texts_of,
     unknown_field,
 )
 from .numbers import Units
 from .tables import Row
 
-VECTORS = ("gnss_vector", "gnss_position", "photo_position", "control")
-
 
 def with_reading(record: Mapping[str, object]) -> dict[str, object]:
     """Return a record with a reading of zero where it has none, as plans need no readings."""
     kind = record.get("kind")
-    names = ("x", "y") if kind == "image" else ("x", "y", "z") if kind in VECTORS else ("value",)
+    vector = isinstance(kind, str) and kind in KINDS and "covariance" in attributes(kind)
+    names = ("x", "y") if kind == "image" else ("x", "y", "z") if vector else ("value",)
     return {**dict.fromkeys(names, 0.0), **record}
 
 
@@ -75,15 +75,14 @@ def observation(
     row = Row(record, source, problems)
     kind = row.text("kind", required=True)
     row.of = label(record) if kind is not None else ""
-    if kind is not None and kind not in OBSERVATIONS:
-        row.wrong(f"unknown kind {kind!r}; valid: {', '.join(OBSERVATIONS)}")
+    if kind is not None and kind not in KINDS:
+        row.wrong(f"unknown kind {kind!r}; valid: {', '.join(KINDS)}")
     if row.failed or kind is None:
         raise InputError(problems)
-    cls = OBSERVATIONS[kind]
+    cls = KINDS[kind].observation
     arguments: dict[str, Any] = {"id": row.text("id"), "source": source or None}
-    for name in NAMES:
-        if name in attributes(kind):
-            arguments[name] = row.text(name, required=True)
+    for name in names_of(kind):
+        arguments[name] = row.text(name, required=True)
     if cls is ImagePoint:
         _take_image(row, context, arguments)
     else:
@@ -119,12 +118,14 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
         InputError: the names themselves make no observation, such as a point to itself.
     """
     kind = record.get("kind")
-    if not isinstance(kind, str) or kind not in OBSERVATIONS:
+    if not isinstance(kind, str) or kind not in KINDS:
         return None
     have = attributes(kind)
-    names = [n for n in (*NAMES, "set", "instrument", "refraction") if n in have]
-    arguments: dict[str, Any] = {n: str(record[n]) for n in names if record.get(n)}
-    if any(n in have and n not in arguments for n in NAMES):
+    names = names_of(kind)
+    arguments: dict[str, Any] = {
+        n: str(record[n]) for n in (*names, *KINDS[kind].texts) if record.get(n)
+    }
+    if any(n not in arguments for n in names):
         return None
     vector = "covariance" in have
     if kind == "image":
@@ -132,13 +133,20 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     else:
         arguments["value"] = (1.0,) * 3 if vector else 1.0
     arguments["sigma"] = (1.0,) * 3 if vector else 1.0
-    make: Callable[..., Observation] = OBSERVATIONS[kind]
+    make: Callable[..., Observation] = KINDS[kind].observation
     return make(**arguments, source=source or None)
+
+
+def _project_unit(quantity: Quantity, units: Units) -> str:
+    """Return the unit of the project for a number without a unit of its own."""
+    return {"length": units.length, "angle": units.angle, "ppm": "ppm"}.get(quantity, "")
 
 
 def label(record: Mapping[str, object]) -> str:
     """Return a readable name of a record: kind, points and id."""
-    parts = [str(record[n]) for n in ("kind", *NAMES) if record.get(n) not in (None, "")]
+    kind = record.get("kind")
+    names = names_of(kind) if isinstance(kind, str) and kind in KINDS else NAMES
+    parts = [str(record[n]) for n in ("kind", *names) if record.get(n) not in (None, "")]
     ident = record.get("id")
     return " ".join(parts) + (f" (id {ident})" if ident not in (None, "") else "")
 
@@ -151,13 +159,14 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
         numbers.ANGLE_UNITS if angle else LENGTH,
         units.angle if angle else units.length,
     )
-    for name in HEIGHTS:
-        if name in have:
-            height = row.number(name, units.length)
-            arguments[name] = 0.0 if height is None else height
-    for name in ("set", "instrument", "refraction"):
-        if name in have and name in row:
-            arguments[name] = row.text(name)
+    optional = KINDS[kind].optional
+    for name, quantity in numbers_of(kind).items():
+        found = row.number(name, _project_unit(quantity, units), required=name not in optional)
+        if found is not None:
+            arguments[name] = found
+    for name in KINDS[kind].texts:
+        if name in row or name not in optional:
+            arguments[name] = row.text(name, required=name not in optional)
     if "length_km" in have:
         arguments["length_km"] = row.number("length_km", positive=True)
     if "lever_arm" in have and any(n in row for n in LEVER_ARM):
@@ -195,16 +204,12 @@ def _take_sigma(row: Row, kind: str, context: RecordContext, arguments: dict[str
     if stated is None:
         return
     parts = {}
-    if has_parts(kind):
-        for part, name in PART_ATTRIBUTES.items():
-            kinds = PARTS[part]
-            if kinds is not None and kind not in kinds:
-                continue
-            value = stated.number("ppm") if part == "ppm" else stated.quantity(part, LENGTH)
-            if value is not None and value < 0:
-                row.wrong(f"{part} must not be negative")
-            elif value is not None:
-                parts[name] = value
+    for part, column in parts_of(kind).items():
+        value = stated.number("ppm") if part == "ppm" else stated.quantity(column, LENGTH)
+        if value is not None and value < 0:
+            row.wrong(f"{column} must not be negative")
+        elif value is not None:
+            parts[part] = value
     constant = stated.quantity("sigma", ANGLE if is_angle(kind) else LENGTH)
     if constant is not None and (constant < 0 or (constant == 0 and not any(parts.values()))):
         found = stated.present("sigma", ANGLE if is_angle(kind) else LENGTH)
@@ -318,15 +323,15 @@ def record(
     units, given = units or Units(), cast(Any, found)
     kind, have = found.kind, attributes(found.kind)
     out = {"kind": kind, "id": given.id or id or ""}
-    for name in (*NAMES, "set", "instrument", "refraction", "axes"):
-        if name in have:
-            out[name] = getattr(found, name) or ""
+    for name in (*names_of(kind), *texts_of(kind)):
+        out[name] = getattr(found, name) or ""
     if isinstance(found, ImagePoint):
         return out | _image_record(found, axes or ImageAxes())
     unit = units.angle if is_angle(kind) else units.length
-    for name in HEIGHTS:
-        if name in have and repr(getattr(found, name)) not in ("0.0", "0"):
-            out[name] = numbers.write(getattr(found, name), units.length)
+    for name, quantity in numbers_of(kind).items():
+        number = getattr(found, name)
+        if repr(number) not in ("0.0", "0") or name not in KINDS[kind].optional:
+            out[name] = numbers.write(number, _project_unit(quantity, units))
     if "length_km" in have and given.length_km is not None:
         out["length_km"] = numbers.write(given.length_km)
     if "lever_arm" in have and any(given.lever_arm):
@@ -348,14 +353,14 @@ def _sigma_record(sigma: float | StandardDeviation, kind: str, units: Units) -> 
     out = {}
     if sigma.constant > 0:
         out[f"sigma_{unit}"] = numbers.write(sigma.constant, unit)
-    for part, name in PART_ATTRIBUTES.items():
-        kinds, value = PARTS[part], getattr(sigma, name)
-        if value == 0 or (kinds is not None and kind not in kinds):
-            continue  # a part that does not apply weighs nothing
+    for part, column in parts_of(kind).items():  # one that does not apply weighs nothing
+        value = getattr(sigma, part)
+        if value == 0:
+            continue
         if part == "ppm":
-            out[part] = numbers.write(value)
+            out[column] = numbers.write(value)
         else:
-            out[f"{part}_{units.sigma_length}"] = numbers.write(value, units.sigma_length)
+            out[f"{column}_{units.sigma_length}"] = numbers.write(value, units.sigma_length)
     return out
 
 

@@ -10,30 +10,27 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..network.entities import Parameter, Photo, Point
+from ..models.variables import UnknownKind, parameter_kinds
+from ..network.entities import Photo, Point, parameter_key
 from ..network.network import Network
-from ..observations import ControlPoint, Direction, Observation
 from ..rotation import TURN_ABOUT_X, omega_phi_kappa, world_R_camera
 from ..types import Array
 from ..units import LENGTH
 from . import numbers, records
 from .atomic import write_files
 from .context import ImageAxes
-from .fields import COLUMNS
+from .fields import columns as observation_columns
 from .numbers import Units
+from .parameter_tables import columns_of, parameter_records, table_of
 from .read_observations import COVARIANCE_COLUMNS, IMAGE_COLUMNS
 from .read_unknowns import (
     ANGLES,
     CHECK,
-    METER_COLUMNS,
-    ORIENTATION_COLUMNS,
     PHOTO_COLUMNS,
     POINT_COLUMNS,
     POSE_PARTS,
     POSE_WORDS,
-    REFRACTION_COLUMNS,
     ROTATION,
-    VERTICAL_COLUMNS,
 )
 from .tables import write_table
 from .write_toml import toml_lines
@@ -83,12 +80,12 @@ def network_files(
         ("points", POINT_COLUMNS, (point_record(p, units) for p in network.points.values())),
         ("photos", PHOTO_COLUMNS, (photo_record(f, units) for f in network.photos.values())),
         ("images", IMAGE_COLUMNS, _images(network)),
-        ("observations", COLUMNS, _observations(network, units)),
+        ("observations", observation_columns(), _observations(network, units)),
         ("covariances", COVARIANCE_COLUMNS, _covariances(network)),
-        ("orientations", ORIENTATION_COLUMNS, _orientations(network, units)),
-        ("refractions", REFRACTION_COLUMNS, _refractions(network)),
-        ("verticals", VERTICAL_COLUMNS, _verticals(network, units)),
-        ("distance_meters", METER_COLUMNS, _distance_meters(network, units)),
+        *(
+            (table_of(k).file, columns_of(k), _parameters(network, k, units))
+            for k in parameter_kinds()
+        ),
     ):
         found = list(rows)
         if found or name == "points":
@@ -103,9 +100,10 @@ def _check_names(network: Network) -> None:
         ("point", network.points),
         ("photo", network.photos),
         ("camera", network.cameras),
-        ("refraction group", network.refractions),
-        ("distance meter", network.distance_meters),
-        ("set", (s for _, s in network.orientations)),
+        *(
+            (k.noun, (n if isinstance(n, str) else n[-1] for n in network.of_kind(k.name)))
+            for k in parameter_kinds()
+        ),
         ("observation", network.observations),
         ("image point", network.images.ids.values()),
     )
@@ -235,13 +233,9 @@ def _observations(network: Network, units: Units) -> Records:
         yield records.record(o, id=ident, units=units, axes=ImageAxes())
 
 
-def _size_names(o: Observation) -> tuple[str, ...]:
-    return tuple(o.axes) if isinstance(o, ControlPoint) else o.components
-
-
 def _covariances(network: Network) -> Records:
     for number, (ids, covariance) in enumerate(network.clusters, start=1):
-        members = [(i, c) for i in ids for c in _size_names(network.observations[i])]
+        members = [(i, c) for i in ids for c in network.observations[i].component_names()]
         for i, (id1, c1) in enumerate(members):
             for j, (id2, c2) in enumerate(members):
                 value = float(covariance[i, j])
@@ -260,52 +254,16 @@ def _covariances(network: Network) -> Records:
                 }
 
 
-def _parameter(parameter: Parameter) -> dict[str, str]:
-    return {"fixed": "yes" if all(parameter.fixed) else ""}
-
-
-def _orientations(network: Network, units: Units) -> Records:
-    """Write all, in order, unless the directions by themselves give the same free unknowns."""
-    directions = (o for o in network.observations.values() if isinstance(o, Direction))
-    sets = dict.fromkeys((o.station, o.set) for o in directions)
-    free = all(math.isnan(p.values[0]) for p in network.orientations.values())
-    if free and list(sets) == list(network.orientations):
-        return
-    for (station, chosen), p in network.orientations.items():
-        out = {"station": station, "set": chosen, **_filled(["value"], p.values, units.angle)}
-        yield out | _parameter(p) | _one_sigma(p, units.sigma_angle)
-
-
-def _one_sigma(p: Parameter, unit: str) -> dict[str, str]:
-    name = f"sigma_{unit}" if unit else "sigma"
-    return {name: numbers.write(p.sigma[0], unit)} if math.isfinite(p.sigma[0]) else {}
-
-
-def _refractions(network: Network) -> Records:
-    for name, p in network.refractions.items():
-        out = {"name": name, "value": numbers.write(p.values[0])}
-        yield out | _parameter(p) | _one_sigma(p, "")
-
-
-def _verticals(network: Network, units: Units) -> Records:
-    unit = units.sigma_angle
-    for station, p in network.verticals.items():
-        out = {"station": station, **_filled((f"xi_{unit}", f"eta_{unit}"), p.values, unit)}
-        yield out | _parameter(p) | _sigmas(p.sigma, ("xi", "eta"), unit)
-
-
-def _distance_meters(network: Network, units: Units) -> Records:
-    unit = units.sigma_length
-    for name, p in network.distance_meters.items():
-        out = {
-            "name": name,
-            "scale_ppm": numbers.write(p.values[0], "ppm"),
-            f"zero_{unit}": numbers.write(p.values[1], unit),
-        }
-        if math.isfinite(p.sigma[0]):
-            out["sigma_scale_ppm"] = numbers.write(p.sigma[0], "ppm")
-        if math.isfinite(p.sigma[1]):
-            out[f"sigma_zero_{unit}"] = numbers.write(p.sigma[1], unit)
-        parts = zip(("scale", "zero"), p.fixed, p.sigma, strict=True)
-        out["free"] = " ".join(n for n, held, s in parts if not held and not math.isfinite(s))
-        yield out
+def _parameters(network: Network, kind: UnknownKind, units: Units) -> Records:
+    """Write all, in order, unless the observations by themselves give the same free unknowns."""
+    stated = network.of_kind(kind.name)
+    if kind.absent == "found" and all(math.isnan(p.values[0]) for p in stated.values()):
+        found = [
+            parameter_key(kind, attribute, o)
+            for o in network.observations.values()
+            for name, attribute in o.record.parameters
+            if name == kind.name
+        ]
+        if list(dict.fromkeys(found)) == list(stated):
+            return
+    yield from parameter_records(network, kind, units)

@@ -86,31 +86,40 @@ def photo_coordinate(frame: Frame, pose: Array, *, observed: Array, axis: Array)
     return Linearised(v, (np.concatenate([np.zeros_like(axis), axis], axis=1)[:, None, :],))
 
 
-def photo_attitude(frame: Frame, pose: Array, *, observed: Array, reference: Array) -> Linearised:
-    """Compute Log(R_refᵀ R) − observed, radians about the axes of the camera, (n, 3).
+def attitude(
+    frame: Frame, value: Array, *, observed: Array, reference: Array, size: int = 6
+) -> Linearised:
+    """Compute Log(R_refᵀ R) − observed, radians about the turned axes, (n, 3).
 
     Args:
         frame: not used.
-        pose: stored poses, (n, 12).
+        value: stored values that begin with a rotation R, such as poses, (n, 9 + …).
         observed: (n, 3), zero for an attitude that is known as R_ref.
-        reference: R_ref, world_R_camera, (n, 3, 3).
+        reference: R_ref, for photos world_R_camera, (n, 3, 3).
+        size: number of components of the tangent.
     """
-    rotation, _ = split_pose(pose)
+    rotation, _ = split_pose(value)
     w = log_rotation(np.swapaxes(reference, 1, 2) @ rotation)
-    jacobian = np.zeros((len(w), 3, 6))
+    jacobian = np.zeros((len(w), 3, size))
     jacobian[:, :, :3] = right_jacobian_inverse(w)
     return Linearised(w - observed, (jacobian,))
 
 
 def component(
-    frame: Frame, value: Array, *, observed: Array, which: Array, size: int
+    frame: Frame, value: Array, *, observed: Array, which: Array, size: int, shift: int = 0
 ) -> Linearised:
-    """Compute value[which] − observed: a weighted component of a vector variable, (n, 1).
+    """Compute value[which + shift] − observed: a weighted component of a variable, (n, 1).
 
-    ``size`` is the number of components of the variable; stored values may be wider.
+    Args:
+        frame: not used.
+        value: stored values, (n, s).
+        observed: (n, 1).
+        which: the component of the tangent, (n,).
+        size: number of components of the tangent; stored values may be wider.
+        shift: by how much a component stands later among the stored numbers: 6 behind a rotation.
     """
     one = np.zeros((len(value), 1, size))
     rows = np.arange(len(value))
     index = which.astype(int)
     one[rows, 0, index] = 1.0
-    return Linearised(value[rows, index][:, None] - observed, (one,))
+    return Linearised(value[rows, index + shift][:, None] - observed, (one,))

@@ -1,17 +1,8 @@
-"""The tables of kinds: which variables an observation touches, and its model; lens models.
-
-A new kind of observation is a dataclass in `factorgraph_adj.observations`, a model function,
-and one line here; a new lens model is a class and one line here.
-"""
+"""The lens models by name. A new one is a class and a call of `register_lens`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
-
-from . import position, terrestrial
-from .base import Linearised
+from ..errors import InputError, Problem
 from .lens import (
     AffineLens,
     BalancedLens,
@@ -23,91 +14,44 @@ from .lens import (
 )
 from .orthogonal_lens import EbnerLens, GruenLens
 
-VariableKind: TypeAlias = Literal[
-    "point", "pose", "calibration", "orientation", "refraction", "vertical", "edm"
-]
-Unit: TypeAlias = Literal["m", "rad", "image", "mixed"]
-
-
-@dataclass(frozen=True)
-class Kind:
-    """How observations of one kind are computed."""
-
-    name: str
-    """Name of the kind."""
-    variables: tuple[tuple[VariableKind, str], ...]
-    """Kind of each variable it touches, and the attribute of the observation that names it."""
-    model: Callable[..., Linearised]
-    """(frame, *variables, observed=…, constants…) → residuals and partials."""
-    constants: tuple[str, ...] = ()
-    """Attributes of the observation that the model takes as arrays."""
-    unit: Unit = "m"
-    """Unit of its value."""
-    linear: bool = False
-    """Whether its partials are the same wherever its ends are."""
-
-    @property
-    def curved(self) -> bool:
-        """Whether it is a sight whose partials change with the place of its ends."""
-        return not self.linear and sum(kind == "point" for kind, _ in self.variables) > 1
-
-
-_SIGHT: tuple[tuple[VariableKind, str], ...] = (
-    ("point", "station"),
-    ("vertical", "station"),
-    ("point", "target"),
-    ("vertical", "target"),
-)
-_HEIGHTS = ("instrument_height", "target_height")
-_EDM: tuple[VariableKind, str] = ("edm", "instrument")
-_KAPPA: tuple[VariableKind, str] = ("refraction", "refraction")
-_STATION = _SIGHT[:2]
-
-KINDS: dict[str, Kind] = {
-    k.name: k
-    for k in (
-        Kind("slope_distance", (*_SIGHT, _EDM), terrestrial.slope_distance, _HEIGHTS),
-        Kind("horizontal_distance", (*_SIGHT, _EDM), terrestrial.horizontal_distance, _HEIGHTS),
-        Kind("vertical_angle", (*_SIGHT, _KAPPA), terrestrial.vertical_angle, _HEIGHTS, "rad"),
-        Kind("zenith_angle", (*_SIGHT, _KAPPA), terrestrial.zenith_angle, _HEIGHTS, "rad"),
-        Kind(
-            "direction",
-            (*_SIGHT, ("orientation", "set")),
-            terrestrial.direction,
-            _HEIGHTS,
-            "rad",
-        ),
-        Kind("azimuth", _SIGHT, terrestrial.azimuth, _HEIGHTS, "rad"),
-        Kind(
-            "horizontal_angle",
-            (*_SIGHT, ("point", "target2"), ("vertical", "target2")),
-            terrestrial.horizontal_angle,
-            (*_HEIGHTS, "target2_height"),
-            "rad",
-        ),
-        Kind("height_difference", _SIGHT, terrestrial.height_difference, _HEIGHTS, linear=True),
-        Kind("astronomic_latitude", _STATION, terrestrial.astronomic_latitude, (), "rad"),
-        Kind("astronomic_longitude", _STATION, terrestrial.astronomic_longitude, (), "rad"),
-        Kind("gnss_vector", _SIGHT, position.gnss_vector, _HEIGHTS, linear=True),
-        Kind("photo_position", (("pose", "photo"),), position.photo_position, ("lever_arm",)),
-    )
-}
-"""Kinds with a model of their own, by name. Control points and weighted variables become rows
-of `position.coordinate`, `position.photo_attitude` and `position.component`; image
-coordinates have a table of their own."""
-
-LENSES: dict[str, type[Lens]] = {
-    cls.kind: cls
-    for cls in (
-        Lens,
-        HarmonicLens,
-        BrownLens,
-        BrownForwardLens,
-        NormalisedLens,
-        BalancedLens,
-        AffineLens,
-        EbnerLens,
-        GruenLens,
-    )
-}
+LENSES: dict[str, type[Lens]] = {}
 """Lens models by name."""
+
+
+def register_lens(lens: type[Lens]) -> type[Lens]:
+    """Add a lens model; it can be used as a decorator of the class.
+
+    Args:
+        lens: the class, a frozen dataclass derived from `factorgraph_adj.models.lens.Lens`.
+
+    Returns:
+        The class.
+
+    Raises:
+        InputError: it is no lens, has no name, or another lens has its name.
+    """
+    name = getattr(lens, "kind", None)
+    where = f"lens model {name!r}"
+    if not (isinstance(lens, type) and issubclass(lens, Lens)):
+        raise InputError(Problem("it must be a class derived from Lens", where))
+    if not name or (name in LENSES and LENSES[name] is not lens):
+        what = "a lens model of this name is registered already" if name else "it has no name"
+        raise InputError(Problem(what, where))
+    if lens is not Lens and name == Lens.kind:
+        raise InputError(Problem("it needs a name of its own: the class attribute kind", where))
+    LENSES[name] = lens
+    return lens
+
+
+for _lens in (
+    Lens,
+    HarmonicLens,
+    BrownLens,
+    BrownForwardLens,
+    NormalisedLens,
+    BalancedLens,
+    AffineLens,
+    EbnerLens,
+    GruenLens,
+):
+    register_lens(_lens)

@@ -5,15 +5,16 @@ A `Network` holds them by name; names that refer to another entity are checked t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from ..errors import InputError, Problem
 from ..models.lens import Lens
-from ..types import Array, Index
+from ..models.variables import UnknownKind
+from ..types import Array, Index, Mask
 
 REFRACTION_OF_THE_NETWORK = ""
 """Name of the refraction group of observations that name none."""
@@ -79,10 +80,10 @@ class Photo:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A small vector unknown: orientation, refraction, vertical, distance meter."""
+    """An unknown that is no point, photo or camera, such as a coefficient of refraction."""
 
     values: tuple[float, ...]
-    """Start or given values; NaN: unknown."""
+    """Start or given values of the components, SI; NaN where unknown."""
     fixed: tuple[bool, ...]
     """Which are held."""
     sigma: tuple[float, ...]
@@ -119,6 +120,15 @@ class ImageTable:
             ids=dict(self.ids),
             sources=dict(self.sources),
         )
+
+    def kept(self, keep: Mask) -> ImageTable:
+        """Return a table of the rows with ``keep`` (n,) true."""
+        new = np.cumsum(keep) - 1
+        out = ImageTable()
+        out.append(*(c[keep] for c in self.columns()))  # type: ignore[arg-type]
+        out.ids = {int(new[r]): v for r, v in self.ids.items() if keep[r]}
+        out.sources = {int(new[r]): v for r, v in self.sources.items() if keep[r]}
+        return out
 
     def append(self, photo: Index, point: Index, xy: Array, sigma: Array) -> None:
         """Add rows."""
@@ -166,19 +176,84 @@ def sigmas(value: Any, size: int, where: str) -> tuple[float, ...]:
     return tuple(given.tolist())
 
 
+Key: TypeAlias = str | tuple[str, ...]
+"""What names an unknown in a network: a name, or several, such as station and set."""
+
+
+def parameter_name(key: Key) -> str:
+    """Return the name of an unknown among all of its kind: several names joined by ``/``."""
+    return key if isinstance(key, str) else "/".join(key)
+
+
+def parameter_key(kind: UnknownKind, attribute: str, observation: object) -> Key:
+    """Return what an observation calls an unknown that is stated as a parameter.
+
+    The text is empty where it names none. Further keys, such as the station of a set of
+    directions, are attributes of the observation by the same name.
+    """
+    name: str = getattr(observation, attribute) or ""
+    if kind.table is None or len(kind.table.keys) == 1:
+        return name
+    return (*(getattr(observation, key) for key in kind.table.keys[:-1]), name)
+
+
 def parameter(
-    values: tuple[float, ...],
-    fixed: bool,
-    sigma: float | Sequence[float] | None,
+    kind: UnknownKind,
+    values: Sequence[float],
+    fixed: bool | Iterable[str],
+    sigma: float | Sequence[float] | Mapping[str, float] | None,
     where: str,
 ) -> Parameter:
-    """Check and return a small unknown, all of it held, weighted or free."""
-    if not np.all(np.isfinite(values)):
-        raise InputError(Problem(f"values must be finite, not {values}", where))
-    if fixed and sigma is not None:
+    """Check and return an unknown of a kind, each of its components free, weighted or held.
+
+    Args:
+        kind: record of the kind.
+        values: values of the components, SI.
+        fixed: whether all components are held, or the names of those that are.
+        sigma: standard deviations of weighted components: one for all, one for each (infinite:
+            no weight), or some by name.
+        where: what to call the unknown in messages.
+    """
+    given = tuple(float(v) for v in values)
+    size = len(given)
+    if not (size == kind.size or (kind.variable_size and 0 < size < kind.size)):
+        raise InputError(
+            Problem(f"it needs {kind.size} values ({', '.join(kind.names())}), not {size}", where)
+        )
+    if not np.all(np.isfinite(given)):
+        raise InputError(Problem(f"values must be finite, not {given}", where))
+    if fixed is True and sigma is not None:
         raise InputError(Problem("either fixed or sigma, not both", where))
-    size = len(values)
-    return Parameter(tuple(float(v) for v in values), (fixed,) * size, sigmas(sigma, size, where))
+    names = kind.names(size)
+    if isinstance(sigma, Mapping):
+        _refuse_unknown(sigma, names, "sigma", where)
+        weights = sigmas([sigma.get(n, np.inf) for n in names], size, where)
+    else:
+        weights = sigmas(sigma, size, where)
+    if isinstance(fixed, bool):
+        held = (fixed,) * size
+    else:
+        chosen = set(fixed)
+        _refuse_unknown(chosen, names, "fixed", where)
+        held = tuple(n in chosen for n in names)
+    both = [n for n, h, s in zip(names, held, weights, strict=True) if h and np.isfinite(s)]
+    if both:
+        raise InputError(Problem(f"{', '.join(both)}: either fixed or sigma, not both", where))
+    if kind.rotates:
+        for what, flags in (("hold", held), ("weight", [bool(np.isfinite(s)) for s in weights])):
+            if any(flags[:3]) != all(flags[:3]):
+                raise InputError(
+                    Problem(f"{what} all three rotations or none: they do not commute", where)
+                )
+    return Parameter(given, held, weights)
+
+
+def _refuse_unknown(given: Iterable[str], names: Sequence[str], what: str, where: str) -> None:
+    wrong = sorted(set(given) - set(names))
+    if wrong:
+        raise InputError(
+            Problem(f"{what} must name some of {', '.join(names)}, not {', '.join(wrong)}", where)
+        )
 
 
 FREE_ORIENTATION = Parameter((np.nan,), (False,), (np.inf,))

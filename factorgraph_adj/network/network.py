@@ -8,31 +8,47 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
-from ..observations import AnyObservation, Correlated, Direction, ImagePoint, Observation
-from ..rotation import world_R_camera
+from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds, unknown_kind
+from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..types import Array, Mask
+from .checked import checked_camera, checked_image_points, checked_photo, checked_point
 from .entities import (
     FREE_ORIENTATION,
     REFRACTION_OF_THE_NETWORK,
     Camera,
     ImageTable,
+    Key,
     Parameter,
     Photo,
     Point,
     parameter,
-    sigmas,
-    triple,
+    parameter_key,
+    parameter_name,
 )
 
 DatumChoice: TypeAlias = Literal["given", "free"]
 """Datum from what is given (control, fixed, weighted), or a free network."""
+
+
+class _OfKind:
+    """Attribute of a network: its stated unknowns of one kind by key."""
+
+    def __init__(self, kind: VariableKind) -> None:
+        self.kind = kind
+
+    def __get__(self, network: Network, owner: object = None) -> dict[Any, Parameter]:
+        return network.of_kind(self.kind)
+
+    def __set__(self, network: Network, given: Mapping[Any, Parameter]) -> None:
+        # A copy of the network may share the table of kinds, so that it is not written into.
+        network.parameters = {**network.parameters, self.kind: dict(given)}
 
 
 class Network:
@@ -59,10 +75,10 @@ class Network:
         self.points: dict[str, Point] = {}
         self.cameras: dict[str, Camera] = {}
         self.photos: dict[str, Photo] = {}
-        self.orientations: dict[tuple[str, str], Parameter] = {}
-        self.refractions: dict[str, Parameter] = {}
-        self.verticals: dict[str, Parameter] = {}
-        self.distance_meters: dict[str, Parameter] = {}
+        self.parameters: dict[VariableKind, dict[Any, Parameter]] = {
+            kind.name: {} for kind in parameter_kinds()
+        }
+        """Unknowns besides points, photos and cameras, by kind and name."""
         self.observations: dict[str, Observation] = {}
         self.clusters: list[tuple[tuple[str, ...], Array]] = []
         self.images = ImageTable()
@@ -97,24 +113,9 @@ class Network:
         Raises:
             InputError: duplicate name, bad numbers, a held or weighted component without value.
         """
-        where = f"point {name!r}"
         self._new(name, self.points, "point")
-        if not set(fixed) <= set("xyz"):
-            raise InputError(Problem(f"fixed must be some of x, y, z, not {fixed!r}", where))
-        unknown = (np.nan, np.nan, np.nan)
-        xyz = unknown if coordinates is None else triple(coordinates, "coordinates", where)
-        held = ("x" in fixed, "y" in fixed, "z" in fixed)
-        weights = None if sigma is None else sigmas(sigma, 3, where)
-        for i, axis in enumerate("xyz"):
-            if np.isnan(xyz[i]) and (held[i] or (weights is not None and weights[i] < np.inf)):
-                raise InputError(Problem(f"{axis} is held or weighted but has no value", where))
-        self.points[name] = Point(
-            name,
-            xyz,
-            held,
-            weights,  # type: ignore[arg-type]
-            datum,
-            None if check is None else triple(check, "check coordinates", where),
+        self.points[name] = checked_point(
+            name, coordinates, fixed=fixed, sigma=sigma, datum=datum, check=check
         )
         self._point_number[name] = len(self._point_number)
 
@@ -156,47 +157,9 @@ class Network:
             unit: unit of its image coordinates, for reports.
             per_photo: every photo gets a calibration of its own.
         """
-        where = f"camera {name!r}"
         self._new(name, self.cameras, "camera")
-        names = lens.names
-        weights = dict(sigma or {})
-        unknown = [
-            n
-            for n in (*(values if isinstance(values, Mapping) else ()), *free, *weights)
-            if n not in names
-        ]
-        if unknown:
-            raise InputError(
-                Problem(
-                    f"unknown calibration parameter {', '.join(unknown)} of lens model "
-                    f"{lens.kind!r}; known: {', '.join(names)}",
-                    where,
-                )
-            )
-        if isinstance(values, Mapping):
-            numbers = [float(values.get(n, 0.0)) for n in names]
-        else:
-            numbers = [float(v) for v in values]
-        if len(numbers) != len(names) or not np.all(np.isfinite(numbers)):
-            raise InputError(
-                Problem(f"values must be {len(names)} finite numbers ({', '.join(names)})", where)
-            )
-        if not numbers[0] > 0:
-            raise InputError(
-                Problem(f"the principal distance must be positive, not {numbers[0]}", where)
-            )
-        bad = [n for n, s in weights.items() if not s > 0]
-        if bad:
-            raise InputError(Problem(f"sigma of {', '.join(bad)} must be > 0", where))
-        free = set(free)
-        self.cameras[name] = Camera(
-            name,
-            lens,
-            tuple(numbers),
-            tuple(n not in free and n not in weights for n in names),
-            tuple(float(weights.get(n, np.inf)) for n in names),
-            unit,
-            per_photo,
+        self.cameras[name] = checked_camera(
+            name, lens, values, free=free, sigma=sigma, unit=unit, per_photo=per_photo
         )
 
     def add_photo(
@@ -230,47 +193,59 @@ class Network:
             raise InputError(
                 Problem("photos need a right-handed frame: choose axes en, nw, ws or se", where)
             )
-        at = None if position is None else triple(position, "position", where)
-        if at is not None and any(np.isnan(v) for v in at):
-            raise InputError(Problem(f"position must be finite or none, not {at}", where))
-        if rotation is None and omega_phi_kappa is not None:
-            rotation = world_R_camera(*triple(omega_phi_kappa, "omega_phi_kappa", where))
-        if rotation is not None:
-            rotation = np.asarray(rotation, dtype=float)
-            if (
-                rotation.shape != (3, 3)
-                or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
-                or np.linalg.det(rotation) < 0
-            ):
-                raise InputError(Problem("rotation must be a 3 × 3 rotation matrix", where))
-            if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-14:
-                # Given with few digits: the nearest rotation. Others stay as they are, to the bit.
-                u, _, vt = np.linalg.svd(rotation)
-                rotation = u @ vt
-        held = (bool(fixed),) * 6 if isinstance(fixed, bool) else tuple(map(bool, fixed))
-        if len(held) != 6:
-            raise InputError(Problem("fixed must be true, false or six flags", where))
-        if any(held[:3]) != all(held[:3]):
-            raise InputError(
-                Problem("hold all three rotations of a photo or none: they do not commute", where)
-            )
-        weighted = sigma_position is not None or sigma_attitude is not None
-        if (any(held) or weighted) and (at is None or rotation is None):
-            raise InputError(Problem("a held or weighted photo needs its orientation", where))
-        if sigma_attitude is not None and not sigma_attitude > 0:
-            raise InputError(Problem("sigma_attitude must be > 0", where))
-        self.photos[name] = Photo(
+        self.photos[name] = checked_photo(
             name,
             camera,
-            at,
-            rotation,
-            held,
-            None if sigma_position is None else sigmas(sigma_position, 3, where),  # type: ignore[arg-type]
-            sigma_attitude,
+            position=position,
+            omega_phi_kappa=omega_phi_kappa,
+            rotation=rotation,
+            fixed=fixed,
+            sigma_position=sigma_position,
+            sigma_attitude=sigma_attitude,
         )
         self._photo_number[name] = len(self._photo_number)
 
     # -- other unknowns -----------------------------------------------------------------------
+
+    def set_unknown(
+        self,
+        kind: VariableKind,
+        key: Key,
+        values: Sequence[float] | None = None,
+        *,
+        fixed: bool | Iterable[str] = False,
+        sigma: float | Sequence[float] | Mapping[str, float] | None = None,
+    ) -> None:
+        """State an unknown of any kind; its components are free unless held or weighted.
+
+        Args:
+            kind: name of the kind, see `factorgraph_adj.models.variables.UNKNOWNS`.
+            key: name of the unknown, or several, such as station and set.
+            values: values of the components, SI; none: the start values of the kind.
+            fixed: hold all components, or those that are named.
+            sigma: standard deviations of weighted components, SI: one for all, one for each, or
+                some by name.
+
+        Raises:
+            InputError: an unknown kind or point, values that are not finite or not as many as
+                there are components, a component that is held and weighted.
+        """
+        record = unknown_kind(kind)
+        if record.table is None:
+            raise InputError(f"a {record.noun} is no parameter: use add_{record.noun}")
+        keys = (key,) if isinstance(key, str) else tuple(key)
+        if len(keys) != len(record.table.keys):
+            what = " and ".join(record.table.keys)
+            raise InputError(Problem(f"it is named by {what}, not by {key!r}", record.noun))
+        where = f"{record.noun} {parameter_name(key)!r}"
+        if record.at_point:
+            self._known(keys[0], self.points, "point", where)
+        start = [c.start for c in record.components] if values is None else values
+        self.of_kind(kind)[key] = parameter(record, start, fixed, sigma, where)
+
+    def of_kind(self, kind: VariableKind) -> dict[Any, Parameter]:
+        """Return the stated unknowns of a kind by key."""
+        return self.parameters.setdefault(kind, {})
 
     def set_orientation(
         self,
@@ -285,8 +260,7 @@ class Network:
 
         Without this call it is free and found from the directions.
         """
-        self._known(station, self.points, "point", "orientation")
-        self.orientations[station, set] = parameter((value,), fixed, sigma, f"set {station}/{set}")
+        self.set_unknown("orientation", (station, set), (value,), fixed=fixed, sigma=sigma)
 
     def set_refraction(
         self,
@@ -300,7 +274,7 @@ class Network:
 
         The group of observations that name none is the network's, held at 0 until this call.
         """
-        self.refractions[group] = parameter((value,), fixed, sigma, f"refraction {group!r}")
+        self.set_unknown("refraction", group, (value,), fixed=fixed, sigma=sigma)
 
     def set_vertical(
         self,
@@ -320,8 +294,7 @@ class Network:
             sigma: standard deviations, radians.
             fixed: hold it. Stations without this call have ξ = η = 0, held.
         """
-        self._known(station, self.points, "point", "vertical")
-        self.verticals[station] = parameter((xi, eta), fixed, sigma, f"vertical of {station!r}")
+        self.set_unknown("vertical", station, (xi, eta), fixed=fixed, sigma=sigma)
 
     def set_distance_meter(
         self,
@@ -343,20 +316,23 @@ class Network:
             sigma_zero: standard deviation of a weighted constant, metres.
             free: which are unknown without a prior; the others are held.
         """
-        where = f"distance meter {name!r}"
         asked = set(free)
         if not asked <= {"scale", "zero"}:
+            where = f"distance meter {name!r}"
             raise InputError(Problem(f"free must be some of scale, zero, not {asked}", where))
-        given = [np.inf if s is None else s for s in (sigma_scale, sigma_zero)]
-        sigma = sigmas(given, 2, where)
-        self.distance_meters[name] = Parameter(
-            (float(scale), float(zero)),
-            tuple(
-                n not in asked and s == np.inf
-                for n, s in zip(("scale", "zero"), sigma, strict=True)
-            ),
-            sigma,
-        )
+        given = {"scale": sigma_scale, "zero": sigma_zero}
+        sigma = {n: np.inf if s is None else s for n, s in given.items()}
+        held = [n for n, s in sigma.items() if s == np.inf and n not in asked]
+        self.set_unknown("edm", name, (scale, zero), fixed=held, sigma=sigma)
+
+    orientations = _OfKind("orientation")
+    """Orientation unknowns by station and set."""
+    refractions = _OfKind("refraction")
+    """Coefficients of refraction by group."""
+    verticals = _OfKind("vertical")
+    """Deflections of the vertical by station."""
+    distance_meters = _OfKind("edm")
+    """Scales and zero constants by distance meter."""
 
     # -- observations -------------------------------------------------------------------------
 
@@ -406,26 +382,9 @@ class Network:
         """
         where = f"photo {photo!r}"
         self._known(photo, self.photos, "photo", where)
-        measured = np.array(xy, dtype=float).reshape(-1, 2)
-        weights = np.array(np.broadcast_to(np.asarray(sigma, dtype=float), measured.shape))
-        if len(measured) != len(points):
-            raise InputError(Problem(f"{len(points)} points but {len(measured)} rows", where))
-        problems = [
-            Problem(f"unknown point {p!r}; known: {known(self.points)}", f"image point {photo}/{p}")
-            for p in points
-            if p not in self._point_number
-        ]
-        for bad, what in (
-            (~np.isfinite(measured).all(axis=1), "coordinates must be finite numbers"),
-            (~(weights > 0).all(axis=1), "sigma must be greater than zero"),
-            (~np.isfinite(weights).all(axis=1), "sigma must be a finite number"),
-        ):
-            problems += [
-                Problem(what, f"image point {photo}/{points[i]}")
-                for i in np.flatnonzero(bad).tolist()
-            ]
-        if problems:
-            raise InputError(problems)
+        measured, weights = checked_image_points(
+            photo, points, xy, sigma=sigma, known_points=self._point_number
+        )
         number = np.fromiter(
             (self._point_number[p] for p in points), dtype=np.intp, count=len(points)
         )
@@ -453,13 +412,7 @@ class Network:
 
     def image_mask(self, keep: Mask) -> None:
         """Keep only the image points with ``keep`` (n,) true."""
-        columns = self.images.columns()
-        ids, sources = self.images.ids, self.images.sources
-        new = np.cumsum(keep) - 1
-        self.images = ImageTable()
-        self.images.append(*(c[keep] for c in columns))  # type: ignore[arg-type]
-        self.images.ids = {int(new[r]): v for r, v in ids.items() if keep[r]}
-        self.images.sources = {int(new[r]): v for r, v in sources.items() if keep[r]}
+        self.images = self.images.kept(keep)
 
     def copy(self) -> Network:
         """Return a network of its own with the same entities, which are frozen and shared."""
@@ -467,38 +420,34 @@ class Network:
         for name, value in vars(self).items():
             if isinstance(value, dict | list):
                 setattr(other, name, value.copy())
+        other.parameters = {kind: given.copy() for kind, given in self.parameters.items()}
         other.images = self.images.copy()
         return other
 
     # -- helpers ------------------------------------------------------------------------------
 
     def _check_names(self, o: Observation, seen: set[str]) -> None:
-        where = o.label()
-        for attribute in ("station", "target", "target2", "point"):
-            name = getattr(o, attribute, None)
+        record, where = o.record, o.label()
+        for name in o.points():
+            self._known(name, self.points, "point", where)
+        for attribute in record.photos:
+            self._known(getattr(o, attribute), self.photos, "photo", where)
+        for kind, attribute in record.parameters:
+            unknown, name = UNKNOWNS[kind], getattr(o, attribute)
+            if unknown.absent != "refused":
+                continue
+            if name is None and unknown.default is None:
+                raise InputError(Problem(f"{attribute} must name a {unknown.noun}", where))
             if name is not None:
-                self._known(name, self.points, "point", where)
-        if hasattr(o, "photo"):
-            self._known(o.photo, self.photos, "photo", where)
-        for attribute, names, what in (
-            ("refraction", self.refractions, "refraction group"),
-            ("instrument", self.distance_meters, "distance meter"),
-        ):
-            name = getattr(o, attribute, None)
-            if name is not None:
-                self._known(name, names, what, where)
+                self._known(name, self.parameters.get(kind, {}), unknown.noun, where)
         ident = getattr(o, "id", None)
         if ident is not None:
             if ident in self.observations or ident in seen:
                 raise InputError(Problem(f"duplicate id {ident!r}", where))
             seen.add(ident)
-        if o.kind.startswith("astronomic") and isinstance(self.frame, LocalFrame):
-            raise InputError(
-                Problem(
-                    "astronomic latitude and longitude need a geocentric or topocentric frame",
-                    where,
-                )
-            )
+        if record.fixes == "place" and isinstance(self.frame, LocalFrame):
+            what = o.kind.replace("_", " ")
+            raise InputError(Problem(f"{what} needs a geocentric or topocentric frame", where))
 
     def _insert(self, o: Observation) -> str:
         ident: str | None = getattr(o, "id", None)
@@ -514,8 +463,10 @@ class Network:
             while str(self._next_id) in self.observations:
                 self._next_id += 1
             ident = str(self._next_id)
-        if isinstance(o, Direction):
-            self.orientations.setdefault((o.station, o.set), FREE_ORIENTATION)
+        for kind, attribute in o.record.parameters:
+            if UNKNOWNS[kind].absent == "found":
+                key = parameter_key(UNKNOWNS[kind], attribute, o)
+                self.of_kind(kind).setdefault(key, FREE_ORIENTATION)
         self.observations[ident] = o
         return ident
 
@@ -525,7 +476,7 @@ class Network:
         if name in names:
             raise InputError(Problem(f"duplicate name of a {what}", f"{what} {name!r}"))
 
-    def _known(self, name: str, names: Mapping[str, object], what: str, where: str) -> None:
+    def _known(self, name: str, names: Mapping[Any, object], what: str, where: str) -> None:
         if name not in names:
             raise InputError(Problem(f"unknown {what} {name!r}; known: {known(names)}", where))
 

@@ -12,14 +12,14 @@ from ..errors import InputError, Problem, known
 from ..graph.image_blocks import find_images
 from ..graph.make_blocks import weighted_blocks
 from ..graph.variables import Unknowns
-from ..models.registry import KINDS, VariableKind
-from ..observations import Observation, n_scalars
+from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..observations import Observation
 from ..types import Array, Mask
-from .entities import REFRACTION_OF_THE_NETWORK, Parameter
+from .entities import Key, Parameter, parameter_key, parameter_name
 from .network import Network
 
-Small: TypeAlias = tuple[VariableKind, str | tuple[str, str]]
-"""A small unknown: its kind and its key in the network."""
+Stated: TypeAlias = tuple[VariableKind, Key]
+"""A parameter: its kind and its key in the network."""
 Weighted: TypeAlias = tuple[VariableKind, str, int]
 """Kind, name and component of a weighted unknown; component −1: a whole attitude."""
 
@@ -72,7 +72,9 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
     if problems:
         raise InputError(problems)
     if lost:
-        gone |= {i for i, o in network.observations.items() if not lost.keys().isdisjoint(_on(o))}
+        gone |= {
+            i for i, o in network.observations.items() if not lost.keys().isdisjoint(o.points())
+        }
     out = network.copy()
     out.observations = {i: o for i, o in network.observations.items() if i not in gone}
     out.clusters = [c for group in network.clusters if (c := _remaining(network, group, gone))]
@@ -94,7 +96,7 @@ def weighted_unknowns(network: Network) -> dict[str, Weighted]:
         kind, numbers = block.variables[0]
         names = unknowns[kind].names
         for i, (ident, number) in enumerate(zip(block.ids, numbers.tolist(), strict=True)):
-            if block.kind == "weighted_attitude":
+            if block.dimension > 1:
                 component = -1
             elif "which" in block.constants:
                 component = int(block.constants["which"][i])
@@ -104,26 +106,10 @@ def weighted_unknowns(network: Network) -> dict[str, Weighted]:
     return out
 
 
-def small_unknowns(o: Observation) -> Iterator[Small]:
-    """Return the orientation, refraction, verticals and distance meter that it may depend on."""
-    kind = KINDS.get(o.kind)
-    for what, attribute in kind.variables if kind is not None else ():
-        name = getattr(o, attribute)
-        if what == "orientation":
-            yield what, (o.station, name)  # type: ignore[attr-defined]
-        elif what == "refraction":
-            yield what, REFRACTION_OF_THE_NETWORK if name is None else name
-        elif what == "vertical" or (what == "edm" and name is not None):
-            yield what, name
-
-
-def _on(o: Observation) -> tuple[str, ...]:
-    """Return the points of an observation other than an image point."""
-    return tuple(
-        name
-        for attribute in ("station", "target", "target2", "point")
-        if (name := getattr(o, attribute, None)) is not None
-    )
+def parameters_of(o: Observation) -> Iterator[Stated]:
+    """Return kind and key of every parameter that an observation may depend on."""
+    for kind, attribute in o.record.parameters:
+        yield kind, parameter_key(UNKNOWNS[kind], attribute, o)
 
 
 def _images(network: Network, ids: list[str]) -> tuple[Mask, set[str]]:
@@ -148,35 +134,25 @@ def _remaining(
     stays = [i not in gone for i in ids]
     if not any(stays):
         return None
-    sizes = [n_scalars(network.observations[i]) for i in ids]
+    sizes = [len(network.observations[i].component_names()) for i in ids]
     rows = np.flatnonzero(np.repeat(stays, sizes))
     left = tuple(i for i, s in zip(ids, stays, strict=True) if s)
     return left, covariance[np.ix_(rows, rows)]
 
 
-def _small_table(network: Network, what: VariableKind) -> dict[object, Parameter]:
-    tables = {
-        "orientation": network.orientations,
-        "refraction": network.refractions,
-        "vertical": network.verticals,
-        "edm": network.distance_meters,
-    }
-    return tables[what]  # type: ignore[return-value]
-
-
 def _drop_unobserved(network: Network, gone: list[Observation]) -> None:
-    """Take out the free small unknowns that only the observations ``gone`` depended on."""
+    """Take out the free parameters that only the observations ``gone`` depended on."""
     loose = {
-        (what, key)
+        (kind, key)
         for o in gone
-        for what, key in small_unknowns(o)
-        if key in (table := _small_table(network, what)) and _is_free(table[key])
+        for kind, key in parameters_of(o)
+        if key in (table := network.of_kind(kind)) and _is_free(table[key])
     }
     if loose:
         for o in network.observations.values():
-            loose.difference_update(small_unknowns(o))
-    for what, key in loose:
-        del _small_table(network, what)[key]
+            loose.difference_update(parameters_of(o))
+    for kind, key in loose:
+        del network.of_kind(kind)[key]
 
 
 def _is_free(p: Parameter) -> bool:
@@ -213,11 +189,12 @@ def _free(network: Network, weighted: Weighted) -> None:
             )
         network.cameras[name] = replace(camera, sigma=_infinite(camera.sigma, component))
     else:
-        key: object = name
-        if kind == "orientation":
-            key = next(k for k in network.orientations if "/".join(k) == name)
-        table = _small_table(network, kind)
-        table[key] = replace(table[key], sigma=_infinite(table[key].sigma, component))
+        table = network.of_kind(kind)
+        key = next(k for k in table if parameter_name(k) == name)
+        sigma = table[key].sigma
+        for i in range(3) if component < 0 else (component,):
+            sigma = _infinite(sigma, i)
+        table[key] = replace(table[key], sigma=sigma)
 
 
 def _infinite(sigma: tuple[float, ...], component: int) -> tuple[float, ...]:
@@ -232,7 +209,8 @@ def _drop_points(network: Network, lost: Iterable[str]) -> None:
     network.images.point = [number[p] for p in network.images.point]
     for name in lost:
         del network.points[name]
-        network.verticals.pop(name, None)
-        for key in [k for k in network.orientations if k[0] == name]:
-            del network.orientations[key]
+        for kind in (k.name for k in parameter_kinds() if k.at_point):
+            table = network.of_kind(kind)
+            for key in [k for k in table if name == (k if isinstance(k, str) else k[0])]:
+                del table[key]
     network._point_number = {name: i for i, name in enumerate(network.points)}

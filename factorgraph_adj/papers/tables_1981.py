@@ -22,7 +22,6 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from scipy import stats
 
 from ..experiment.generate.additions import (
     Additions,
@@ -42,6 +41,7 @@ from ..experiment.simulate import Seed
 from ..experiment.spec import Approximate, Earth, Spec, design, simulate
 from ..observations import SlopeDistance
 from ..quality.check_points import check_points
+from ..quality.distributions import chi2_quantile
 from ..solve.batch import adjust
 
 IspCase = Literal["full", "reduced", "layout 1", "layout 2", "layout 3"]
@@ -60,7 +60,7 @@ INDUSTRY_CASES: Mapping[IndustryCase, Mapping[str, int | bool]] = {
     "d": {"terrestrial": False},
 }
 """What each case adjusts: all data; 4 photos without and with self-calibration; 7 photos."""
-IN_PLAN_95 = float(np.sqrt(stats.chi2.ppf(0.95, 2)))
+IN_PLAN_95 = float(np.sqrt(chi2_quantile(0.95, 2)))
 """Semi-axes of a 95 % error ellipse, in those of the standard one."""
 
 

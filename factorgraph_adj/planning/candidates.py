@@ -76,10 +76,8 @@ class Candidate:
         """Points, photos and cameras that it names and does not bring."""
         out: set[Named] = {("camera", f.camera) for f in self.photos}
         for o in self.single:
-            for field in ("station", "target", "target2", "point", "photo"):
-                name = getattr(o, field, None)
-                if isinstance(name, str):
-                    out.add(("photo" if field == "photo" else "point", name))
+            out |= {("point", name) for name in o.points()}
+            out |= {("photo", getattr(o, a)) for a in o.record.photos}
         return out - self.brings
 
 

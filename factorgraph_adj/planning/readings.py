@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..experiment.simulate import measure
-from ..network.entities import ImageTable, Parameter
+from ..network.entities import ImageTable
 from ..network.network import Network
 
 NO_TURN = 0.0
@@ -38,16 +38,15 @@ def as_planned(network: Network) -> Network:
     if problems:
         raise InputError(problems)
     plan = copy(network)
-    plan.orientations = {
-        key: p if np.isfinite(p.values).all() else _at(p, NO_TURN)
-        for key, p in network.orientations.items()
+    plan.parameters = {
+        kind: {
+            key: p if np.isfinite(p.values).all() else replace(p, values=(NO_TURN,) * len(p.values))
+            for key, p in given.items()
+        }
+        for kind, given in network.parameters.items()
     }
     read = measure(plan, seed=0, noise=False)
     return _with_names(network, read)
-
-
-def _at(parameter: Parameter, value: float) -> Parameter:
-    return replace(parameter, values=(value,))
 
 
 def _with_names(network: Network, read: Network) -> Network:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Literal, TypeAlias
 
 import numpy as np
-from scipy.stats import chi2
 
 from ..types import Array, Mask
+from .distributions import chi2_upper_quantile
 from .group_redundancy import GroupRedundancy
 
 State: TypeAlias = Literal["estimated", "uncertain", "not separable", "driven to zero", "held"]
@@ -102,7 +102,7 @@ class Search:
         """
         r = np.maximum(at.redundancy, np.finfo(float).tiny)
         m = np.maximum(r * r / np.maximum(np.diag(at.information), np.finfo(float).tiny), 1.0)
-        return np.asarray((r > VANISHED) & (at.squares / r > chi2.isf(UNLIKELY, m) / m))
+        return np.asarray((r > VANISHED) & (at.squares / r > chi2_upper_quantile(UNLIKELY, m) / m))
 
     def bound(self, at: GroupRedundancy) -> float:
         """Return a bound on the change that is left of any component, relative to its own σ.

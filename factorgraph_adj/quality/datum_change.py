@@ -26,7 +26,7 @@ import numpy as np
 from ..errors import DatumError, InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..solve.datum import FreeDatum, find_defects, generators
 from ..solve.free_network import carry, datum_columns
 from ..solve.linear import ExtraRows, LinearSystem
@@ -47,14 +47,6 @@ Motion: TypeAlias = Literal[
 ]
 """The seven motions of a similarity transformation, in the order of `solve.datum.MOTIONS`."""
 
-COORDINATES = (
-    "control",
-    "gnss_position",
-    "photo_position",
-    "weighted_position",
-    "weighted_attitude",
-)
-"""Kinds of observations that give coordinates, weighted points among ``control``, or attitudes."""
 IGNORED = 1e-60
 """Factor on weights that leaves nothing of an observation."""
 NOTHING = 1e-30
@@ -272,7 +264,7 @@ def _freed(solution: Solution) -> Equations:
     equations = compile_network(network).weighted_at(solution.state)
     weights = np.ones(equations.n_rows)
     for block in equations.blocks:
-        if block.kind in COORDINATES:
+        if block.fixes in ("coordinates", "attitude"):
             weights[block.rows] = IGNORED
     return equations.reweighted(weights)
 

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..models.registry import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..solve.solution import Solution
 from ..types import Array, Index
 from .rows import place_of, weighted, whitened_unit
@@ -53,13 +53,11 @@ def effect_of(
 
 def _is_one(unknowns: object) -> bool:
     """Tell a kind and a name from a list of two names."""
-    from ..graph.variables import ORDER
-
     return (
         isinstance(unknowns, tuple)
         and len(unknowns) == 2
         and isinstance(unknowns[1], str)
-        and unknowns[0] in ORDER
+        and unknowns[0] in UNKNOWNS
     )
 
 

@@ -23,12 +23,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import f as fisher
 
 from ..errors import InputError
 from ..solve.solution import Solution
 from ..types import Array
+from .distributions import chi2_quantile, fisher_quantile
 from .relative import Place, covariance, covariances, position
 
 FLAT = 1e-13
@@ -57,10 +56,10 @@ def confidence_factor(
     if not 0 < confidence < 1:
         raise InputError(f"the confidence must lie between 0 and 1, or be none, not {confidence}")
     if redundancy is None:
-        return float(np.sqrt(chi2.ppf(confidence, dimension)))
+        return float(np.sqrt(chi2_quantile(confidence, dimension)))
     if redundancy < 1:
         raise InputError(f"σ̂0 needs redundant observations, not {redundancy}")
-    return float(np.sqrt(dimension * fisher.ppf(confidence, dimension, redundancy)))
+    return float(np.sqrt(dimension * fisher_quantile(confidence, dimension, redundancy)))
 
 
 def factor_of(solution: Solution, dimension: int, confidence: float | None) -> float:

@@ -9,7 +9,8 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from ..errors import InputError, known
-from ..network.entities import Parameter
+from ..models.variables import UNKNOWNS
+from ..network.entities import Parameter, parameter_name
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
 from ..solve.solution import Solution
@@ -190,10 +191,10 @@ def _with_held(network: Network, parameter: TestedParameter) -> Network:
         )
         other.cameras[name] = replace(camera, values=values, fixed=fixed, sigma=sigma)
         return other
-    table = other.refractions if kind == "refraction" else other.distance_meters
-    given = table[name]
-    at = ("scale", "zero").index(component) if kind == "edm" else 0
-    table[name] = Parameter(*_held(given.values, given.fixed, given.sigma, at, parameter.reference))
+    table = other.of_kind(kind)
+    key = next(k for k in table if parameter_name(k) == name)
+    given, at = table[key], UNKNOWNS[kind].names().index(component)
+    table[key] = Parameter(*_held(given.values, given.fixed, given.sigma, at, parameter.reference))
     return other
 
 

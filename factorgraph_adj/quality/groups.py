@@ -11,11 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2, ncx2
 
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask
+from .distributions import chi2_quantile
 from .rows import weighted
 
 RANK = 1e-6
@@ -49,7 +48,11 @@ class GroupReliability:
 
 def noncentrality_of_group(alpha: float, power: float, dof: int) -> float:
     """Return λ0 of χ² with ``dof`` degrees of freedom; δ0² for one."""
-    critical = chi2.ppf(1.0 - alpha, dof)
+    # Only correlated groups need these, whose import takes longer than that of the package.
+    from scipy.optimize import brentq
+    from scipy.stats import ncx2
+
+    critical = chi2_quantile(1.0 - alpha, dof)
 
     def missing(value: float) -> float:
         return float(ncx2.sf(critical, dof, value)) - power
@@ -115,7 +118,7 @@ def group_reliability(
         float(np.trace(share[np.ix_(members, members)])),
         dof,
         float(np.sum(u[on] ** 2 / values[on])),
-        float(chi2.ppf(1.0 - limits[0], dof)),
+        chi2_quantile(1.0 - limits[0], dof),
         estimated,
         weakest,
         external,

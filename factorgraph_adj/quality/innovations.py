@@ -18,18 +18,9 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..graph.weights import weigh
-from ..models.registry import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask
-
-NOUNS: dict[VariableKind, str] = {
-    "pose": "photo",
-    "calibration": "calibration of camera",
-    "orientation": "orientation of set",
-    "refraction": "refraction group",
-    "vertical": "vertical of station",
-    "edm": "distance meter",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +112,7 @@ class Innovations:
                 names = self.equations.unknowns[kind].names
                 problems += [
                     Problem(
-                        f"{NOUNS.get(kind, kind)} {names[index[i]]!r} is not in the solution",
+                        f"{UNKNOWNS[kind].noun} {names[index[i]]!r} is not in the solution",
                         part.labels(int(i)),
                     )
                     for i in np.flatnonzero(lost)

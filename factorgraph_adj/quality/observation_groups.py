@@ -12,7 +12,9 @@ from scipy.sparse import csr_array
 
 from ..errors import InputError, Problem, known
 from ..graph.blocks import Block
+from ..models.variables import UNKNOWNS
 from ..network.network import Network
+from ..observations import KINDS
 from ..solve.solution import ObservationRecord, Solution
 from ..types import Array, Index
 
@@ -107,9 +109,11 @@ def _by_rule(network: Network, block: Block, rule: str) -> Sequence[str]:
         photos = list(network.photos.values())
         of_photo = [f"photo {f.name}" if rule == "photo" else f"camera {f.camera}" for f in photos]
         return [of_photo[i] for i in block.variables[0][1].tolist()]
-    meters = [index for kind, index in block.variables if kind == "edm"]
-    if rule == "instrument" and meters and not block.kind.startswith("weighted"):
-        instruments = [getattr(network.observations[i], "instrument", None) for i in block.ids]
+    if rule == "instrument" and not block.prior and block.lens is None:
+        named = [a for k, a in KINDS[block.kind].parameters if UNKNOWNS[k].instrument]
+        if not named:
+            return [block.kind] * block.n
+        instruments = [getattr(network.observations[i], named[0]) for i in block.ids]
         return [block.kind if i is None else f"instrument {i}" for i in instruments]
     return [block.kind] * block.n
 

@@ -20,14 +20,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from ..errors import AdjustmentError, InputError
 from ..solve.leverage import Leverages, STransform, leverages, point_leverages
 from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array, Index, Mask
+from .distributions import normal_quantile, student_quantile
 from .effects import Effect, Unknown, effect_of, response
 from .groups import GroupReliability, group_reliabilities
 from .rows import largest_shift, share_diagonal, weighted, weighted_diagonal, weights
@@ -101,7 +100,7 @@ class Reliability:
     @property
     def critical_w(self) -> float:
         """Critical value of |w|."""
-        return float(norm.ppf(1.0 - self.alpha / 2.0))
+        return normal_quantile(1.0 - self.alpha / 2.0)
 
     @property
     def critical_tau(self) -> float:
@@ -324,7 +323,7 @@ def check_probabilities(alpha: float, power: float) -> None:
 
 def noncentrality(alpha: float, power: float) -> float:
     """Return δ0 = Φ⁻¹(1 − α0/2) + Φ⁻¹(power)."""
-    return float(norm.ppf(1.0 - alpha / 2.0) + norm.ppf(power))
+    return normal_quantile(1.0 - alpha / 2.0) + normal_quantile(power)
 
 
 def critical_tau(alpha: float, redundancy: int) -> float:
@@ -335,7 +334,7 @@ def critical_tau(alpha: float, redundancy: int) -> float:
     f = redundancy
     if f < 2:
         return float("nan")
-    t = float(student.ppf(1.0 - alpha / 2.0, f - 1))
+    t = student_quantile(1.0 - alpha / 2.0, f - 1)
     return float(t * np.sqrt(f) / np.sqrt(f - 1 + t * t))
 
 

@@ -7,8 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, norm
-from scipy.stats import f as fisher
 
 from ..errors import AdjustmentError, InputError
 from ..graph.equations import compile_network
@@ -18,6 +16,7 @@ from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
 from .candidates import Candidate, Choice, Units, choose
+from .distributions import chi2_quantile, fisher_quantile, normal_quantile
 from .prediction import Prediction, Predictor
 from .rejections import PointSetAside, Rejected, Round, Snooping, Test, Unresolved
 from .reliability import critical_tau, reliability
@@ -48,7 +47,7 @@ class Search:
 
     def begin(self, values: Array, progress: Callable[[Round], None] | None) -> None:
         """Set aside what stands out in a robust adjustment, by test values (n,) for σ0 = 1."""
-        critical = float(norm.ppf(1.0 - self.alpha / 2.0))
+        critical = normal_quantile(1.0 - self.alpha / 2.0)
         chosen = choose(
             self.reliability, values, scale=1.0, critical=critical, share=0.0, every=True
         ).chosen
@@ -248,11 +247,10 @@ class Search:
                 found = predictor.intersect(name, self.coordinates[name], rows)
             except InputError:
                 continue
-            limit = chi2.ppf(1.0 - self.alpha, found.dof)
+            limit = chi2_quantile(1.0 - self.alpha, found.dof)
             if pope:
-                limit = (
-                    fisher.ppf(1.0 - self.alpha, found.dof, f) * found.dof * self.solution.sigma0**2
-                )
+                quantile = fisher_quantile(1.0 - self.alpha, found.dof, f)
+                limit = quantile * found.dof * self.solution.sigma0**2
             if found.t2 <= limit:
                 out.append(name)
         return out

@@ -14,24 +14,19 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from ..errors import AdjustmentError, InputError, known
-from ..models.registry import VariableKind
-from ..network.entities import REFRACTION_OF_THE_NETWORK
+from ..models.variables import UNKNOWNS, VariableKind
 from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array, Index, Mask
+from .distributions import normal_quantile, student_quantile
 from .ties import NO_PARTNERS, Tie, partners_of_photos, partners_of_points
 
 INTERIOR = ("c", "x0", "y0")
 """Calibration parameters that are not additional ones."""
 STRONG = 0.95
 """Correlation from which on two quantities count as not to be told apart."""
-TESTED: tuple[VariableKind, ...] = ("calibration", "edm", "refraction")
-"""Kinds of variables whose components are tested."""
-_NOUN = {"calibration": "camera", "edm": "distance meter", "refraction": "refraction"}
 
 Label: TypeAlias = tuple[VariableKind, str, str]
 """Kind, name and component of a parameter, such as ``("calibration", "P31", "k1")``."""
@@ -167,7 +162,7 @@ class Significance:
             if p.label not in paired and p.explained >= self.limit**2:
                 out.append(
                     f"{describe(p.label)} is explained to {100 * p.explained:.1f} % by the other "
-                    f"parameters of the same {_NOUN[p.kind]}"
+                    f"parameters of the same {UNKNOWNS[p.kind].title}"
                 )
         for p in self.parameters:
             for tie, one, many in (
@@ -186,9 +181,9 @@ class Significance:
 def describe(label: Label) -> str:
     """Return how a parameter is called in messages: ``k1 of camera 'P31'``."""
     kind, name, component = label
-    if kind == "refraction" and name == REFRACTION_OF_THE_NETWORK:
-        return f"{component} of the refraction of the network"
-    return f"{component} of {_NOUN[kind]} {name!r}"
+    if not name:
+        return f"{component} of the {UNKNOWNS[kind].title} of the network"
+    return f"{component} of {UNKNOWNS[kind].title} {name!r}"
 
 
 def correlation_text(value: float) -> str:
@@ -231,9 +226,10 @@ def significance(
         solution = replace(solution, reference=None)
     posterior = solution.variance == "a-posteriori" and solution.redundancy > 0
     quantile = 1.0 - alpha / 2.0
-    critical = float(
-        student.ppf(quantile, solution.redundancy) if posterior else norm.ppf(quantile)
-    )
+    if posterior:
+        critical = student_quantile(quantile, solution.redundancy)
+    else:
+        critical = normal_quantile(quantile)
     try:
         variables = list(_variables(solution))
     except SingularError as error:
@@ -296,7 +292,8 @@ class _Variable:
 def _variables(solution: Solution) -> Iterator[_Variable]:
     """Iterate over what is tested."""
     unknowns = solution.equations.unknowns
-    for kind in TESTED:
+    # Cameras first: their parameters are what a reader looks for.
+    for kind in reversed([k.name for k in UNKNOWNS.values() if k.additional]):
         table = unknowns[kind]
         for number in np.flatnonzero(table.offset >= 0).tolist():
             name, size = table.names[number], int(table.size[number])
@@ -304,7 +301,8 @@ def _variables(solution: Solution) -> Iterator[_Variable]:
             names = unknowns.component_names(kind, number)
             components = tuple(names[i] for i in free)
             weighted = np.isfinite(table.sigma[number, free])
-            as_given = weighted | np.isin(components, INTERIOR) | (kind == "refraction")
+            as_given = weighted | np.isin(components, INTERIOR)
+            as_given = as_given | (UNKNOWNS[kind].reference == "given")
             covariance = solution.variable_covariance((kind, name))[np.ix_(free, free)]
             sigma = np.sqrt(np.diag(covariance))
             inflation = np.diag(np.linalg.inv(covariance / np.outer(sigma, sigma)))
@@ -313,8 +311,8 @@ def _variables(solution: Solution) -> Iterator[_Variable]:
                 name,
                 components,
                 unknowns.columns(kind, number)[free],
-                solution.state[kind][number, free],
-                np.where(as_given, table.values[number, free], 0.0),
+                unknowns.given(solution.state, kind, number)[free],
+                np.where(as_given, unknowns.given({kind: table.values}, kind, number)[free], 0.0),
                 weighted,
                 sigma,
                 np.maximum(inflation, 1.0),

@@ -18,7 +18,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 from ..errors import InputError, known
 from ..network.network import DatumChoice, Network
@@ -26,6 +25,7 @@ from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
 from .component_search import Search, State
+from .distributions import chi2_above, chi2_below, chi2_quantile
 from .group_redundancy import GroupRedundancy, group_redundancy, sharpened
 from .observation_groups import Groups, ObservationGroups, observation_groups
 
@@ -76,7 +76,7 @@ class VarianceComponent:
         if not self.freedom > 0:
             return np.nan
         x = self.freedom * self.factor**2
-        return float(min(1.0, 2.0 * min(chi2.cdf(x, self.freedom), chi2.sf(x, self.freedom))))
+        return float(min(1.0, 2.0 * min(chi2_below(x, self.freedom), chi2_above(x, self.freedom))))
 
     def interval(self, *, confidence: float = 0.95) -> tuple[float, float]:
         """Return the bounds of the true factor, f √(ν/χ²); 0 and infinite without an estimate.
@@ -89,7 +89,7 @@ class VarianceComponent:
         nu, tail = self.freedom, (1.0 - confidence) / 2.0
         if not nu > 0:
             return 0.0, float("inf")
-        low, high = (float(chi2.ppf(p, nu)) for p in (1.0 - tail, tail))
+        low, high = (chi2_quantile(p, nu) for p in (1.0 - tail, tail))
         upper = self.factor * (nu / high) ** 0.5 if high > 0 else float("inf")
         return self.factor * (nu / low) ** 0.5, upper
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import AdjustmentError, InputError
 from ..graph.variables import calibration_name
 from ..io.numbers import Units
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..network.network import Network
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
 from ..quality.rejections import Snooping

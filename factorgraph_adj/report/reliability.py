@@ -6,9 +6,9 @@ from math import isfinite
 
 import numpy as np
 
-from ..quality.global_test import global_test
 from ..quality.groups import GroupReliability
 from ..quality.reliability import Reliability
+from ..quality.unit_weight import global_test
 from ..types import Index
 from .context import Report
 from .layout import listed, paragraph, percent, short, table, title, whole, without_empty

@@ -11,13 +11,12 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.image_blocks import ImageIds
 from ..io.numbers import Units
-from ..models.registry import Unit
+from ..observations import Unit
 from ..types import Array, Index
 from ..units import ANGLE, LENGTH, format_angle
 
 MOST_CAMERAS = 8
 """Cameras that are groups of their own; more are grouped by the unit of their images."""
-IN_RADIANS = ("weighted_orientation", "weighted_vertical", "weighted_attitude")
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ class Rows:
         if block.kind == "image":
             camera = self.network.photos[self._photos[photo or 0]].camera
             return image_scale(self.network.cameras[camera].unit)
-        return scale_of(block.kind, block.unit, units)
+        return scale_of(block.unit, units)
 
     def all(self) -> Iterator[Row]:
         """Iterate over every scalar observation."""
@@ -183,7 +182,7 @@ class Rows:
 
     def _labels(self, block: Block) -> Array:
         """Return the group of each observation of a block."""
-        weighted = block.kind == "control" and block.ids[0] not in self.network.observations
+        weighted = block.kind == "control" and block.prior
         name = kind_name(block.kind, weighted=weighted)
         if block.kind != "image" or len(self.network.cameras) == 1:
             return np.full(block.n, name)
@@ -202,7 +201,7 @@ class Rows:
                 photo = int(block.variables[0][1][i])
                 names = (self._photos[photo], self._points[int(block.variables[2][1][i])])
                 source = block.ids.source(i)
-            elif not block.kind.startswith("weighted"):
+            elif not block.prior:
                 observation = self.network.observations.get(ident)
                 if observation is not None:
                     names = observation.names()
@@ -224,11 +223,11 @@ class Rows:
                 )
 
 
-def scale_of(kind: str, unit: Unit, units: Units) -> Scale:
+def scale_of(unit: Unit, units: Units) -> Scale:
     """Return the units of a kind of observation; image coordinates have `image_scale`."""
     if unit == "m":
         return Scale(units.length, units.sigma_length, LENGTH[units.sigma_length])
-    if unit == "rad" or kind in IN_RADIANS:
+    if unit == "rad":
         return Scale(units.angle, units.sigma_angle, ANGLE[units.sigma_angle])
     return Scale("", "", 1.0)
 
@@ -252,6 +251,6 @@ def _numbers(block: Block) -> Index:
 
 def _n_observations(block: Block, rows: Array) -> int:
     """Return the number of observations: control has a row for each of its coordinates."""
-    if block.kind in ("control", "gnss_position"):
+    if block.by_axis:
         return len({ident for ident, on in zip(block.ids, rows, strict=True) if on})
     return int(rows.sum())

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..frames import GeocentricFrame, LocalFrame
-from ..quality.global_test import global_test
 from ..quality.rejections import Snooping
+from ..quality.unit_weight import global_test
 from .context import Report
 from .unknowns import small_unknowns
 

@@ -16,7 +16,7 @@ import numpy as np
 from ..io.atomic import write_files
 from ..io.numbers import Units, write
 from ..io.tables import write_columns, write_table
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..network.network import Network
 from ..quality.rejections import Snooping
 from ..quality.variance_components import VarianceComponents

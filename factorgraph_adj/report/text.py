@@ -7,8 +7,8 @@ from math import isfinite
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..io.numbers import Units
 from ..network.network import Network
-from ..quality.global_test import global_test
 from ..quality.rejections import Snooping
+from ..quality.unit_weight import global_test
 from ..quality.variance_components import VarianceComponents
 from ..solve.solution import Solution
 from ..units import format_angle

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ..models.registry import VariableKind
-from ..network.entities import Camera
+from ..models.variables import UNKNOWNS, Quantity, VariableKind, parameter_kinds
+from ..network.entities import Camera, parameter_name
 from ..quality.systematic import TestedParameter
 from ..units import format_angle
 from .context import Report
@@ -14,6 +14,8 @@ from .layout import paragraph, percent, short, table, title, with_sigma
 
 SENTENCES = 10
 """Warnings that are listed."""
+_USUAL = ("refraction", "vertical", "edm")
+"""Kinds that the heading of their table always names."""
 STRONG = 0.8
 """Correlation from which parameters of a calibration are named together."""
 
@@ -110,10 +112,10 @@ def orientations(report: Report) -> list[str]:
 
 @dataclass(frozen=True)
 class SmallUnknown:
-    """One component of a refraction coefficient, vertical or distance meter."""
+    """One component of an unknown such as refraction, a vertical or a distance meter."""
 
     kind: VariableKind
-    """Kind of the variable."""
+    """Kind of the unknown."""
     name: str
     """Its name; empty for the refraction of the network."""
     component: str
@@ -133,27 +135,27 @@ class SmallUnknown:
 
 
 def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
-    """Iterate over refraction coefficients, deflections, scales and zero constants."""
+    """Iterate over the components of all parameters but orientation unknowns."""
     network, solution, units = report.network, report.solution, report.units
-    angle, length = (units.sigma_angle, report.radian), (units.sigma_length, report.small)
-    for kind, given, estimate, shown in (
-        ("refraction", network.refractions, solution.refraction, [("κ", "", 1.0)]),
-        ("vertical", network.verticals, solution.vertical, [("ξ", *angle), ("η", *angle)]),
-        (
-            "edm",
-            network.distance_meters,
-            solution.distance_meter,
-            [("scale", "ppm", 1e-6), ("zero constant", *length)],
-        ),
-    ):
-        for name, parameter in given.items():
-            e = estimate(name)
-            for i, (sign, unit, size) in enumerate(shown):
+    shown: dict[Quantity, tuple[str, float]] = {
+        "angle": (units.sigma_angle, report.radian),
+        "length": (units.sigma_length, report.small),
+        "ppm": ("ppm", 1e-6),
+        "number": ("", 1.0),
+    }
+    for kind in parameter_kinds():
+        if kind.name == "orientation":
+            continue  # they have a table of their own
+        for key, parameter in network.of_kind(kind.name).items():
+            name = parameter_name(key)
+            e = solution.unknown(kind.name, name)
+            for i, component in enumerate(kind.components[: len(parameter.values)]):
+                unit, size = shown[component.quantity]
                 yield SmallUnknown(
-                    kind,  # type: ignore[arg-type]
+                    kind.name,
                     name,
-                    e.names[i],
-                    sign,
+                    component.name,
+                    component.sign or component.name,
                     unit,
                     size,
                     float(e.values[i]),
@@ -163,20 +165,20 @@ def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
 
 
 def others(report: Report) -> list[str]:
-    """Refraction coefficients, deflections of the vertical, distance meters."""
-    nouns = {"refraction": "refraction", "vertical": "vertical of", "edm": "distance meter"}
-    rows = []
-    for u in small_unknowns(report):
+    """Refraction coefficients, deflections of the vertical, distance meters and further kinds."""
+    rows, found = [], list(small_unknowns(report))
+    for u in found:
         value, sigma = u.value / u.size, u.sigma / u.size
         shown = f"{value:.5g}" if u.held else with_sigma(value, sigma)
         label = f"{u.sign} [{u.unit}]" if u.unit else u.sign
-        what = f"{nouns[u.kind]} {u.name}".strip()
+        what = f"{UNKNOWNS[u.kind].title} {u.name}".strip()
         test = _verdict(report.tested(u.kind, u.name, u.component))
         rows.append([what, label, shown, "held" if u.held else short(sigma), *test])
     if not rows:
         return []
     shown_rows, note = report.cut(rows, "unknowns", "unknowns.csv")
-    heading = title("Refraction, verticals, distance meters")
+    further = {UNKNOWNS[u.kind].title for u in found if u.kind not in _USUAL}
+    heading = title(", ".join(["Refraction, verticals, distance meters", *sorted(further)]))
     header = ["unknown", "", "value", "σ", "t", ""]
     if not any(r[4] for r in rows):
         header, shown_rows = header[:4], [r[:4] for r in shown_rows]

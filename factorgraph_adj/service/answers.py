@@ -17,8 +17,7 @@ from ..incremental.absorbing import Arrival
 from ..incremental.adjustment import IncrementalAdjustment, Waiting
 from ..incremental.verdicts import Gain, Verdict
 from ..io.numbers import Units, write
-from ..models.registry import KINDS
-from ..observations import ImagePoint
+from ..observations import ImagePoint, observation_kind
 from ..quality.rejections import Snooping
 from ..quality.reliability import Reliability
 from ..report.context import Report
@@ -30,8 +29,6 @@ from ..units import ANGLE, LENGTH
 Answer = dict[str, Any]
 MOST_WAITING = 20
 """Observations that wait that an answer names; ``waiting`` asks for all."""
-POINTS = ("station", "target", "target2", "point")
-"""Attributes of observations that name points."""
 MOST_PROBLEMS = 100
 """Problems that an answer lists."""
 MOST_TEXT = 600
@@ -70,7 +67,7 @@ class Answers:
     def points_of(self, ids: Iterable[str]) -> list[str]:
         """Return the points that observations join."""
         found = [self.adjustment.observation(i) for i in ids]
-        names = (getattr(o, n, None) for o in found for n in POINTS)
+        names = (n for o in found for n in o.points())
         return list(dict.fromkeys(n for n in names if n is not None))
 
     def points(self, names: Iterable[str]) -> tuple[list[Answer], list[str]]:
@@ -145,7 +142,7 @@ class Answers:
                 photo = cast(ImagePoint, self.adjustment.observation(v.id)).photo
                 units = {network.cameras[network.photos[photo].camera].unit}
             return image_scale(units.pop())
-        return scale_of(v.kind, KINDS[v.kind].unit if v.kind in KINDS else "m", self.units)
+        return scale_of(observation_kind(v.kind).unit, self.units)
 
     def gain(self, g: Gain) -> Answer:
         """Return σ of a point before and after an observation."""

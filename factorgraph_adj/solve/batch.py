@@ -18,6 +18,7 @@ from ..graph.equations import Equations, compile_network
 from ..graph.extra import linearise_extra
 from ..graph.variables import State
 from ..models.image import depth
+from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..types import Array, Mask
 from .datum import Defect, FreeDatum, find_defects, minimal_datum
@@ -26,7 +27,7 @@ from .free_network import SHRINKING, Carried, carry, datum_columns
 from .inner import follow
 from .linear import ExtraRows
 from .normal import NormalEquations, Solver
-from .rank import LISTED, NOUN, describe_defects, undetermined
+from .rank import LISTED, describe_defects, undetermined
 from .solution import Solution
 from .tree import SingularError
 
@@ -415,7 +416,7 @@ def _undamped(run: _Run, normal: NormalEquations) -> float:
 
 
 def _drifting(run: _Run, bound: float) -> str:
-    names = [f"{NOUN[kind]} {name!r}" for kind, name in run.drifting]
+    names = [f"{UNKNOWNS[kind].noun} {name!r}" for kind, name in run.drifting]
     listed = ": " + ", ".join(names[:LISTED]) if names else ""
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
     return (

@@ -16,7 +16,6 @@ no observation notices (`transform`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -27,7 +26,10 @@ from scipy.sparse.csgraph import connected_components
 
 from ..graph.equations import Equations
 from ..graph.variables import State, Variables
-from ..rotation import exp_rotation, skew
+from ..models.motions import Motions
+from ..models.variables import UNKNOWNS, VariableKind
+from ..network.entities import parameter_name
+from ..rotation import exp_rotation
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
 
@@ -45,9 +47,6 @@ UNNOTICED = 1e-9
 UNNOTICED_IF_FREE = 1e-7
 """The same where a free network is asked for: a rotation that only the heights of antennas on
 the curved Earth notice, or the like, is no datum."""
-GEOMETRIC = ("point", "pose", "orientation", "vertical")
-
-
 About: TypeAlias = tuple[Array, float]
 """Centre (3,) of rotations and scale, and the mean distance from it, metres."""
 
@@ -67,33 +66,48 @@ def generators(equations: Equations, state: State, about: About | None = None) -
         G, (n_columns, 7).
     """
     unknowns = equations.unknowns
-    points = state["point"]
-    centre, size = middle(state) if about is None else about
+    motions = motions_of(equations, state, about)
     g = np.zeros((unknowns.n_columns, 7))
-
-    def moves(x: Array) -> Array:
-        """Return ∂X/∂(seven motions), (n, 3, 7)."""
-        out = np.zeros((len(x), 3, 7))
-        out[:, :, :3] = np.eye(3)
-        out[:, :, 3:6] = -skew(x - centre) / size
-        out[:, :, 6] = (x - centre) / size
-        return out
-
-    table = unknowns["point"]
-    on = np.flatnonzero(table.offset >= 0)
-    g[table.offset[on, None] + np.arange(3)] = moves(points[on])
-    table = unknowns["pose"]
-    on = np.flatnonzero(table.offset >= 0)
-    pose = state["pose"][on]
-    rotation = pose[:, :9].reshape(-1, 3, 3)
-    g[table.offset[on, None] + np.arange(3), 3:6] = rotation.transpose(0, 2, 1) / size
-    g[table.offset[on, None] + np.arange(3, 6)] = moves(pose[:, 9:])
-    _turn_stations(equations, state, g, moves, size)
-    table = unknowns["edm"]
-    on = np.flatnonzero(table.offset >= 0)
-    g[table.offset[on], 6] = -(1.0 + state["edm"][on, 0]) / size
+    for kind, table in unknowns.tables.items():
+        record = UNKNOWNS[kind]
+        on = np.flatnonzero(table.offset >= 0)
+        if record.motions is not None and len(on):
+            moved = record.motions(motions, state[kind][on], _places(equations, kind, on))
+            for j in range(moved.shape[1]):
+                has = j < table.size[on]
+                g[table.offset[on[has]] + j] = moved[has, j]
     g[~unknowns.free] = 0.0
     return g
+
+
+def motions_of(equations: Equations, state: State, about: About | None = None) -> Motions:
+    """Return the seven motions of a network about a centre, that of the points if none."""
+    unknowns = equations.unknowns
+    centre, size = middle(state) if about is None else about
+    verticals = unknowns["vertical"]
+    which = np.array([verticals.number.get(n, 0) for n in unknowns["point"].names], dtype=np.intp)
+    free: Mask = np.any(verticals.free, axis=1)
+    return Motions(
+        centre,
+        size,
+        equations.network.frame,
+        state["point"],
+        state["vertical"][which],
+        free[which],
+    )
+
+
+def _places(equations: Equations, kind: VariableKind, on: Index) -> Index:
+    """Return the numbers of the points at which variables stand, −1 where they do not."""
+    if not UNKNOWNS[kind].at_point:
+        return np.full(len(on), -1, dtype=np.intp)
+    unknowns = equations.unknowns
+    point_of = {
+        parameter_name(key): key if isinstance(key, str) else key[0]
+        for key in equations.network.of_kind(kind)
+    }
+    names = [point_of[unknowns[kind].names[i]] for i in on.tolist()]
+    return np.array([unknowns["point"].number[n] for n in names], dtype=np.intp)
 
 
 def middle(state: State) -> About:
@@ -102,51 +116,6 @@ def middle(state: State) -> About:
     centre = points.mean(axis=0) if len(points) else state["pose"][:, 9:].mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)))) if len(points) else 1.0
     return centre, size or 1.0
-
-
-def _turn_stations(
-    equations: Equations,
-    state: State,
-    g: Array,
-    moves: Callable[[Array], Array],
-    size: float,
-) -> None:
-    """Fill in how verticals and orientation unknowns follow."""
-    unknowns, network = equations.unknowns, equations.network
-    number = unknowns["point"].number
-    verticals = unknowns["vertical"]
-    stations = [o[0] for o in network.orientations]
-    names = list(dict.fromkeys([*network.verticals, *stations]))
-    if not names:
-        return
-    x = state["point"][[number[n] for n in names]]
-    which = [verticals.number.get(n, 0) for n in names]
-    basis = network.frame.basis(x, state["vertical"][which])
-    enu = basis.enu
-    dx = moves(x)
-    turned = -skew(enu[:, 2]) / size  # ω × u
-    wanted = np.zeros((len(names), 2, 7))
-    wanted[:, 0, 3:6] = np.einsum("ni,nij->nj", enu[:, 1], turned)
-    wanted[:, 1, 3:6] = (
-        np.einsum("ni,nij->nj", enu[:, 0], turned) / np.maximum(basis.cos_latitude, 1e-12)[:, None]
-    )
-    by_position = basis.angles_by_position @ dx
-    free: Mask = np.any(verticals.free[which], axis=1)
-    angles = np.where(free[:, None, None], wanted, by_position)
-    deflections = np.linalg.solve(basis.angles_by_vertical, wanted - by_position)
-    handed = np.linalg.det(enu)
-    for i in range(len(names)):
-        if free[i]:
-            offset = verticals.offset[which[i]]
-            g[offset : offset + 2] = deflections[i]
-    orientation = unknowns["orientation"]
-    turn = basis.sin_latitude[:, None] * angles[:, 1]
-    turn[:, 3:6] -= enu[:, 2] / size
-    turn *= handed[:, None]
-    place = {n: i for i, n in enumerate(names)}
-    for j, station in enumerate(stations):
-        if orientation.offset[j] >= 0:
-            g[orientation.offset[j]] = turn[place[station]]
 
 
 def parts(equations: Equations) -> Index:
@@ -165,7 +134,9 @@ def parts(equations: Equations) -> Index:
             right.append(table.offset[has] + j)
     for block in equations.blocks:
         offsets = [
-            unknowns[kind].offset[index] for kind, index in block.variables if kind in GEOMETRIC
+            unknowns[kind].offset[index]
+            for kind, index in block.variables
+            if UNKNOWNS[kind].connects
         ]
         for i, a in enumerate(offsets):
             for b in offsets[i + 1 :]:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..types import Array, Index, Mask
 from .datum import FreeDatum, minimal_datum
 from .factor import Factor

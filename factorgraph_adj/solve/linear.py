@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns, Variables
-from ..models.registry import VariableKind
+from ..models.variables import VariableKind
 from ..types import Array, Index
 
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from ..graph.blocks import Block
 from ..graph.equations import Equations
-from ..graph.variables import ORDER, Unknowns
-from ..models.registry import VariableKind
+from ..graph.variables import Unknowns
+from ..models.variables import VariableKind
 from ..types import Index, Mask
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def make_plan(equations: Equations, *, reduce_points: bool, touched: Mask) -> Pl
     in_border = np.full(unknowns.n_columns, -1, dtype=np.intp)
     in_border[border] = np.arange(len(border))
     tree: list[tuple[VariableKind, int]] = []
-    for kind in ORDER:
+    for kind in unknowns.tables:
         offset = unknowns[kind].offset
         inside = (offset >= 0) & (in_border[np.maximum(offset, 0)] < 0)
         if kind == "point":

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import DatumError
 from ..graph.variables import Unknowns
-from ..models.registry import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index
 from .datum import Defect, in_part
 from .factor import Factor
@@ -27,15 +27,6 @@ MOST_UNOBSERVED = 400
 """The same for unknowns without any observation."""
 LISTED = 12
 """Unknowns that a message names."""
-NOUN = {
-    "point": "point",
-    "pose": "photo",
-    "calibration": "calibration of camera",
-    "orientation": "orientation of set",
-    "refraction": "refraction group",
-    "vertical": "vertical of station",
-    "edm": "distance meter",
-}
 
 
 def null_space(system: LinearSystem, diagonal: Array) -> Array:
@@ -110,8 +101,8 @@ def undetermined(
             names.append(name)
             why = _support(system, kind, number, diagonal)
             lines.append(
-                f"{NOUN[kind]} {name!r} is not determined ({why}; weakest component: {weakest},"
-                f" share {share:.2f})"
+                f"{UNKNOWNS[kind].noun} {name!r} is not determined ({why}; weakest component: "
+                f"{weakest}, share {share:.2f})"
             )
         if len(shares) > LISTED:
             lines.append(f"… and {len(shares) - LISTED} more")

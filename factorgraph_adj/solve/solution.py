@@ -12,7 +12,7 @@ import numpy as np
 from ..errors import InputError, known
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.registry import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..rotation import omega_phi_kappa
 from ..types import Array, Index
@@ -303,6 +303,13 @@ class Solution:
         """Return scale (dimensionless) and zero constant (metres) of a distance meter."""
         return self._estimate("edm", name)
 
+    def unknown(self, kind: VariableKind, name: str) -> Estimate:
+        """Return an unknown of any kind by its name, SI.
+
+        Standard deviations of the three components of a rotation are about the turned axes.
+        """
+        return self._estimate(kind, name)
+
     @cached_property
     def observations(self) -> ObservationTable:
         """Every scalar observation with its residual."""
@@ -430,9 +437,8 @@ class Solution:
         """
         table = self.equations.unknowns[kind]
         if name not in table.number:
-            noun = {"pose": "photo", "calibration": "camera", "edm": "distance meter"}
             raise InputError(
-                f"unknown {noun.get(kind, kind)} {name!r}; known: {known(table.names)}"
+                f"unknown {UNKNOWNS[kind].title} {name!r}; known: {known(table.names)}"
             )
         return table.number[name]
 
@@ -450,7 +456,7 @@ class Solution:
         safe = np.where(sigmas > 0, sigmas, 1.0)
         return Estimate(
             names,
-            self.state[kind][number, : len(names)].copy(),
+            self.equations.unknowns.given(self.state, kind, number),
             sigmas,
             covariance / np.outer(safe, safe),
         )

@@ -16,6 +16,7 @@ import gtsam
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..models.variables import UNKNOWNS
 from ..types import Array, Index
 from .linear import LinearSystem
 from .plan import Plan
@@ -221,9 +222,7 @@ class TreeFactors:
         plan = self.plan
         table = plan.unknowns
         late = [
-            int(table[kind].offset[number])
-            for kind, number in plan.tree
-            if kind in ("pose", "calibration", "edm", "refraction")
+            int(table[kind].offset[number]) for kind, number in plan.tree if UNKNOWNS[kind].late
         ]
         inside = set(first)
         present = set(graph.keyVector())

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from factorgraph_adj.cli import adjust as cli_adjust
 from factorgraph_adj.cli import main as cli
 from factorgraph_adj.io.write_project import write_project
 from tests.networks.projects import OBSERVATIONS, POINTS, PROJECT, write
@@ -230,15 +231,16 @@ def test_an_interrupted_first_run_leaves_no_folder(block, tmp_path, monkeypatch,
 def test_ctrl_c_ends_with_130_and_writes_nothing(block, tmp_path):
     waits = (
         "import sys, time\n"
-        "from factorgraph_adj.cli import main as cli\n"
-        "real = cli.adjust\n"
+        "from factorgraph_adj.cli import adjust as command\n"
+        "from factorgraph_adj.cli.main import main\n"
+        "real = command.adjust\n"
         "def slow(network, *, progress, **options):\n"
         "    def wait(*figures):\n"
         "        print('ready', flush=True)\n"
         "        time.sleep(60)\n"
         "    return real(network, progress=wait, **options)\n"
-        "cli.adjust = slow\n"
-        "sys.exit(cli.main(sys.argv[1:]))\n"
+        "command.adjust = slow\n"
+        "sys.exit(main(sys.argv[1:]))\n"
     )
     command = [sys.executable, "-c", waits, "adjust", str(block), "--out", str(tmp_path / "out")]
     with subprocess.Popen(
@@ -257,7 +259,7 @@ def test_a_fault_of_the_program_is_no_traceback(block, monkeypatch, capsys):
     def broken(*_, **__):
         raise ZeroDivisionError("by hand")
 
-    monkeypatch.setattr(cli, "adjust", broken)
+    monkeypatch.setattr(cli_adjust, "adjust", broken)
     assert cli.main(["adjust", str(block)]) == 3
     error = capsys.readouterr().err
     assert error.startswith("factorgraph-adj failed: ZeroDivisionError: by hand\n")

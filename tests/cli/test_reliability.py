@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from factorgraph_adj.cli import adjust as cli_adjust
 from factorgraph_adj.cli import main as cli
 from factorgraph_adj.io.write_project import write_project
 from factorgraph_adj.quality.rejections import Unresolved
@@ -126,7 +127,7 @@ def test_sidak_shares_alpha_among_all_tests(block, here):
 
 
 def test_what_cannot_be_set_aside_ends_with_1(block, monkeypatch, here):
-    real = cli.snoop
+    real = cli_adjust.snoop
 
     def unresolved(*arguments, **options):
         found = real(*arguments, **options)
@@ -134,7 +135,7 @@ def test_what_cannot_be_set_aside_ends_with_1(block, monkeypatch, here):
         left = Unresolved(first.id, first.kind, "?", first.component, 4.0, 0.01, "by hand")
         return replace(found, unresolved=(left,))
 
-    monkeypatch.setattr(cli, "snoop", unresolved)
+    monkeypatch.setattr(cli_adjust, "snoop", unresolved)
     result = here("adjust", block, "--snoop")
     assert result.returncode == 1
     assert "UNRESOLVED" in result.stdout
@@ -180,9 +181,9 @@ def test_variance_components_come_after_snooping(wrong, here):
 
 
 def test_variance_components_that_do_not_come_to_rest_end_with_1(block, monkeypatch, here):
-    real = cli.variance_components
+    real = cli_adjust.variance_components
     monkeypatch.setattr(
-        cli, "variance_components", lambda *a, **k: real(*a, **(k | {"max_iterations": 1}))
+        cli_adjust, "variance_components", lambda *a, **k: real(*a, **(k | {"max_iterations": 1}))
     )
     result = here("adjust", block, "--variance-components", "--quiet")
     assert result.returncode == 1
@@ -271,7 +272,7 @@ def test_figures_are_those_of_the_clean_network_where_that_is_asked_for(
 
 
 def test_without_matplotlib_plot_says_what_to_install(block, tmp_path, here, monkeypatch):
-    monkeypatch.setattr(cli, "find_spec", lambda name: None)
+    monkeypatch.setattr(cli_adjust, "find_spec", lambda name: None)
     result = here("plot", block, "--out", tmp_path / "out")
     assert (result.returncode, result.stdout) == (2, "")
     assert 'plots need matplotlib, which is not installed: pip install "factorgraph_adj[plot]"' in (

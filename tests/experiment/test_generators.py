@@ -60,8 +60,8 @@ from factorgraph_adj.experiment.simulate import SimulatedNetwork
 from factorgraph_adj.experiment.spec import Approximate, Earth, Spec, design, simulate
 from factorgraph_adj.experiment.systematic import AffineFilm, LensDistortion, Refraction, Tape
 from factorgraph_adj.frames import LocalFrame, TopocentricFrame
-from factorgraph_adj.graph.variables import ORDER
-from factorgraph_adj.observations import OBSERVATIONS, ControlPoint, Direction, HeightDifference
+from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.observations import KINDS, ControlPoint, Direction, HeightDifference
 
 CONFIDENCE = 0.999
 NEARLY = Approximate(points=0.1, centres=0.1, attitudes_deg=0.2)
@@ -306,7 +306,7 @@ def test_control_is_given_by_pattern_and_held_or_weighted(
 def test_geometry_has_no_stream_of_random_numbers_that_errors_have() -> None:
     """Neither noise, approximate values, weighted unknowns, gross errors nor drop-outs."""
     seed = 5
-    errors = [(seed, kind) for kind in range(len(OBSERVATIONS) + 1 + len(ORDER))]
+    errors = [(seed, kind) for kind in range(len(KINDS) + 1 + len(UNKNOWNS))]
     errors += [(seed, tag, i) for tag in (GROSS, DROPPED) for i in range(20)]
     first = [np.random.default_rng(words).random() for words in errors]
     for number in range(20):

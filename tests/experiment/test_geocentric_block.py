@@ -20,7 +20,7 @@ from factorgraph_adj.experiment.geocentric_block import (
     simulate_geocentric_block,
 )
 from factorgraph_adj.experiment.simulate import SimulatedNetwork, Truth
-from factorgraph_adj.models.registry import VariableKind
+from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     OBSERVATIONS,

@@ -19,8 +19,8 @@ from scipy import stats
 
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.experiment.blas import _libraries
-from factorgraph_adj.experiment.repetition import DIED, Outcome, repeat
-from factorgraph_adj.experiment.results import Repetition, Results
+from factorgraph_adj.experiment.repetition import DIED, Outcome, Repetition, repeat
+from factorgraph_adj.experiment.results import Results
 from factorgraph_adj.experiment.runs import Experiment, run
 from tests.support import trials
 from tests.support.places import ROOT

@@ -20,7 +20,7 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.models.registry import VariableKind
+from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.types import Array, Mask
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box

@@ -14,7 +14,7 @@ from factorgraph_adj.graph import factors
 from factorgraph_adj.graph.build import Graph, build_graph
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.graph.extra import linearise_extra
-from factorgraph_adj.graph.keys import KeyMap, pose_from_gtsam, state_of, values_of
+from factorgraph_adj.graph.keys import KeyMap, from_gtsam, state_of, values_of
 from factorgraph_adj.models.lens import BrownLens, NoDistortion, NormalisedLens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
@@ -54,8 +54,7 @@ def normal_equations(built: Graph) -> tuple[Array, Array]:
             kind, number = keys.variable(key)
             size = int(unknowns[kind].size[number])
             part = a[:, first : first + size]
-            if kind == "pose":
-                part = pose_from_gtsam(part, state["pose"][number, :9].reshape(3, 3))
+            part = from_gtsam(kind, part, state[kind][number])
             full[:, unknowns.columns(kind, number)] = part
             first += size
         n += full.T @ full
@@ -522,7 +521,7 @@ def test_a_smart_factor_enters_by_a_root_of_its_information() -> None:
     ((columns, a, r),) = linearise_extra([smart], equations, state)
     information = smart.linearize(values).information()
     assert 0.5 * float(r @ r) == pytest.approx(smart.error(values), rel=1e-9)
-    turn = pose_from_gtsam(np.eye(6), state["pose"][0, :9].reshape(3, 3))
+    turn = from_gtsam("pose", np.eye(6), state["pose"][0])
     np.testing.assert_allclose(
         (a.T @ a)[:6, :6],
         turn.T @ information[:6, :6] @ turn,

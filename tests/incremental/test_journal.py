@@ -27,7 +27,7 @@ from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.write_project import write_project
 from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import OBSERVATIONS
+from factorgraph_adj.observations import KINDS
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.stochastic import StandardDeviation
 from tests.networks.every_kind import FRAMES as EVERY_FRAME
@@ -69,7 +69,7 @@ def covariance(size: int, rng: np.random.Generator) -> np.ndarray:
 
 def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     """Draw an observation of a kind; every attribute that it has may be filled."""
-    cls = OBSERVATIONS[kind]
+    cls = KINDS[kind].observation
     have = {f.name: f for f in fields(cls)}
     free = iter(rng.permutation(["1", "B, 2", "#C", '"D" ü', " E ", "7.50"]).tolist())
     names = ("station", "target", "target2", "point", "photo", "instrument", "refraction", "set")
@@ -106,7 +106,7 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     return cls(**out)
 
 
-@pytest.mark.parametrize("kind", OBSERVATIONS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_an_observation_of_any_kind_comes_back_to_the_bit(kind):
     for seed in SEEDS:
         given = drawn(kind, np.random.default_rng(seed))
@@ -123,7 +123,7 @@ def test_the_observations_of_every_kind_come_back_to_the_bit(kind):
 
 
 def test_correlated_observations_come_back_to_the_bit():
-    kinds = [k for k in OBSERVATIONS if k != "image"]
+    kinds = [k for k in KINDS if k != "image"]
     for seed in SEEDS:
         rng = np.random.default_rng(seed)
         members = tuple(drawn(str(k), rng) for k in rng.choice(kinds, size=rng.integers(1, 5)))

@@ -25,7 +25,7 @@ from factorgraph_adj.io.write_project import exact_angles, write_project
 from factorgraph_adj.models import lens
 from factorgraph_adj.models.registry import LENSES
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import OBSERVATIONS as KINDS
+from factorgraph_adj.observations import KINDS
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.stochastic import StandardDeviation
@@ -163,7 +163,7 @@ PART = st.floats(min_value=0, max_value=10)
 def any_observation(draw):
     """Draw an observation of any kind but image."""
     kind = draw(st.sampled_from([k for k in KINDS if k != "image"]))
-    cls = KINDS[kind]
+    cls = KINDS[kind].observation
     names = {f.name for f in fields(cls)}
     have = [n for n in ("station", "target", "target2", "point", "photo") if n in names]
     chosen = draw(st.lists(NAME, min_size=len(have), max_size=len(have), unique=True))

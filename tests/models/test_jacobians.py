@@ -7,8 +7,9 @@ import pytest
 
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import BrownLens
-from factorgraph_adj.models.registry import KINDS, LENSES
+from factorgraph_adj.models.registry import LENSES
 from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import KINDS
 from factorgraph_adj.rotation import world_R_camera
 from tests.networks import every_kind
 from tests.networks.every_kind import FRAMES, GEOMETRIES, LENSES_USED, OBSERVED, VIEWS
@@ -32,7 +33,7 @@ def test_partials_of_image_coordinates_are_right_for_every_lens(lens: str, view:
 
 
 def test_every_registered_kind_and_lens_is_checked() -> None:
-    assert set(OBSERVED) == {*KINDS, "control", "gnss_position"}
+    assert set(OBSERVED) == {*KINDS} - {"image"}  # image coordinates are checked by lens
     assert {type(c.lens) for c in LENSES_USED.values()} == set(LENSES.values())
 
 

@@ -15,10 +15,10 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.experiment.runs import Experiment, run
 from factorgraph_adj.experiment.summary import Summary
 from factorgraph_adj.papers import tables_1981, tables_1986
+from factorgraph_adj.papers.comparison import Comparison, compared
 from factorgraph_adj.papers.systematic_1986 import TABLE_6, Layout, effect, layout, spec_of
 from factorgraph_adj.papers.tables_1981 import ISP_CASES, isp_inside, isp_trial
 from factorgraph_adj.papers.tables_1986 import AERIAL, CLOSE_RANGE, aerial, close_range
-from factorgraph_adj.report.comparison import Comparison, compared
 
 REPETITIONS = 3
 LAYOUTS = ("layout 1", "layout 2", "layout 3")
@@ -268,7 +268,7 @@ def test_a_comparison_refuses_a_row_of_another_length() -> None:
 
 def test_a_comparison_is_drawn_with_a_bar_for_each_figure() -> None:
     pytest.importorskip("matplotlib")
-    from factorgraph_adj.report.plots import plot_comparison
+    from factorgraph_adj.papers.comparison_plot import plot_comparison
 
     averages = tables_1986.TABLE_1["aerial"]
     rows = tuple(compared(f"{n}", row, row) for n, row in averages.items())

@@ -30,9 +30,9 @@ from factorgraph_adj.observations import (
     HeightDifference,
     SlopeDistance,
 )
-from factorgraph_adj.quality.global_test import global_test
 from factorgraph_adj.quality.group_redundancy import group_redundancy, sharpened
 from factorgraph_adj.quality.observation_groups import Groups, observation_groups
+from factorgraph_adj.quality.unit_weight import global_test
 from factorgraph_adj.quality.variance_components import (
     VarianceComponent,
     VarianceComponents,

@@ -17,8 +17,8 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import GeocentricFrame, TopocentricFrame
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.quality.global_test import global_test
 from factorgraph_adj.quality.reliability import reliability
+from factorgraph_adj.quality.unit_weight import global_test
 from factorgraph_adj.report import layout
 from factorgraph_adj.report.context import Report
 from factorgraph_adj.report.tables import write_solution

@@ -1,6 +1,5 @@
 """Figures of an adjustment; they need the extra ``plot`` (matplotlib)."""
 
-from .comparison import plot_comparison
 from .growth import plot_growth
 from .images import plot_mean_photo, plot_photo_residuals, plot_photos
 from .network import plot_network
@@ -8,7 +7,6 @@ from .save import save_plots
 from .statistics import plot_qq, plot_redundancy, plot_w
 
 __all__ = [
-    "plot_comparison",
     "plot_growth",
     "plot_mean_photo",
     "plot_network",

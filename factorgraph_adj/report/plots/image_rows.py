@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import chi2
 
 from ...graph.variables import calibration_name
+from ...quality.distributions import chi2_quantile
 from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 
@@ -140,7 +140,7 @@ def mean_photo(own: ImageRows, corners: tuple[Array, Array], cells: int) -> Mean
         start + side * (np.stack([code // n[1], code % n[1]], 1) + 0.5),
         residual,
         count.astype(np.intp),
-        test > chi2.ppf(1 - ALPHA, 2),
+        test > chi2_quantile(1 - ALPHA, 2),
     )
 
 

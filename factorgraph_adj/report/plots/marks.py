@@ -56,7 +56,7 @@ def status_of(solution: Solution) -> Status:
     free = table.free[:, asked]
     known, station = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     for block in solution.equations.blocks:
-        if block.kind in ("control", "gnss_position"):
+        if block.by_axis:
             known[block.variables[0][1]] = True
         elif block.kind in SET_UP:
             station[block.variables[0][1]] = True

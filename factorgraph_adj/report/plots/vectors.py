@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import norm
 
 from ...errors import InputError
+from ...quality.distributions import normal_quantile
 from ...quality.reliability import Reliability
 from ...solve.solution import Solution
 from ...types import Array, Mask
@@ -47,7 +47,7 @@ class Tests:
 def tests_of(solution: Solution, reliability: Reliability | None) -> Tests:
     """Return w where reliability is known, else v/σ; InputError if it is another solution's."""
     if reliability is None:
-        limit = float(norm.ppf(1 - ALPHA / 2))
+        limit = normal_quantile(1 - ALPHA / 2)
         return Tests(solution.observations.normalised, limit, "v/σ")
     if reliability.solution is not solution:
         raise InputError("the reliability belongs to another solution than the one to be drawn")

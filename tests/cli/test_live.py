@@ -14,7 +14,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from factorgraph_adj.cli import main as cli
-from factorgraph_adj.report.live import LATENCIES, REMEMBERED, LiveView, live_view
+from factorgraph_adj.cli.live import LATENCIES, REMEMBERED, LiveView, live_view
 from tests.networks.projects import write
 from tests.networks.yard import ARRIVALS, WRONG, YARD
 from tests.support.told import open_stream

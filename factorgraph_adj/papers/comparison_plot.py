@@ -1,4 +1,4 @@
-"""Printed figures beside computed ones, as bars."""
+"""Published tables beside computed ones, as bars."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..comparison import Comparison
-from .style import BLUE, PALE, beside, drawn, headline, new_figure
+from ..report.plots.style import BLUE, PALE, beside, drawn, headline, new_figure
+from .comparison import Comparison
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -16,7 +16,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any, TextIO
 
 from ..errors import InputError
-from .layout import decimals, short
+from ..report.layout import decimals, short
 
 if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult

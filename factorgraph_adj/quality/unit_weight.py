@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from scipy.stats import chi2
-
 from ..errors import InputError
+from .distributions import chi2_quantile
 
 if TYPE_CHECKING:
     from ..solve.solution import Solution
@@ -54,5 +53,5 @@ def global_test(solution: Solution, *, confidence: float = 0.95) -> GlobalTest:
     if r <= 0:
         return GlobalTest(solution.vtpv, r, confidence, 0.0, float("inf"))
     tail = (1.0 - confidence) / 2.0
-    low, high = (float(chi2.ppf(p, r)) for p in (tail, 1.0 - tail))
+    low, high = (chi2_quantile(p, r) for p in (tail, 1.0 - tail))
     return GlobalTest(solution.vtpv, r, confidence, (low / r) ** 0.5, (high / r) ** 0.5)

@@ -1,4 +1,4 @@
-"""Printed figures beside computed ones, as text."""
+"""Published tables beside computed ones, as text."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import nan
 
 from ..errors import InputError
-from . import layout
+from ..report import layout
 
 
 @dataclass(frozen=True)

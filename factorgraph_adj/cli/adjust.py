@@ -1,0 +1,209 @@
+"""The commands ``factorgraph-adj adjust`` and ``plot``: an adjustment as protocol or figures."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+
+from ..errors import InputError, Problem
+from ..io.project import Project
+from ..io.readers import READERS
+from ..quality.rejections import Snooping
+from ..quality.snooping import snoop
+from ..quality.unit_weight import global_test
+from ..quality.variance_components import VarianceComponents, variance_components
+from ..report.context import Report
+from ..report.tables import write_tables
+from ..report.text import render
+from ..solve.batch import adjust
+from ..solve.solution import Solution
+from .check import refuse_problems
+from .exit_codes import DOUBTFUL, FINE
+from .messages import iteration, progress
+from .options import add_adjustment, add_project, count, probability
+
+SUSPECTS = 15
+"""Number of suspects that the protocol lists where --rows is not given."""
+
+
+def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add the commands."""
+    run = commands.add_parser("adjust", help="adjust a project and print the protocol")
+    add_project(run)
+    run.add_argument("--out", metavar="DIR", help="write protocol, solution.json and CSV tables")
+    run.add_argument(
+        "--rows",
+        type=count,
+        metavar="N",
+        help=f"rows of a list in the protocol (60, and {SUSPECTS} suspects)",
+    )
+    run.add_argument("--quiet", action="store_true", help="print no protocol")
+    run.add_argument(
+        "--ellipses",
+        type=probability,
+        metavar="CONF",
+        help="error ellipses of points and ellipsoids of projection centres, such as 0.95",
+    )
+    add_adjustment(run)
+    run.set_defaults(run=_adjust)
+    plot = commands.add_parser("plot", help="adjust a project and draw it")
+    add_project(plot)
+    plot.add_argument("--out", metavar="DIR", required=True, help="where the figures go")
+    plot.add_argument("--format", choices=("png", "svg", "pdf"), default="png", help="(png)")
+    plot.add_argument(
+        "--ellipses", type=probability, default=0.95, metavar="CONF", help="of the plan (0.95)"
+    )
+    add_adjustment(plot)
+    plot.set_defaults(run=_plot)
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """A project and the result of its adjustment."""
+
+    project: Project
+    """The project as read."""
+    solution: Solution
+    """The last adjustment."""
+    snooping: Snooping | None
+    """The search for gross errors that came before it, where one was asked for."""
+    components: VarianceComponents | None
+    """The variance components that gave its weights, where they were asked for."""
+
+
+def _solve(options: argparse.Namespace) -> Adjusted:
+    """Read, check and adjust as the options say.
+
+    Raises:
+        InputError: options that contradict each other, or problems of the input.
+    """
+    _refuse_options(options)
+    project = READERS.load(options.project)
+    network = project.network
+    if options.datum is not None:
+        network.datum = options.datum
+    refuse_problems(project)
+    variance = options.variance or project.options.variance
+    found = weights = None
+    with progress(network.name) as show:
+        solution = adjust(
+            network,
+            variance=variance,
+            max_iterations=options.max_iterations or project.options.max_iterations,
+            progress=show and (lambda *figures: show(iteration(*figures))),
+        )
+        if _snoops(options):
+            found = snoop(
+                network,
+                alpha=options.alpha,
+                power=options.power,
+                test=options.test or ("pope" if variance == "a-posteriori" else "baarda"),
+                sidak=options.sidak,
+                robust=options.robust,
+                variance=variance,
+                start=solution,
+                progress=show
+                and (lambda r: show(f"round {r.number}: {r.suspects} suspects, σ̂0 {r.sigma0:.4g}")),
+            )
+            solution = found.solution
+        if options.variance_components is not None:
+            weights = variance_components(solution.network, groups=options.variance_components)
+            solution = replace(weights.solution, variance=variance)
+    return Adjusted(project, solution, found, weights)
+
+
+def _refuse_options(options: argparse.Namespace) -> None:
+    """Raise what is wrong with the options, before anything is read."""
+    problems = []
+    if options.out is not None and Path(options.out).exists() and not Path(options.out).is_dir():
+        problems.append(Problem("--out must be a folder", options.out))
+    if options.alpha >= options.power:
+        problems.append(
+            Problem(f"--alpha {options.alpha:g} must be less than --power {options.power:g}")
+        )
+    if options.sidak and not _snoops(options):
+        problems.append(Problem("--sidak belongs to --snoop"))
+    if problems:
+        raise InputError(problems)
+
+
+def _snoops(options: argparse.Namespace) -> bool:
+    """Return whether gross errors are searched; a robust start implies the search."""
+    return bool(options.snoop) or options.robust is not None
+
+
+def _adjust(options: argparse.Namespace) -> int:
+    found = _solve(options)
+    report = Report(
+        found.solution,
+        found.project.units,
+        options.rows or 60,
+        options.out or "",
+        n_suspects=options.rows or SUSPECTS,
+        alpha=options.alpha,
+        power=options.power,
+        test=found.snooping.test if found.snooping is not None else options.test,
+        confidence=options.ellipses,
+        snooping=found.snooping,
+        original=found.project.network,
+        components=found.components,
+    )
+    if options.out is not None:
+        write_tables(report, options.out)
+    if not options.quiet:
+        print(render(report), end="", flush=True)
+    return _verdict(found)
+
+
+def _plot(options: argparse.Namespace) -> int:
+    from ..report.plots import save_plots
+    from ..report.plots.style import MISSING
+
+    if find_spec("matplotlib") is None:
+        raise InputError(MISSING)
+    found = _solve(options)
+    report = Report(
+        found.solution, alpha=options.alpha, power=options.power, snooping=found.snooping
+    )
+    files = save_plots(
+        found.solution,
+        options.out,
+        reliability=report.reliability,
+        format=options.format,
+        confidence=options.ellipses,
+    )
+    for file in files:
+        print(file)
+    return _verdict(found)
+
+
+def _verdict(found: Adjusted) -> int:
+    """Say on stderr what is doubtful, and return the exit code."""
+    solution, doubts = found.solution, []
+    test = global_test(solution)
+    if not solution.converged:
+        doubts.append(f"not converged: {solution.reason}")
+    elif not test.accepted:
+        doubts.append(
+            f"global test failed: σ̂0 = {test.sigma0:.4f}, accepted from {test.lower:.4f} "
+            f"to {test.upper:.4f}"
+        )
+    if found.components is not None and not found.components.converged:
+        doubts.append(f"variance components not converged: {found.components.reason}")
+    if found.snooping is not None:
+        aside = len(found.snooping.rejected)
+        aside += sum(len(p.rays) for p in found.snooping.points_set_aside)
+        if aside:
+            print(f"{aside} observation{'s' * (aside != 1)} set aside", file=sys.stderr)
+        left = len(found.snooping.unresolved)
+        if left:
+            doubts.append(
+                f"{left} observation{'s' * (left != 1)} above the critical value could not be set "
+                "aside"
+            )
+    for doubt in doubts:
+        print(doubt, file=sys.stderr)
+    return DOUBTFUL if doubts else FINE

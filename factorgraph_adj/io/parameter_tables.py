@@ -1,0 +1,210 @@
+"""Tables of unknowns that are parameters: their columns, and how rows are read and written.
+
+All follows from the record of the kind, see `factorgraph_adj.models.variables`: ``keys`` name the
+unknown; each component has a column of its value and one of its standard deviation; ``fixed`` or
+``free`` says what is held. A column has its unit at its end, such as ``zero_mm``, unless the
+component is plain: then it is in the unit of the project.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..errors import InputError
+from ..models.variables import Component, UnknownKind, UnknownTable
+from ..network.entities import FREE_ORIENTATION, Key, Parameter
+from ..network.network import Network
+from ..units import ANGLE, LENGTH
+from . import numbers
+from .numbers import Units
+from .tables import FALSE, TRUE, Row
+
+
+def table_of(kind: UnknownKind) -> UnknownTable:
+    """Return the table of a kind of parameters."""
+    assert kind.table is not None
+    return kind.table
+
+
+def _units(component: Component) -> tuple[str, ...]:
+    """Return the endings of the columns of a component: units, or nothing where it has none."""
+    if component.quantity == "length":
+        return tuple(LENGTH)
+    if component.quantity == "angle":
+        return tuple(ANGLE)
+    return ("ppm",) if component.quantity == "ppm" else ("",)
+
+
+def _column(component: Component) -> str:
+    return component.column or component.name
+
+
+def _sigma_column(kind: UnknownKind, component: Component) -> str:
+    """Return the column of a standard deviation without its unit."""
+    return "sigma" if kind.size == 1 else f"sigma_{_column(component)}"
+
+
+def _shares_sigma(kind: UnknownKind) -> bool:
+    """Return whether a column ``sigma`` may hold for all components."""
+    return kind.size > 1 and len({c.quantity for c in kind.components}) == 1
+
+
+def _join(name: str, unit: str) -> str:
+    return f"{name}_{unit}" if unit else name
+
+
+def columns_of(kind: UnknownKind) -> tuple[str, ...]:
+    """Return the columns of the table of a kind, in the order in which they are written."""
+    table = table_of(kind)
+    out = [*table.keys]
+    for c in kind.components:
+        out += [_column(c)] if c.plain else [_join(_column(c), u) for u in _units(c)]
+    if _shares_sigma(kind):
+        out += [_join("sigma", u) for u in _units(kind.components[0])]
+    for c in kind.components:
+        out += [_join(_sigma_column(kind, c), u) for u in _units(c)]
+    return (*out, "free" if table.held_unless_free else "fixed")
+
+
+# -- reading --------------------------------------------------------------------------------------
+
+
+def read_parameter(row: Row, kind: UnknownKind, key: Key, network: Network, units: Units) -> None:
+    """Put the unknown of a row into the network; what is wrong is noted in the row."""
+    given = [_value(row, c, units) for c in kind.components]
+    components = kind.components[: _size(row, kind, given)]
+    values = [c.start if v is None else v for c, v in zip(components, given, strict=False)]
+    sigma = _sigmas(row, kind, components)
+    names = [c.name for c in components]
+    if table_of(kind).held_unless_free:
+        free = _words(row, "free", names)
+        fixed = [n for n in names if n not in free and math.isinf(sigma[n])]
+    else:
+        fixed = _held(row, names)
+    if row.failed:
+        return
+    unknown = [n for n, v in zip(names, values, strict=True) if math.isnan(v)]
+    if any(n in fixed or math.isfinite(sigma[n]) for n in unknown):
+        column = _column(components[names.index(unknown[0])])
+        row.wrong(f"{column} is missing: a held or weighted {kind.name} needs one")
+        return
+    every = len(fixed) == len(names)
+    given_sigma = sigma if any(math.isfinite(s) for s in sigma.values()) else None
+    try:
+        network.set_unknown(
+            kind.name,
+            key,
+            np.nan_to_num(values).tolist(),
+            fixed=True if every else fixed,
+            sigma=given_sigma,
+        )
+    except InputError as error:
+        row.wrong_all(error)
+        return
+    if unknown:
+        network.of_kind(kind.name)[key] = FREE_ORIENTATION
+
+
+def _value(row: Row, component: Component, units: Units) -> float | None:
+    name = _column(component)
+    if component.plain:
+        return row.number(name, units.angle if component.quantity == "angle" else units.length)
+    if component.quantity in ("length", "angle"):
+        return row.quantity(name, _units(component))
+    return row.number(_join(name, _units(component)[0]), _units(component)[0])
+
+
+def _size(row: Row, kind: UnknownKind, given: list[float | None]) -> int:
+    """Return the number of components that a row states, where kinds have fewer than listed."""
+    if not kind.variable_size:
+        return kind.size
+    size = max((i + 1 for i, v in enumerate(given) if v is not None), default=0)
+    if size == 0:
+        row.wrong(f"{_column(kind.components[0])} is missing")
+    missing = [_column(kind.components[i]) for i in range(size) if given[i] is None]
+    if missing:
+        row.wrong(f"{missing[0]} is missing: components are given without a gap")
+    return size or kind.size
+
+
+def _sigmas(row: Row, kind: UnknownKind, components: tuple[Component, ...]) -> dict[str, float]:
+    """Return the standard deviations of the components; infinite where none is given."""
+    for_all = None
+    if _shares_sigma(kind):
+        for_all = row.quantity("sigma", _units(kind.components[0]), positive=True)
+    out = {}
+    for c in components:
+        name = _sigma_column(kind, c)
+        if c.quantity in ("length", "angle"):
+            found = row.quantity(name, _units(c), positive=True)
+        else:
+            found = row.number(_join(name, _units(c)[0]), _units(c)[0], positive=True)
+        shared = np.inf if for_all is None else for_all
+        out[c.name] = shared if found is None else found
+    return out
+
+
+def _words(row: Row, column: str, names: list[str]) -> list[str]:
+    """Return the components that a column names."""
+    words = (row.text(column, default="") or "").split()
+    wrong = [w for w in words if w not in names]
+    if wrong:
+        row.wrong(f"{column} must be some of {', '.join(names)}, not {wrong[0]!r}")
+    return words
+
+
+def _held(row: Row, names: list[str]) -> list[str]:
+    """Return the components that are held: all, none, or those that are named."""
+    text = str(row.fields.get("fixed") or "").lower()
+    if len(names) == 1 or text in (*TRUE, *FALSE) or not set(text.split()) & set(names):
+        return names if row.flag("fixed") else []
+    return _words(row, "fixed", names)
+
+
+# -- writing --------------------------------------------------------------------------------------
+
+
+def parameter_records(
+    network: Network, kind: UnknownKind, units: Units
+) -> Iterator[dict[str, str]]:
+    """Iterate over the rows of the table of a kind."""
+    table = table_of(kind)
+    for key, p in network.of_kind(kind.name).items():
+        keys = (key,) if isinstance(key, str) else key
+        out = dict(zip(table.keys, keys, strict=True))
+        for c, value in zip(kind.components, p.values, strict=False):
+            if not math.isnan(value):
+                unit = units.angle if c.plain and c.quantity == "angle" else _unit(c, units)
+                out[_column(c) if c.plain else _join(_column(c), unit)] = numbers.write(value, unit)
+        yield out | _sigma_record(kind, p, units) | _held_record(kind, p)
+
+
+def _unit(component: Component, units: Units) -> str:
+    """Return the unit in which a component is written."""
+    small = {"length": units.sigma_length, "angle": units.sigma_angle, "ppm": "ppm"}
+    return small.get(component.quantity, "")
+
+
+def _sigma_record(kind: UnknownKind, p: Parameter, units: Units) -> dict[str, str]:
+    first = _unit(kind.components[0], units)
+    if _shares_sigma(kind) and len(set(p.sigma)) == 1 and math.isfinite(p.sigma[0]):
+        return {_join("sigma", first): numbers.write(p.sigma[0], first)}
+    out = {}
+    for c, s in zip(kind.components, p.sigma, strict=False):
+        if math.isfinite(s):
+            name = _join(_sigma_column(kind, c), _unit(c, units))
+            out[name] = numbers.write(s, _unit(c, units))
+    return out
+
+
+def _held_record(kind: UnknownKind, p: Parameter) -> dict[str, str]:
+    names = kind.names(len(p.values))
+    if table_of(kind).held_unless_free:
+        parts = zip(names, p.fixed, p.sigma, strict=True)
+        return {"free": " ".join(n for n, held, s in parts if not held and not math.isfinite(s))}
+    if all(p.fixed):
+        return {"fixed": "yes"}
+    return {"fixed": " ".join(n for n, held in zip(names, p.fixed, strict=True) if held)}

@@ -1,0 +1,113 @@
+"""How unknowns follow a motion of the whole object: the seven that a datum may leave open.
+
+The seven motions are shifts along x, y, z (1 m), rotations about axes through a centre, and scale
+about it (1 m at the mean distance of the points). Each function returns G (n, k, 7), the change of
+the k components of n unknowns with the seven motions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..frames import Frame
+from ..rotation import skew
+from ..types import Array, Index, Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Seven motions of an object about a centre, and what stands at its points."""
+
+    centre: Array
+    """Centre of rotations and scale, (3,) metres."""
+    size: float
+    """Mean distance of the points from the centre, metres."""
+    frame: Frame
+    """Frame of the network."""
+    points: Array
+    """Coordinates of all points, (n_points, 3) metres."""
+    deflections: Array
+    """Deflection (ξ, η) of the vertical at each point, (n_points, 2) radians."""
+    deflections_free: Mask
+    """Whether the deflection at a point is unknown, (n_points,)."""
+
+    def of_places(self, x: Array) -> Array:
+        """Return how places x (n, 3) move, (n, 3, 7)."""
+        out = np.zeros((len(x), 3, 7))
+        out[:, :, :3] = np.eye(3)
+        out[:, :, 3:6] = -skew(x - self.centre) / self.size
+        out[:, :, 6] = (x - self.centre) / self.size
+        return out
+
+    @cached_property
+    def turn(self) -> Array:
+        """Rotation vector of the object, (3, 7)."""
+        out = np.zeros((3, 7))
+        out[:, 3:6] = np.eye(3) / self.size
+        return out
+
+    def at_stations(self, at: Index) -> _Stations:
+        """Return how the horizons of the points ``at`` (n,) turn."""
+        basis = self.frame.basis(self.points[at], self.deflections[at])
+        turned = -skew(basis.enu[:, 2]) / self.size  # ω × u
+        wanted = np.zeros((len(at), 2, 7))
+        wanted[:, 0, 3:6] = np.einsum("ni,nij->nj", basis.enu[:, 1], turned)
+        wanted[:, 1, 3:6] = (
+            np.einsum("ni,nij->nj", basis.enu[:, 0], turned)
+            / np.maximum(basis.cos_latitude, 1e-12)[:, None]
+        )
+        by_position = basis.angles_by_position @ self.of_places(self.points[at])
+        deflections = np.linalg.solve(basis.angles_by_vertical, wanted - by_position)
+        free = self.deflections_free[at]
+        angles = np.where(free[:, None, None], wanted, by_position)
+        turn = basis.sin_latitude[:, None] * angles[:, 1]
+        turn[:, 3:6] -= basis.enu[:, 2] / self.size
+        turn *= np.linalg.det(basis.enu)[:, None]
+        return _Stations(np.asarray(deflections), turn)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stations:
+    """Motions of what stands at stations."""
+
+    deflections: Array
+    """Of (ξ, η), (n, 2, 7)."""
+    orientation: Array
+    """Of the orientation unknown, (n, 7)."""
+
+
+def of_points(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of points X (n, 3)."""
+    return motions.of_places(values)
+
+
+def of_poses(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of poses: the attitude turns with the object, the centre moves with it."""
+    rotation = values[:, :9].reshape(-1, 3, 3)
+    out = np.zeros((len(values), 6, 7))
+    out[:, :3, 3:6] = rotation.transpose(0, 2, 1) / motions.size
+    out[:, 3:] = motions.of_places(values[:, 9:])
+    return out
+
+
+def of_scales(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of distance meters: the scale 1 + m of a meter shrinks as lengths grow."""
+    out = np.zeros((len(values), 2, 7))
+    out[:, 0, 6] = -(1.0 + values[:, 0]) / motions.size
+    return out
+
+
+def of_verticals(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of deflections of the vertical, which keep the plumb lines in the object.
+
+    Up turns with the object; the normal of the frame turns with the place only.
+    """
+    return motions.at_stations(at).deflections
+
+
+def of_orientations(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of orientation unknowns, which keep the circle in the object."""
+    return motions.at_stations(at).orientation[:, None, :]

@@ -1,0 +1,328 @@
+"""Kinds of unknowns: one record says everything that the package knows of a kind.
+
+Components and their units, stored form and tangent, how the unknown follows a motion of the whole
+object, its key in the graph, its place in the elimination, its table in a project and its name in
+messages: all of these are fields of `UnknownKind`. `register_unknown` adds a kind; the batch
+adjustment, the free network, covariances, reliability, the incremental adjustment, projects and
+reports then take it as any other.
+
+A stored value is a vector of its components. Where ``rotates`` is true the first three components
+are a rotation R, stored as its nine matrix elements in rows; its tangent is R ← R Exp(ω), and its
+given values are the rotation vector Log R. All other components are added.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from ..errors import InputError, Problem, known
+from ..rotation import exp_rotation, log_rotation
+from ..types import Array, Index, Mask
+from . import motions
+
+VariableKind: TypeAlias = str
+"""Name of a kind of unknowns: a key of `UNKNOWNS`."""
+Quantity: TypeAlias = Literal["length", "angle", "ppm", "number"]
+"""What a component measures: metres, radians, a ratio shown in millionths, a plain number."""
+MoveBy: TypeAlias = Callable[["motions.Motions", Array, Index], Array]
+"""(motions, stored values (n, s), numbers of the points they stand at (n,)) → G (n, k, 7)."""
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+ROTATION = 9
+"""Numbers in which a rotation is stored."""
+
+
+@dataclass(frozen=True)
+class Component:
+    """One component of an unknown."""
+
+    name: str
+    """Name, as in results: ``scale``."""
+    quantity: Quantity = "number"
+    """What it measures."""
+    start: float = 0.0
+    """Value that it has where none is given, SI; NaN where the adjustment finds one."""
+    sign: str = ""
+    """How reports write it; its name where this is empty."""
+    column: str = ""
+    """Its column in the table of the project; its name where this is empty."""
+    plain: bool = False
+    """Whether its column has no unit in its name, and is in the unit of the project."""
+
+
+@dataclass(frozen=True)
+class UnknownTable:
+    """The table of a project that states the unknowns of a kind."""
+
+    file: str
+    """Name of the table: ``distance_meters`` for the file distance_meters.csv."""
+    keys: tuple[str, ...] = ("name",)
+    """Columns that name an unknown. The last one is what an observation refers to."""
+    key_default: str = ""
+    """What an empty last key means where there are several keys."""
+    held_unless_free: bool = False
+    """True: a column ``free`` lists the free components. False: ``fixed`` lists the held ones."""
+
+
+@dataclass(frozen=True)
+class UnknownKind:
+    """What the package knows of a kind of unknowns."""
+
+    name: str
+    """Name of the kind: lower-case letters, digits and underscores."""
+    noun: str
+    """What messages put before the name of an unknown of this kind: ``distance meter``."""
+    letter: str
+    """Character of its keys in a GTSAM graph; each kind has its own."""
+    components: tuple[Component, ...] = ()
+    """Components of the tangent. A calibration has none here: its lens model names them."""
+    short: str = ""
+    """The noun in the tables of the protocol; the noun itself where this is empty."""
+    rotates: bool = False
+    """Whether the first three components are a rotation."""
+    variable_size: bool = False
+    """Whether an unknown may have fewer components than are listed: the first ones."""
+    motions: MoveBy | None = None
+    """How its components follow a motion of the whole object; none: they do not."""
+    connects: bool = False
+    """Whether observations of one unknown of this kind belong to one connected part."""
+    late: int = 0
+    """Place in the elimination: 0 with the points, 1 after them, 2 last; many observations
+    touch an unknown that is eliminated late."""
+    table: UnknownTable | None = None
+    """Its table in a project; none for points, photos and cameras, which have tables of their
+    own form."""
+    default: tuple[float, ...] | None = None
+    """Values of the held constant that observations use which name no unknown of this kind; none
+    where every such observation names one."""
+    absent: Literal["refused", "default", "found"] = "refused"
+    """What happens to a name that the network does not state: it is refused, it means the
+    default, or a free unknown is made whose start value is found."""
+    at_point: bool = False
+    """Whether the first key is the name of a point, at which the unknown stands."""
+    additional: bool = False
+    """Whether its components are additional parameters, which are tested for significance."""
+    reference: Literal["zero", "given"] = "zero"
+    """What a test of significance compares a free component with."""
+    instrument: bool = False
+    """Whether it belongs to an instrument, by which variance components may group."""
+
+    @property
+    def title(self) -> str:
+        """The noun in the tables of the protocol."""
+        return self.short or self.noun
+
+    @property
+    def size(self) -> int:
+        """Largest number of components."""
+        return len(self.components)
+
+    @property
+    def stored(self) -> int:
+        """Numbers of a stored value of that size."""
+        return self.size + (ROTATION - 3 if self.rotates else 0)
+
+    def names(self, size: int | None = None) -> tuple[str, ...]:
+        """Return the names of the first ``size`` components, all by default."""
+        return tuple(c.name for c in self.components[:size])
+
+    def store(self, values: Array) -> Array:
+        """Return the stored form (n, s) of given values (n, k)."""
+        if not self.rotates:
+            return values
+        rotation = exp_rotation(values[:, :3]).reshape(-1, ROTATION)
+        return np.concatenate([rotation, values[:, 3:]], axis=1)
+
+    def given(self, stored: Array) -> Array:
+        """Return the values (n, k) of a stored form (n, s)."""
+        if not self.rotates:
+            return stored
+        rotation = log_rotation(stored[:, :ROTATION].reshape(-1, 3, 3))
+        return np.concatenate([rotation, stored[:, ROTATION:]], axis=1)
+
+    def retract(self, stored: Array, step: Array) -> Array:
+        """Return stored values (n, s) moved by steps of the tangent (n, k)."""
+        if not self.rotates:
+            return stored + step
+        turned = stored[:, :ROTATION].reshape(-1, 3, 3) @ exp_rotation(step[:, :3])
+        return np.concatenate(
+            [turned.reshape(-1, ROTATION), stored[:, ROTATION:] + step[:, 3:]], axis=1
+        )
+
+    def local(self, stored: Array, other: Array) -> Array:
+        """Return the steps (n, k) that move stored values (n, s) to ``other`` (n, s)."""
+        if not self.rotates:
+            return np.asarray(other - stored)
+        a, b = (x[:, :ROTATION].reshape(-1, 3, 3) for x in (stored, other))
+        turn = log_rotation(np.swapaxes(a, 1, 2) @ b)
+        return np.concatenate([turn, other[:, ROTATION:] - stored[:, ROTATION:]], axis=1)
+
+    def in_stored_form(self, components: Mask) -> Mask:
+        """Return flags of components (n, k) as flags of stored numbers (n, s)."""
+        if not self.rotates:
+            return components.copy()
+        repeats = [3, 3, 3, *(1,) * (components.shape[1] - 3)]
+        return np.repeat(components, repeats, axis=1)
+
+    def problems(self) -> list[str]:
+        """Return what is wrong with the record itself."""
+        found = []
+        if not _NAME.fullmatch(self.name):
+            found.append(f"its name must be lower-case letters, digits and _, not {self.name!r}")
+        if not self.noun:
+            found.append("its noun is missing: messages name its unknowns by it")
+        if len(self.letter) != 1 or not self.letter.isascii() or not self.letter.isalpha():
+            found.append(f"its letter must be one letter from a to z, not {self.letter!r}")
+        names = [c.name for c in self.components]
+        if len(set(names)) < len(names) or "" in names:
+            found.append(f"its components must have different names, not {', '.join(names)}")
+        if self.rotates and len(names) < 3:
+            found.append("it rotates, so that it needs three components of rotation first")
+        if self.rotates and any(c.quantity != "angle" for c in self.components[:3]):
+            found.append("it rotates: its first three components must be angles")
+        if self.rotates and self.variable_size:
+            found.append("it rotates, so that it cannot have fewer components than are listed")
+        if self.connects and self.motions is None:
+            found.append("it connects, so that motions must say how it follows the object")
+        if self.table is None and self.name not in ENTITIES:
+            found.append("its table is missing: a project could not state it")
+        if self.absent == "default" and self.default is None:
+            found.append("absent names mean a default, but there is none")
+        if self.default is not None and len(self.default) != self.size:
+            found.append(f"its default must be {self.size} values, not {self.default}")
+        return found
+
+
+ENTITIES = ("point", "pose", "calibration")
+"""Kinds whose unknowns are those of points, photos and cameras of a network."""
+
+UNKNOWNS: dict[str, UnknownKind] = {}
+"""The kinds of unknowns by name, in the order of their columns."""
+
+
+def register_unknown(kind: UnknownKind) -> UnknownKind:
+    """Add a kind of unknowns.
+
+    Args:
+        kind: its record.
+
+    Returns:
+        The record.
+
+    Raises:
+        InputError: names everything that is wrong with the record, or that another kind has
+            already: name, letter, table.
+    """
+    found = kind.problems()
+    if kind.name in UNKNOWNS:
+        found.append("a kind of this name is registered already")
+    for other in UNKNOWNS.values():
+        if other.name == kind.name:
+            continue
+        if other.letter == kind.letter:
+            found.append(f"its letter {kind.letter!r} belongs to the kind {other.name!r}")
+        file = None if kind.table is None else kind.table.file
+        if file is not None and other.table is not None and file == other.table.file:
+            found.append(f"its table {file!r} belongs to the kind {other.name!r}")
+    if found:
+        raise InputError([Problem(what, f"kind of unknowns {kind.name!r}") for what in found])
+    UNKNOWNS[kind.name] = kind
+    return kind
+
+
+def unknown_kind(name: str) -> UnknownKind:
+    """Return the record of a kind; InputError where there is none of this name."""
+    found = UNKNOWNS.get(name)
+    if found is None:
+        raise InputError(f"unknown kind of unknowns {name!r}; valid: {known(UNKNOWNS)}")
+    return found
+
+
+def parameter_kinds() -> tuple[UnknownKind, ...]:
+    """Return the kinds whose unknowns a network states as `Parameter`, in order."""
+    return tuple(k for k in UNKNOWNS.values() if k.name not in ENTITIES)
+
+
+def _xyz(*, start: float = np.nan) -> tuple[Component, ...]:
+    return tuple(Component(a, "length", start) for a in "xyz")
+
+
+_ATTITUDE = tuple(Component(f"r{a}", "angle", np.nan) for a in "xyz")
+
+_BUILT_IN: Sequence[UnknownKind] = (
+    UnknownKind("point", "point", "p", _xyz(), motions=motions.of_points, connects=True),
+    UnknownKind(
+        "orientation",
+        "orientation of set",
+        "o",
+        (Component("orientation", "angle", np.nan, column="value", plain=True),),
+        motions=motions.of_orientations,
+        connects=True,
+        table=UnknownTable("orientations", ("station", "set"), key_default="1"),
+        absent="found",
+        at_point=True,
+    ),
+    UnknownKind(
+        "refraction",
+        "refraction group",
+        "r",
+        (Component("kappa", "number", 0.13, sign="κ", column="value"),),
+        short="refraction",
+        late=2,
+        table=UnknownTable("refractions"),
+        default=(0.0,),
+        additional=True,
+        reference="given",
+    ),
+    UnknownKind(
+        "vertical",
+        "vertical of station",
+        "v",
+        (Component("xi", "angle", sign="ξ"), Component("eta", "angle", sign="η")),
+        short="vertical of",
+        motions=motions.of_verticals,
+        connects=True,
+        table=UnknownTable("verticals", ("station",)),
+        default=(0.0, 0.0),
+        absent="default",
+        at_point=True,
+    ),
+    UnknownKind(
+        "edm",
+        "distance meter",
+        "e",
+        (Component("scale", "ppm"), Component("zero", "length", sign="zero constant")),
+        motions=motions.of_scales,
+        late=2,
+        table=UnknownTable("distance_meters", held_unless_free=True),
+        default=(0.0, 0.0),
+        additional=True,
+        instrument=True,
+    ),
+    UnknownKind(
+        "pose",
+        "photo",
+        "c",
+        (*_ATTITUDE, *_xyz()),
+        rotates=True,
+        motions=motions.of_poses,
+        connects=True,
+        late=1,
+    ),
+    UnknownKind(
+        "calibration",
+        "calibration of camera",
+        "k",
+        short="camera",
+        variable_size=True,
+        late=2,
+        additional=True,
+    ),
+)
+for _kind in _BUILT_IN:
+    register_unknown(_kind)

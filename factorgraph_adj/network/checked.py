@@ -1,0 +1,185 @@
+"""Points, cameras, photos and image points, checked as they are made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from ..errors import InputError, Problem, known
+from ..models.lens import Lens
+from ..rotation import world_R_camera
+from ..types import Array
+from .entities import Camera, Photo, Point, sigmas, triple
+
+
+def checked_point(
+    name: str,
+    coordinates: Sequence[float] | None,
+    *,
+    fixed: str,
+    sigma: float | Sequence[float] | None,
+    datum: bool,
+    check: Sequence[float] | None,
+) -> Point:
+    """Return a point; arguments and errors are those of `Network.add_point`."""
+    where = f"point {name!r}"
+    if not set(fixed) <= set("xyz"):
+        raise InputError(Problem(f"fixed must be some of x, y, z, not {fixed!r}", where))
+    unknown = (np.nan, np.nan, np.nan)
+    xyz = unknown if coordinates is None else triple(coordinates, "coordinates", where)
+    held = ("x" in fixed, "y" in fixed, "z" in fixed)
+    weights = None if sigma is None else sigmas(sigma, 3, where)
+    for i, axis in enumerate("xyz"):
+        if np.isnan(xyz[i]) and (held[i] or (weights is not None and weights[i] < np.inf)):
+            raise InputError(Problem(f"{axis} is held or weighted but has no value", where))
+    return Point(
+        name,
+        xyz,
+        held,
+        weights,  # type: ignore[arg-type]
+        datum,
+        None if check is None else triple(check, "check coordinates", where),
+    )
+
+
+def checked_camera(
+    name: str,
+    lens: Lens,
+    values: Mapping[str, float] | Sequence[float],
+    *,
+    free: Iterable[str],
+    sigma: Mapping[str, float] | None,
+    unit: str,
+    per_photo: bool,
+) -> Camera:
+    """Return a camera; arguments and errors are those of `Network.add_camera`."""
+    where = f"camera {name!r}"
+    names = lens.names
+    weights = dict(sigma or {})
+    unknown = [
+        n
+        for n in (*(values if isinstance(values, Mapping) else ()), *free, *weights)
+        if n not in names
+    ]
+    if unknown:
+        raise InputError(
+            Problem(
+                f"unknown calibration parameter {', '.join(unknown)} of lens model "
+                f"{lens.kind!r}; known: {', '.join(names)}",
+                where,
+            )
+        )
+    if isinstance(values, Mapping):
+        numbers = [float(values.get(n, 0.0)) for n in names]
+    else:
+        numbers = [float(v) for v in values]
+    if len(numbers) != len(names) or not np.all(np.isfinite(numbers)):
+        raise InputError(
+            Problem(f"values must be {len(names)} finite numbers ({', '.join(names)})", where)
+        )
+    if not numbers[0] > 0:
+        raise InputError(
+            Problem(f"the principal distance must be positive, not {numbers[0]}", where)
+        )
+    bad = [n for n, s in weights.items() if not s > 0]
+    if bad:
+        raise InputError(Problem(f"sigma of {', '.join(bad)} must be > 0", where))
+    free = set(free)
+    return Camera(
+        name,
+        lens,
+        tuple(numbers),
+        tuple(n not in free and n not in weights for n in names),
+        tuple(float(weights.get(n, np.inf)) for n in names),
+        unit,
+        per_photo,
+    )
+
+
+def checked_photo(
+    name: str,
+    camera: str,
+    *,
+    position: Sequence[float] | None,
+    omega_phi_kappa: Sequence[float] | None,
+    rotation: Array | None,
+    fixed: bool | Sequence[bool],
+    sigma_position: float | Sequence[float] | None,
+    sigma_attitude: float | None,
+) -> Photo:
+    """Return a photo; arguments and errors are those of `Network.add_photo`."""
+    where = f"photo {name!r}"
+    at = None if position is None else triple(position, "position", where)
+    if at is not None and any(np.isnan(v) for v in at):
+        raise InputError(Problem(f"position must be finite or none, not {at}", where))
+    if rotation is None and omega_phi_kappa is not None:
+        rotation = world_R_camera(*triple(omega_phi_kappa, "omega_phi_kappa", where))
+    if rotation is not None:
+        rotation = np.asarray(rotation, dtype=float)
+        if (
+            rotation.shape != (3, 3)
+            or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+            or np.linalg.det(rotation) < 0
+        ):
+            raise InputError(Problem("rotation must be a 3 × 3 rotation matrix", where))
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-14:
+            # Given with few digits: the nearest rotation. Others stay as they are, to the bit.
+            u, _, vt = np.linalg.svd(rotation)
+            rotation = u @ vt
+    held = (bool(fixed),) * 6 if isinstance(fixed, bool) else tuple(map(bool, fixed))
+    if len(held) != 6:
+        raise InputError(Problem("fixed must be true, false or six flags", where))
+    if any(held[:3]) != all(held[:3]):
+        raise InputError(
+            Problem("hold all three rotations of a photo or none: they do not commute", where)
+        )
+    weighted = sigma_position is not None or sigma_attitude is not None
+    if (any(held) or weighted) and (at is None or rotation is None):
+        raise InputError(Problem("a held or weighted photo needs its orientation", where))
+    if sigma_attitude is not None and not sigma_attitude > 0:
+        raise InputError(Problem("sigma_attitude must be > 0", where))
+    return Photo(
+        name,
+        camera,
+        at,
+        rotation,
+        held,
+        None if sigma_position is None else sigmas(sigma_position, 3, where),  # type: ignore[arg-type]
+        sigma_attitude,
+    )
+
+
+def checked_image_points(
+    photo: str,
+    points: Sequence[str],
+    xy: Array,
+    *,
+    sigma: float | Sequence[float] | Array,
+    known_points: Mapping[str, int],
+) -> tuple[Array, Array]:
+    """Return coordinates and standard deviations, (n, 2) each, of image points of one photo.
+
+    Arguments and errors are those of `Network.add_image_points`.
+    """
+    where = f"photo {photo!r}"
+    measured = np.array(xy, dtype=float).reshape(-1, 2)
+    weights = np.array(np.broadcast_to(np.asarray(sigma, dtype=float), measured.shape))
+    if len(measured) != len(points):
+        raise InputError(Problem(f"{len(points)} points but {len(measured)} rows", where))
+    problems = [
+        Problem(f"unknown point {p!r}; known: {known(known_points)}", f"image point {photo}/{p}")
+        for p in points
+        if p not in known_points
+    ]
+    for bad, what in (
+        (~np.isfinite(measured).all(axis=1), "coordinates must be finite numbers"),
+        (~(weights > 0).all(axis=1), "sigma must be greater than zero"),
+        (~np.isfinite(weights).all(axis=1), "sigma must be a finite number"),
+    ):
+        problems += [
+            Problem(what, f"image point {photo}/{points[i]}") for i in np.flatnonzero(bad).tolist()
+        ]
+    if problems:
+        raise InputError(problems)
+    return measured, weights

@@ -1,0 +1,167 @@
+"""Bases of the classes of observations, and the checks that all of them share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, Field, dataclass, fields, replace
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..frames import Frame
+from ..stochastic import StandardDeviation, whitening
+from ..types import Array
+from .registry import ObservationKind, observation_kind
+
+Sigma: TypeAlias = "float | StandardDeviation"
+
+
+def _finite(value: Any) -> bool:
+    """Return whether all are finite numbers; quick for the scalars of most observations."""
+    if isinstance(value, float | int):
+        return math.isfinite(value)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return False
+    return array.dtype.kind in "iuf" and bool(np.all(np.isfinite(array)))
+
+
+def _positive(value: Any) -> bool:
+    """Return whether no number is ≤ 0."""
+    if isinstance(value, float | int):
+        return not value <= 0
+    return not np.any(np.asarray(value, dtype=float) <= 0)
+
+
+def _is_text(f: Field[Any]) -> bool:
+    """Return whether a field is text: annotations are text themselves where they are postponed."""
+    return f.type in (str, "str", "str | None") or str(f.type) == "str | None"
+
+
+def _name(observation: Observation) -> str:
+    parts = [observation.kind, *(str(n) for n in observation.names())]
+    return " ".join(parts)
+
+
+@dataclass(frozen=True)
+class Observation:
+    """Base of every kind of observation."""
+
+    kind: ClassVar[str] = ""
+    """Name of the kind, as in the ``kind`` column of tables."""
+    components: ClassVar[tuple[str, ...]] = ("",)
+    """Names of the scalar components; of kinds whose observations differ, those of none."""
+    nonnegative: ClassVar[bool] = False
+    """Whether a value below zero is refused."""
+
+    @property
+    def record(self) -> ObservationKind:
+        """The record of its kind; InputError where the kind is not registered."""
+        return observation_kind(self.kind)
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of points and photos that the observation joins."""
+        return tuple(getattr(self, a) for a in self.record.named)
+
+    def points(self) -> tuple[str, ...]:
+        """Return the names of the points that the observation joins."""
+        return tuple(getattr(self, a) for a in self.record.points)
+
+    def component_names(self) -> tuple[str, ...]:
+        """Return the names of its scalar components; one empty name where it is a scalar."""
+        return self.components
+
+    def with_reading(self, values: Sequence[float], frame: Frame) -> Observation:
+        """Return the observation with another reading.
+
+        Args:
+            values: the reading, one number for each component; angles of the whole circle are
+                taken modulo 2π.
+            frame: frame of the network.
+        """
+        if len(self.components) > 1:
+            return replace(self, value=tuple(values))  # type: ignore[call-arg]
+        value = values[0] % (2 * np.pi) if self.record.circular else values[0]
+        return replace(self, value=value)  # type: ignore[call-arg]
+
+    def label(self) -> str:
+        """Return a readable name for messages: where, id, kind and points."""
+        ident, source = getattr(self, "id", None), getattr(self, "source", None)
+        text = _name(self) if ident is None else f"{_name(self)} (id {ident})"
+        return f"{source}: {text}" if source else text
+
+    def _fail(self, what: str) -> None:
+        raise InputError(Problem(what, self.label()))
+
+    def _check(self) -> None:
+        """Check values, standard deviations and names."""
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if _is_text(f):
+                if not isinstance(value, str) and (value is not None or "None" not in str(f.type)):
+                    self._fail(f"{f.name} must be text, not {value!r}")
+                continue
+            if isinstance(value, StandardDeviation) or (value is None and "None" in str(f.type)):
+                continue
+            if not _finite(value):
+                shown = repr(value) if isinstance(value, str) else value
+                self._fail(f"{f.name} must be a finite number, not {shown}")
+            if f.name == "sigma" and not _positive(value):
+                self._fail(f"sigma must be greater than zero, not {value}")
+        if self.nonnegative and getattr(self, "value", 0.0) < 0:
+            self._fail(f"a distance cannot be negative: {getattr(self, 'value', None)}")
+        if "" in self.names():
+            self._fail("names must be non-empty text, not ''")
+        points = self.points()
+        if len(set(points)) < len(points):
+            self._fail("an observation cannot join a point to itself")
+
+    def __post_init__(self) -> None:
+        """Check the observation; InputError names it."""
+        self._check()
+
+
+@dataclass(frozen=True)
+class Sight(Observation):
+    """Base of what is observed from a station to a target."""
+
+    station: str
+    """Point of the instrument, i."""
+    target: str
+    """Point of the target, j."""
+    value: float
+    """Observed value, metres or radians."""
+    _: KW_ONLY
+    sigma: Sigma
+    """Standard deviation."""
+    instrument_height: float = 0.0
+    """Height of the instrument above its point along the vertical, metres."""
+    target_height: float = 0.0
+    """Height of the target above its point along the vertical, metres."""
+    id: str | None = None
+    """Name of the observation."""
+    source: str | None = None
+    """Where it was read from."""
+
+
+def checked_covariance(observation: Observation, size: int) -> Array | None:
+    """Check ``covariance`` and ``sigma`` of a vector observation; return the covariance."""
+    sigma = getattr(observation, "sigma", None)
+    covariance = getattr(observation, "covariance", None)
+    if (sigma is None) == (covariance is None):
+        observation._fail("give either sigma or covariance")
+    if covariance is None:
+        if np.shape(np.asarray(sigma)) != (size,):
+            observation._fail(f"sigma must be {size} standard deviations, not {sigma!r}")
+        return None
+    matrix = np.asarray(covariance, dtype=float)
+    if matrix.shape != (size, size):
+        observation._fail(f"covariance must be {size} × {size}, not {matrix.shape}")
+    try:
+        whitening(matrix)
+    except InputError as error:
+        observation._fail(str(error))
+    return matrix

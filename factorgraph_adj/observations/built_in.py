@@ -1,0 +1,120 @@
+"""The kinds of observations that the package knows from the start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..models import position, terrestrial
+from .image import ImagePoint
+from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
+from .registry import KINDS, ObservationKind, register_observation
+from .terrestrial import (
+    AstronomicLatitude,
+    AstronomicLongitude,
+    Azimuth,
+    Direction,
+    HeightDifference,
+    HorizontalAngle,
+    HorizontalDistance,
+    SlopeDistance,
+    VerticalAngle,
+    ZenithAngle,
+)
+from .weights import ANGLES, DIRECTIONS, INCLINATIONS, LENGTHS, LEVELLING
+
+_STATION = (("point", "station"), ("vertical", "station"))
+_SIGHT = (*_STATION, ("point", "target"), ("vertical", "target"))
+_SIGHT2 = (*_SIGHT, ("point", "target2"), ("vertical", "target2"))
+_HEIGHTS = ("instrument_height", "target_height")
+_METER = ("edm", "instrument")
+_KAPPA = ("refraction", "refraction")
+_RAY = (("pose", "photo"), ("calibration", "photo"), ("point", "point"))
+_POINT = (("point", "point"),)
+
+_BUILT_IN: Sequence[ObservationKind] = (
+    ObservationKind(
+        SlopeDistance, (*_SIGHT, _METER), terrestrial.slope_distance, _HEIGHTS, weight=LENGTHS
+    ),
+    ObservationKind(
+        HorizontalDistance,
+        (*_SIGHT, _METER),
+        terrestrial.horizontal_distance,
+        _HEIGHTS,
+        weight=LENGTHS,
+    ),
+    ObservationKind(
+        VerticalAngle,
+        (*_SIGHT, _KAPPA),
+        terrestrial.vertical_angle,
+        _HEIGHTS,
+        "rad",
+        weight=INCLINATIONS,
+    ),
+    ObservationKind(
+        ZenithAngle,
+        (*_SIGHT, _KAPPA),
+        terrestrial.zenith_angle,
+        _HEIGHTS,
+        "rad",
+        weight=INCLINATIONS,
+    ),
+    ObservationKind(
+        Direction,
+        (*_SIGHT, ("orientation", "set")),
+        terrestrial.direction,
+        _HEIGHTS,
+        "rad",
+        weight=DIRECTIONS,
+        circular=True,
+    ),
+    ObservationKind(
+        HorizontalAngle,
+        _SIGHT2,
+        terrestrial.horizontal_angle,
+        (*_HEIGHTS, "target2_height"),
+        "rad",
+        weight=ANGLES,
+        circular=True,
+    ),
+    ObservationKind(
+        Azimuth, _SIGHT, terrestrial.azimuth, _HEIGHTS, "rad", weight=DIRECTIONS, circular=True
+    ),
+    ObservationKind(
+        HeightDifference,
+        _SIGHT,
+        terrestrial.height_difference,
+        _HEIGHTS,
+        weight=LEVELLING,
+        linear=True,
+    ),
+    ObservationKind(
+        AstronomicLatitude,
+        _STATION,
+        terrestrial.astronomic_latitude,
+        unit="rad",
+        fixes="place",
+    ),
+    ObservationKind(
+        AstronomicLongitude,
+        _STATION,
+        terrestrial.astronomic_longitude,
+        unit="rad",
+        fixes="place",
+    ),
+    ObservationKind(GnssVector, _SIGHT, position.gnss_vector, _HEIGHTS, linear=True),
+    ObservationKind(GnssPosition, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
+    ObservationKind(ControlPoint, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
+    ObservationKind(
+        PhotoPosition,
+        (("pose", "photo"),),
+        position.photo_position,
+        ("lever_arm",),
+        fixes="coordinates",
+    ),
+    ObservationKind(ImagePoint, _RAY, None, unit="image"),
+)
+for _kind in _BUILT_IN:
+    register_observation(_kind)
+
+BUILT_IN = tuple(KINDS)
+"""Names of these kinds, in order."""

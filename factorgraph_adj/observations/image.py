@@ -1,0 +1,31 @@
+"""Image coordinates of points."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from typing import ClassVar
+
+from .base import Observation
+
+
+@dataclass(frozen=True)
+class ImagePoint(Observation):
+    """Image coordinates of a point in a photo, units of the camera, x right, y up. Eq. 1."""
+
+    kind: ClassVar[str] = "image"
+    components: ClassVar[tuple[str, ...]] = ("x", "y")
+    photo: str
+    """The photo."""
+    point: str
+    """The point."""
+    x: float
+    """Measured x."""
+    y: float
+    """Measured y."""
+    _: KW_ONLY
+    sigma: tuple[float, float] | float
+    """Standard deviations of x and y, or one for both."""
+    id: str | None = None
+    """Name of the observation."""
+    source: str | None = None
+    """Where it was read from."""

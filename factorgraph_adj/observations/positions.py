@@ -1,0 +1,145 @@
+"""Observed coordinates: GNSS vectors, known points, positions of photos."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from ..frames import Frame
+from ..types import Array
+from .base import Observation, checked_covariance
+
+
+@dataclass(frozen=True)
+class GnssVector(Observation):
+    """GNSS vector X_j − X_i, metres, with a full covariance."""
+
+    kind: ClassVar[str] = "gnss_vector"
+    components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    station: str
+    """From, i."""
+    target: str
+    """To, j."""
+    value: tuple[float, float, float]
+    """X_j − X_i between the antennas, metres."""
+    _: KW_ONLY
+    sigma: tuple[float, float, float] | None = None
+    """Standard deviations, metres, or"""
+    covariance: Array | None = None
+    """covariance (3, 3), metres²."""
+    instrument_height: float = 0.0
+    """Height of the antenna at i, metres."""
+    target_height: float = 0.0
+    """Height of the antenna at j, metres."""
+    id: str | None = None
+    """Name of the observation."""
+    source: str | None = None
+    """Where it was read from."""
+
+    def __post_init__(self) -> None:
+        """Check the observation."""
+        self._check()
+        if np.shape(self.value) != (3,):
+            self._fail(f"value must have 3 components, not {self.value}")
+        checked_covariance(self, 3)
+
+
+@dataclass(frozen=True)
+class ControlPoint(Observation):
+    """Known coordinates of a point with their precision: 3-D, plan or height.
+
+    In a geocentric frame x, y, z are the axes, and e, n, u the horizon of the given position.
+    """
+
+    kind: ClassVar[str] = "control"
+    point: str
+    """The point."""
+    value: tuple[float, ...]
+    """Coordinates; for e, n, u all three of X, Y, Z; otherwise those of ``axes``, metres."""
+    _: KW_ONLY
+    axes: str = "xyz"
+    """Which components are known: any of x, y, z, or any of e, n, u."""
+    sigma: tuple[float, ...] | None = None
+    """Standard deviations of the components, metres, or"""
+    covariance: Array | None = None
+    """their covariance, metres²."""
+    id: str | None = None
+    """Name of the observation."""
+    source: str | None = None
+    """Where it was read from."""
+
+    def __post_init__(self) -> None:
+        """Check the observation."""
+        self._check()
+        local = set(self.axes) <= set("enu")
+        if (
+            not self.axes
+            or len(set(self.axes)) != len(self.axes)
+            or not (local or set(self.axes) <= set("xyz"))
+        ):
+            self._fail(f"axes must be some of x, y, z or some of e, n, u, not {self.axes!r}")
+        if np.shape(self.value) != (3 if local else len(self.axes),):
+            self._fail(f"value has {np.size(self.value)} components, axes {self.axes!r}")
+        checked_covariance(self, len(self.axes))
+
+    @property
+    def local(self) -> bool:
+        """Whether the known components are east, north, up: the whole of x, y, z is given then."""
+        return set(self.axes) <= set("enu")
+
+    def component_names(self) -> tuple[str, ...]:
+        """Return the axes that are known."""
+        return tuple(self.axes)
+
+    def with_reading(self, values: Sequence[float], frame: Frame) -> ControlPoint:
+        """Return the point with other known coordinates; in e, n, u it is moved by the values."""
+        if not self.local:
+            return replace(self, value=tuple(values))
+        at = np.array(self.value, dtype=float)
+        enu = frame.basis(at[None], np.zeros((1, 2))).enu[0]
+        at = at + np.array(values) @ enu[["enu".index(a) for a in self.axes]]
+        return replace(self, value=tuple(at.tolist()))
+
+
+@dataclass(frozen=True)
+class GnssPosition(ControlPoint):
+    """Position of a point by GNSS, metres, with a full covariance."""
+
+    kind: ClassVar[str] = "gnss_position"
+
+
+@dataclass(frozen=True)
+class PhotoPosition(Observation):
+    """Position of the projection centre of a photo (GNSS), metres.
+
+    Computed: X₀ + R a with the lever arm a from the projection centre to the antenna, in the
+    photogrammetric axes of the camera (x right, y up, z backwards).
+    """
+
+    kind: ClassVar[str] = "photo_position"
+    components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    photo: str
+    """The photo."""
+    value: tuple[float, float, float]
+    """Observed position, metres."""
+    _: KW_ONLY
+    sigma: tuple[float, float, float] | None = None
+    """Standard deviations, metres, or"""
+    covariance: Array | None = None
+    """covariance (3, 3), metres²."""
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """From the projection centre to the antenna, metres."""
+    id: str | None = None
+    """Name of the observation."""
+    source: str | None = None
+    """Where it was read from."""
+
+    def __post_init__(self) -> None:
+        """Check the observation."""
+        self._check()
+        if np.shape(self.value) != (3,):
+            self._fail(f"value must have 3 components, not {self.value}")
+        checked_covariance(self, 3)

@@ -1,0 +1,213 @@
+"""Kinds of observations: one record says everything that the package knows of a kind.
+
+A kind is a frozen dataclass (what was observed), a model function (what it is computed from) and
+the record `ObservationKind` that joins the two. `register_observation` adds a kind; the batch
+adjustment, the graph, reliability, the incremental adjustment, tables, records, plans and
+simulations then take it as any other.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import cached_property
+from typing import Any, Literal, TypeAlias
+
+from ..errors import InputError, Problem, known
+from ..models.base import Linearised
+from ..models.variables import ENTITIES, UNKNOWNS
+from .weights import PARTS, Weight
+
+Unit: TypeAlias = Literal["m", "rad", "image", "mixed"]
+"""Unit of observed values: metres, radians, image units, or those of several components."""
+
+
+@dataclass(frozen=True)
+class ObservationKind:
+    """What the package knows of a kind of observation."""
+
+    observation: type[Any]
+    """The class, derived from `Observation`: its ``kind`` is the name of the kind, its fields are
+    the columns of tables."""
+    variables: tuple[tuple[str, str], ...]
+    """Kind of each unknown that the model takes, and the attribute that names it, in order."""
+    model: Callable[..., Linearised] | None
+    """(frame, *variables, observed=…, constants…) → residuals and partials; none where the graph
+    makes rows of its own, as for image coordinates and for single coordinates of a point."""
+    constants: tuple[str, ...] = ()
+    """Attributes of the observation that the model takes as arrays."""
+    unit: Unit = "m"
+    """Unit of its value."""
+    weight: Weight | None = None
+    """How the parts of a `StandardDeviation` make a variance; none where the class takes no
+    parts."""
+    linear: bool = False
+    """Whether its partials are the same wherever its ends are."""
+    circular: bool = False
+    """Whether its value is an angle of the whole circle, read from 0 to 2π."""
+    fixes: Literal["nothing", "coordinates", "place"] = "nothing"
+    """What it says of the place of the network: nothing, coordinates in the frame of the network,
+    or otherwise where on the Earth it is."""
+    by_axis: bool = False
+    """Whether each known coordinate is a row of its own, so that rows are as many as axes."""
+
+    @property
+    def name(self) -> str:
+        """Name of the kind."""
+        return str(self.observation.kind)
+
+    @cached_property
+    def named(self) -> tuple[str, ...]:
+        """Attributes that name points and photos, in the order of the variables, each once."""
+        both = (a for kind, a in self.variables if kind in ("point", "pose"))
+        return tuple(dict.fromkeys(both))
+
+    @cached_property
+    def points(self) -> tuple[str, ...]:
+        """Attributes that name points, each once."""
+        return tuple(dict.fromkeys(a for kind, a in self.variables if kind == "point"))
+
+    @cached_property
+    def photos(self) -> tuple[str, ...]:
+        """Attributes that name photos, each once."""
+        return tuple(dict.fromkeys(a for kind, a in self.variables if kind == "pose"))
+
+    @cached_property
+    def parameters(self) -> tuple[tuple[str, str], ...]:
+        """Kind and attribute of the other unknowns, which the network states as parameters."""
+        return tuple((k, a) for k, a in self.variables if k not in ENTITIES)
+
+    @cached_property
+    def texts(self) -> tuple[str, ...]:
+        """Attributes that name such parameters and no point, such as ``set``."""
+        return tuple(dict.fromkeys(a for _, a in self.parameters if a not in self.named))
+
+    @cached_property
+    def attributes(self) -> frozenset[str]:
+        """Names of all attributes of the class."""
+        return frozenset(f.name for f in fields(self.observation))
+
+    @cached_property
+    def optional(self) -> frozenset[str]:
+        """Names of the attributes that have a default."""
+        return frozenset(
+            f.name
+            for f in fields(self.observation)
+            if f.default is not MISSING or f.default_factory is not MISSING
+        )
+
+    @property
+    def curved(self) -> bool:
+        """Whether it is a sight whose partials change with the place of its ends."""
+        return not self.linear and sum(kind == "point" for kind, _ in self.variables) > 1
+
+    @property
+    def takes_parts(self) -> bool:
+        """Whether the standard deviation of the class may have several parts."""
+        found = next((f for f in fields(self.observation) if f.name == "sigma"), None)
+        text = "" if found is None else str(found.type)
+        return "Sigma" in text or "StandardDeviation" in text
+
+    def problems(self) -> list[str]:
+        """Return what is wrong with the record itself."""
+        if not is_dataclass(self.observation) or not hasattr(self.observation, "components"):
+            return ["its class must be a frozen dataclass derived from Observation"]
+        found = [*self._problems_of_attributes(), *self._problems_of_model()]
+        if not self.name:
+            found.append("its class has no name of a kind: set the class attribute kind")
+        if self.takes_parts and self.weight is None:
+            found.append(
+                "its standard deviation may have parts (ppm, centring …), so that weight must say "
+                "how they make a variance"
+            )
+        if self.weight is not None and not self.takes_parts:
+            found.append("it has a weight, but its class takes no parts of a standard deviation")
+        if self.weight is not None and not set(self.weight.parts) <= set(PARTS):
+            found.append(f"parts of its weight must be some of {', '.join(PARTS)}")
+        if self.unit not in ("m", "rad", "image", "mixed"):
+            found.append(f"its unit must be m, rad, image or mixed, not {self.unit!r}")
+        if self.circular and self.unit != "rad":
+            found.append("it is circular, so that its unit must be rad")
+        return found
+
+    def _problems_of_attributes(self) -> list[str]:
+        have, found = self.attributes, []
+        if not self.variables:
+            found.append("its variables are missing")
+        for kind, attribute in self.variables:
+            if kind not in UNKNOWNS:
+                found.append(f"unknown kind of unknowns {kind!r}; valid: {known(UNKNOWNS)}")
+            if attribute not in have:
+                found.append(f"its class has no attribute {attribute!r} for the kind {kind!r}")
+        for constant in self.constants:
+            if constant not in have:
+                found.append(f"its class has no attribute {constant!r} for a constant")
+        needs = (
+            ["sigma", "id", "source"] if self.model is None else ["value", "sigma", "id", "source"]
+        )
+        several = len(self.observation.components) > 1
+        if several and self.model is not None:
+            needs.append("covariance")
+            if self.observation.components != ("x", "y", "z"):
+                found.append("several components must be x, y and z, as tables have them")
+        found += [f"its class has no attribute {n!r}" for n in needs if n not in have]
+        return found
+
+    def _problems_of_model(self) -> list[str]:
+        if self.model is None:
+            return []
+        if not callable(self.model):
+            return [f"its model must be a function, not {self.model!r}"]
+        wanted = {"observed", *self.constants}
+        takes = inspect.signature(self.model).parameters
+        if any(p.kind is p.VAR_KEYWORD for p in takes.values()):
+            return []
+        by_name = {n for n, p in takes.items() if p.kind is p.KEYWORD_ONLY}
+        found = [f"its model has no keyword {n!r}" for n in sorted(wanted - by_name)]
+        required = {n for n in by_name if takes[n].default is inspect.Parameter.empty}
+        found += [
+            f"its model needs the keyword {n!r}, which is no constant of the kind"
+            for n in sorted(required - wanted)
+        ]
+        places = [p for p in takes.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
+        if len(places) != 1 + len(self.variables):
+            found.append(
+                f"its model must take the frame and {len(self.variables)} variables by position, "
+                f"not {len(places)} arguments"
+            )
+        return found
+
+
+KINDS: dict[str, ObservationKind] = {}
+"""The kinds of observations by name."""
+
+
+def register_observation(kind: ObservationKind) -> ObservationKind:
+    """Add a kind of observation.
+
+    Args:
+        kind: its record.
+
+    Returns:
+        The record.
+
+    Raises:
+        InputError: names everything that is wrong with the record, or a kind of the same name.
+    """
+    found = kind.problems()
+    name: Any = getattr(kind.observation, "kind", kind.observation)
+    if name in KINDS:
+        found.append("a kind of this name is registered already")
+    if found:
+        raise InputError([Problem(what, f"kind of observation {name!r}") for what in found])
+    KINDS[kind.name] = kind
+    return kind
+
+
+def observation_kind(name: str) -> ObservationKind:
+    """Return the record of a kind; InputError where there is none of this name."""
+    found = KINDS.get(name)
+    if found is None:
+        raise InputError(f"unknown kind of observation {name!r}; valid: {known(KINDS, most=30)}")
+    return found

@@ -1,0 +1,124 @@
+"""Observations of total stations, tapes and levels, and astronomic ones."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from typing import ClassVar
+
+from .base import Observation, Sight, Sigma
+
+
+@dataclass(frozen=True)
+class SlopeDistance(Sight):
+    """Slope distance, metres: (1 + m) S + zero of the instrument. Eq. 4."""
+
+    kind: ClassVar[str] = "slope_distance"
+    nonnegative: ClassVar[bool] = True
+    _: KW_ONLY
+    instrument: str | None = None
+    """Distance meter with its scale and zero constant; none: 1 and 0."""
+
+
+@dataclass(frozen=True)
+class HorizontalDistance(SlopeDistance):
+    """Distance in the horizon of the station, metres: (1 + m) hypot(e·d, n·d) + zero."""
+
+    kind: ClassVar[str] = "horizontal_distance"
+
+
+@dataclass(frozen=True)
+class VerticalAngle(Sight):
+    """Vertical angle, radians: β + κ S cosβ / 2R. Eq. 5."""
+
+    kind: ClassVar[str] = "vertical_angle"
+    _: KW_ONLY
+    refraction: str | None = None
+    """Refraction group; none: the coefficient of the whole network."""
+
+
+@dataclass(frozen=True)
+class ZenithAngle(VerticalAngle):
+    """Zenith angle, radians: π/2 − (β + κ S cosβ / 2R)."""
+
+    kind: ClassVar[str] = "zenith_angle"
+
+
+@dataclass(frozen=True)
+class Direction(Sight):
+    """Horizontal direction, clockwise, radians: α − orientation of its set. Eq. 8."""
+
+    kind: ClassVar[str] = "direction"
+    _: KW_ONLY
+    set: str = "1"
+    """Set of directions of the station: one orientation unknown each."""
+
+
+@dataclass(frozen=True)
+class Azimuth(Sight):
+    """Azimuth from north, clockwise, radians. Eq. 9."""
+
+    kind: ClassVar[str] = "azimuth"
+
+
+@dataclass(frozen=True)
+class HorizontalAngle(Observation):
+    """Horizontal angle at ``station`` from ``target`` clockwise to ``target2``, radians."""
+
+    kind: ClassVar[str] = "horizontal_angle"
+    station: str
+    """Vertex, i."""
+    target: str
+    """Backsight, j."""
+    target2: str
+    """Foresight, k."""
+    value: float
+    """α_ik − α_ij, radians."""
+    _: KW_ONLY
+    sigma: Sigma
+    """Standard deviation, radians."""
+    instrument_height: float = 0.0
+    """Height of the instrument, metres."""
+    target_height: float = 0.0
+    """Height of the backsight target, metres."""
+    target2_height: float = 0.0
+    """Height of the foresight target, metres."""
+    id: str | None = None
+    """Name of the observation."""
+    source: str | None = None
+    """Where it was read from."""
+
+
+@dataclass(frozen=True)
+class HeightDifference(Sight):
+    """Levelled height difference from station to target, metres: ½(u_i + u_j)·d. Eq. 10."""
+
+    kind: ClassVar[str] = "height_difference"
+    _: KW_ONLY
+    length_km: float | None = None
+    """Length of the levelled line, km, for `StandardDeviation.per_sqrt_km`; none: the
+    horizontal distance."""
+
+
+@dataclass(frozen=True)
+class AstronomicLatitude(Observation):
+    """Astronomic latitude Φ of a station, radians. Eq. 12."""
+
+    kind: ClassVar[str] = "astronomic_latitude"
+    station: str
+    """The station."""
+    value: float
+    """Observed Φ or Λ, radians."""
+    _: KW_ONLY
+    sigma: float
+    """Standard deviation, radians."""
+    id: str | None = None
+    """Name of the observation."""
+    source: str | None = None
+    """Where it was read from."""
+
+
+@dataclass(frozen=True)
+class AstronomicLongitude(AstronomicLatitude):
+    """Astronomic longitude Λ of a station, east positive, radians. Eq. 11."""
+
+    kind: ClassVar[str] = "astronomic_longitude"

@@ -1,0 +1,57 @@
+"""Quantiles and probabilities of the distributions that tests and intervals use.
+
+They are those of `scipy.special`, on which `scipy.stats` rests: the figures of both are the same
+to the last bit, and importing `scipy.stats` takes longer than importing the rest of the package.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import special
+
+from ..types import Array
+
+
+def normal_quantile(p: float) -> float:
+    """Return Φ⁻¹(p) of the standard normal distribution."""
+    return float(special.ndtri(p))
+
+
+def student_quantile(p: float, freedom: float) -> float:
+    """Return the quantile p of Student's t with ``freedom`` > 0 degrees of freedom."""
+    return float(special.stdtrit(freedom, p))
+
+
+def chi2_quantile(p: float, freedom: float) -> float:
+    """Return the quantile p of χ² with ``freedom`` > 0 degrees of freedom."""
+    return float(2.0 * special.gammaincinv(freedom / 2.0, p))
+
+
+def chi2_upper_quantile(q: float, freedom: float | Array) -> Array:
+    """Return the values that χ² exceeds with probability q: its quantiles 1 − q.
+
+    For small q they have more digits than `chi2_quantile` of 1 − q, which is rounded.
+
+    Args:
+        q: probability, between 0 and 1.
+        freedom: degrees of freedom > 0, of any shape.
+
+    Returns:
+        The values, in the shape of ``freedom``.
+    """
+    return np.asarray(special.chdtri(freedom, q), dtype=float)
+
+
+def chi2_below(x: float, freedom: float) -> float:
+    """Return the probability that χ² with ``freedom`` > 0 degrees of freedom is at most x."""
+    return float(special.chdtr(freedom, x))
+
+
+def chi2_above(x: float, freedom: float) -> float:
+    """Return the probability that χ² with ``freedom`` > 0 degrees of freedom exceeds x."""
+    return float(special.chdtrc(freedom, x))
+
+
+def fisher_quantile(p: float, numerator: float, denominator: float) -> float:
+    """Return the quantile p of Fisher's F with these degrees of freedom, both > 0."""
+    return float(special.fdtri(numerator, denominator, p))

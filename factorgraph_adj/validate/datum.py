@@ -1,0 +1,113 @@
+"""Checks of the datum: parts of a network that nothing holds in place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..errors import Problem, known
+from ..graph.blocks import Block
+from ..graph.equations import Equations
+from ..graph.variables import Unknowns, Variables
+from ..solve.datum import parts
+from ..types import Array, Index, Mask
+
+AXES = ("x", "y", "z")
+
+
+def _label_of(table: Variables, label: Index, numbers: Index) -> Index:
+    """Return the part of variables by number, −1 where held or unobserved."""
+    offset = table.offset[numbers]
+    return np.where(offset >= 0, label[np.maximum(offset, 0)], -1)
+
+
+class _Held:
+    """Directions in which the shift of each part is held."""
+
+    def __init__(self, n: int) -> None:
+        self.normal = np.zeros((n, 3, 3))
+
+    def add(self, part: Index, direction: Array) -> None:
+        """Hold parts (m,) along directions (m, 3); −1 is none."""
+        on = part >= 0
+        d = direction[on]
+        np.add.at(self.normal, part[on], d[:, :, None] * d[:, None, :])
+
+    def add_axes(self, part: Index, held: Mask) -> None:
+        """Hold parts (m,) along the axes (m, 3) that are held."""
+        for axis in range(3):
+            on = held[:, axis]
+            self.add(part[on], np.tile(np.eye(3)[axis], (int(on.sum()), 1)))
+
+    def missing(self, part: int) -> list[str]:
+        """Return the axes along which a part may shift."""
+        values, vectors = np.linalg.eigh(self.normal[part])
+        loose = vectors[:, values < 1e-12]
+        share = np.sqrt(np.sum(loose**2, axis=1))
+        order = np.argsort(-share, kind="stable")[: loose.shape[1]]
+        return [AXES[i] for i in sorted(order.tolist())]
+
+
+def datum_problems(equations: Equations) -> Iterator[Problem]:
+    """Find parts that nothing holds in place."""
+    unknowns, network = equations.unknowns, equations.network
+    label = parts(equations)
+    held = _Held(int(label.max(initial=-1)) + 1)
+    observed = np.zeros(unknowns.n_columns, dtype=bool)
+    for block in equations.blocks:
+        labels: list[Index] = []
+        tables: list[tuple[Variables, Index, str]] = []
+        for kind, index in block.variables:
+            table = unknowns[kind]
+            on = table.offset[index] >= 0
+            observed[table.offset[index][on]] = True
+            if kind in ("point", "pose"):
+                labels.append(_label_of(table, label, index))
+                tables.append((table, index, kind))
+        if labels:
+            _hold(block, unknowns, np.max(labels, axis=0), tables, held)
+    members: dict[int, list[str]] = {}
+    for kind, noun in (("point", ""), ("pose", "photo ")):
+        table = unknowns.tables[kind]
+        for i in np.flatnonzero(table.offset >= 0):
+            if observed[table.offset[i]]:
+                members.setdefault(int(label[table.offset[i]]), []).append(noun + table.names[i])
+    loose = {part: held.missing(part) for part in members}
+    loose = {part: axes for part, axes in loose.items() if axes}
+    if len(loose) > 1 or (loose and len(members) > 1 and network.datum == "given"):
+        for part in loose:
+            others = known([n for p, m in members.items() if p != part for n in m], most=6)
+            yield Problem(
+                f"no observation joins this part to the rest ({others}), and nothing holds its "
+                f"{', '.join(loose[part])}: observe between them, or give it control",
+                f"unconnected part of {known(members[part], most=8)}",
+            )
+    elif loose and network.datum == "given":
+        axes = ", ".join(next(iter(loose.values())))
+        yield Problem(
+            f"no datum: nothing holds {axes} of the network; fix or weight coordinates, give "
+            'control or GNSS positions, or ask for a free network (datum = "free")',
+            f"network {network.name!r}",
+        )
+
+
+def _hold(
+    block: Block,
+    unknowns: Unknowns,
+    part: Index,
+    tables: list[tuple[Variables, Index, str]],
+    held: _Held,
+) -> None:
+    """Note in which directions the observations of a block hold their parts."""
+    n = block.n
+    everything = np.ones((n, 3), dtype=bool)
+    if "axis" in block.constants:
+        held.add(part, block.constants["axis"])
+    elif block.fixes == "coordinates":
+        held.add_axes(part, np.isfinite(block.sigma))
+    elif block.fixes == "place":
+        held.add_axes(part, everything)
+    for table, index, kind in tables:
+        fixed = ~table.free[index][:, :3] if kind == "point" else ~table.free[index][:, 3:6]
+        held.add_axes(part, fixed)

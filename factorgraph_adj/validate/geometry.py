@@ -1,0 +1,69 @@
+"""Checks of the given approximate values: what no observation can have measured from there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..frames import GeocentricFrame
+from ..graph.equations import Equations
+from ..models.image import depth
+from ..network.network import Network
+from .where import Sources, listed
+
+LEAST_RADIUS = 6_300_000.0
+"""Metres from the centre of the Earth, deeper than any point that is measured."""
+
+
+def inside_the_earth(network: Network, at: Sources) -> Iterator[Problem]:
+    """Find local coordinates in a geocentric frame: they have no latitude there."""
+    if not isinstance(network.frame, GeocentricFrame):
+        return
+    for p in network.points.values():
+        distance = float(np.linalg.norm(p.coordinates))
+        if distance < LEAST_RADIUS:
+            yield Problem(
+                f"it lies {distance / 1000:.3f} km from the centre of the Earth: a geocentric "
+                "frame needs geocentric coordinates",
+                listed("point", [p.name], at),
+            )
+
+
+def geometry_problems(equations: Equations) -> Iterator[Problem]:
+    """Compute the observations whose points and photos have given values.
+
+    Yields:
+        What a model refuses (a sight without length, an azimuth of a vertical sight), and image
+        points of object points behind the camera.
+    """
+    state = equations.unknowns.start()
+    filled = {
+        k: v if k in ("point", "pose") else np.nan_to_num(v, nan=0.0) for k, v in state.items()
+    }
+    for block in equations.blocks:
+        known_rows = np.ones(block.n, dtype=bool)
+        for kind, index in block.variables:
+            known_rows &= np.isfinite(filled[kind][index]).all(axis=1)
+        rows = np.flatnonzero(known_rows)
+        if not len(rows):
+            continue
+        some = block.select(rows)
+        named: set[str] = set()
+        try:
+            some.evaluate(equations.network.frame, filled, jacobians=False)
+        except InputError as error:
+            yield from error.problems
+            named = {p.where for p in error.problems}
+        if block.kind == "image":
+            (_, photo), _, (_, point) = some.variables
+            depths = depth(filled["pose"][photo], filled["point"][point])
+            for i in np.flatnonzero(depths < 0):
+                if some.labels(int(i)) in named:
+                    continue  # in the focal plane, up to rounding
+                yield Problem(
+                    f"the point lies {-depths[i]:.3g} m behind the camera, by the given "
+                    "coordinates and orientation: correct them, or leave approximate ones out",
+                    some.labels(int(i)),
+                )

@@ -1,0 +1,20 @@
+"""Where a problem of a network stands: file and line of its source, and the names it concerns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
+
+from ..errors import known
+
+Sources: TypeAlias = Mapping[tuple[str, str], str]
+"""File and line by noun (point, photo) and name."""
+
+
+def listed(noun: str, names: Sequence[str], at: Sources) -> str:
+    """Return file and line of the first name, and the names."""
+    source = at.get((noun, names[0]))
+    where = "" if source is None else f"{source}: "
+    if len(names) == 1:
+        return f"{where}{noun} {names[0]!r}"
+    return f"{where}{noun}s {known(map(repr, names))}"

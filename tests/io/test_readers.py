@@ -1,0 +1,181 @@
+"""One table tells which reader a file has; the command and `fga.read` use the same one."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+from pathlib import Path
+
+import pytest
+from conftest import data_dir
+from projects import OBSERVATIONS, write
+
+import factorgraph_adj as fga
+from factorgraph_adj.cli.main import main
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.io.bal import read_bal
+from factorgraph_adj.io.gama import read_gama
+from factorgraph_adj.io.project import AdjustOptions, read_project
+from factorgraph_adj.io.readers import READERS, Reader, Readers, network_alone
+from factorgraph_adj.io.write_project import network_files
+from factorgraph_adj.network.network import Network
+
+BUNDLE = "problem-49-7776-pre-shrink-1800.txt"
+
+
+def messages(caught: pytest.ExceptionInfo[InputError]) -> list[str]:
+    return [str(p) for p in caught.value.problems]
+
+
+def assert_same(found: Network, expected: Network) -> None:
+    """Two networks are the same if they are written alike; every float is written to the bit."""
+    assert network_files(found) == network_files(expected)
+
+
+# -- the formats ----------------------------------------------------------------------------------
+
+
+def test_a_project_is_read_by_its_file_or_its_folder(tmp_path):
+    path = write(tmp_path)
+    expected = read_project(path)
+    for given in (path, str(path), tmp_path, str(tmp_path)):
+        assert_same(fga.read(given), expected)
+
+
+def test_a_network_of_gama_is_read():
+    path = data_dir("gama_3d_networks") / "local_3d.gkf"
+    assert_same(fga.read(path), read_gama(path))
+
+
+def test_a_bundle_is_read_plain_and_packed(tmp_path):
+    path = data_dir("bal") / BUNDLE
+    expected = read_bal(path)
+    assert_same(fga.read(path), expected)
+    text = path.read_bytes()
+    files = {"a.txt.bz2": bz2.compress(text, 1), "a.b.txt.gz": gzip.compress(text, 1)}
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+        packed = fga.read(tmp_path / name)
+        assert packed.name == expected.name.replace(BUNDLE, name)
+        packed.name = expected.name
+        assert_same(packed, expected)
+
+
+def test_a_design_may_lack_readings_in_a_project_only(tmp_path):
+    rows = [line.rsplit(",", 3) for line in OBSERVATIONS.splitlines()]
+    design = "".join(f"{','.join([first, *rest[1:]])}\n" for first, *rest in rows)
+    path = write(tmp_path, observations=design)
+    assert "value" not in design
+    with pytest.raises(InputError, match="value"):
+        READERS.load(path)
+    network = READERS.load(path, readings=False).network
+    assert len(network.observations) == len(rows) - 1
+
+
+def test_a_bare_network_has_default_units_and_options():
+    path = data_dir("gama_3d_networks") / "local_3d.gkf"
+    project = READERS.load(path)
+    assert (project.path, project.options) == (path, AdjustOptions())
+
+
+# -- what cannot be read --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["list.xlsx", "toml", ".toml", "p.toml.old", "p.gz", "p.TOML"])
+def test_an_unknown_suffix_is_refused_with_the_valid_ones(tmp_path, name):
+    (tmp_path / name).write_text("x", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        fga.read(tmp_path / name)
+    assert messages(caught) == [
+        f"{tmp_path / name}: unknown kind of file; valid: .toml (project), .gkf (GNU Gama), "
+        ".txt, .txt.bz2, .txt.gz (Bundle Adjustment in the Large)"
+    ]
+
+
+def test_a_missing_file_is_refused_whatever_its_suffix(tmp_path):
+    for name in ("nowhere", "nowhere.toml", "nowhere.gkf", "nowhere.txt"):
+        with pytest.raises(InputError) as caught:
+            fga.read(tmp_path / name)
+        assert messages(caught) == [f"{tmp_path / name}: no such file or folder"]
+
+
+def test_every_suffix_and_format_stands_in_the_message_and_in_the_help(capsys):
+    with pytest.raises(SystemExit):
+        main(["adjust", "--help"])
+    shown = " ".join(capsys.readouterr().out.split())
+    for reader in READERS.entries:
+        for word in (*reader.suffixes, reader.description):
+            assert word in str(READERS)
+            assert word in shown
+
+
+# -- one more format ------------------------------------------------------------------------------
+
+
+def read_heights(path: Path) -> Network:
+    """Read a format of this test: one held point a line, name and height."""
+    network = Network(path.stem)
+    for line in path.read_text(encoding="utf-8").splitlines():
+        name, height = line.split()
+        network.add_point(name, (0.0, 0.0, float(height)), fixed="xyz")
+    return network
+
+
+HEIGHTS = Reader((".hgt", ".hgt.txt"), "list of heights", network_alone(read_heights))
+
+
+def test_a_new_format_is_one_line_of_the_table(tmp_path):
+    (tmp_path / "benchmarks.hgt").write_text("A 412.5\nB 398.25\n", encoding="utf-8")
+    readers = Readers((*READERS.entries, HEIGHTS))
+    network = readers.load(tmp_path / "benchmarks.hgt").network
+    assert {n: p.coordinates[2] for n, p in network.points.items()} == {"A": 412.5, "B": 398.25}
+    (tmp_path / "list.xlsx").write_text("x", encoding="utf-8")
+    with pytest.raises(InputError, match=r"\.hgt, \.hgt\.txt \(list of heights\)$"):
+        readers.load(tmp_path / "list.xlsx")
+
+
+def test_the_longest_suffix_decides(tmp_path):
+    (tmp_path / "a.hgt.txt").write_text("A 412.5\n", encoding="utf-8")
+    for entries in ((*READERS.entries, HEIGHTS), (HEIGHTS, *READERS.entries)):
+        assert list(Readers(entries).load(tmp_path / "a.hgt.txt").network.points) == ["A"]
+
+
+def test_a_folder_needs_a_reader_of_folders(tmp_path):
+    with pytest.raises(InputError, match=r"unknown kind of file; valid: \.hgt"):
+        Readers((HEIGHTS,)).load(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        (
+            Reader((".hgt", ".gkf"), "heights", HEIGHTS.load),
+            ["reader of heights: suffix .gkf: claimed by the reader of GNU Gama already"],
+        ),
+        (
+            Reader((".toml",), "heights", HEIGHTS.load, folders=True),
+            [
+                "reader of heights: suffix .toml: claimed by the reader of project already",
+                "reader of heights: folders: claimed by the reader of project already",
+            ],
+        ),
+        (
+            Reader((".hgt", ".hgt"), "heights", HEIGHTS.load),
+            ["reader of heights: suffix .hgt: claimed by the reader of heights already"],
+        ),
+        (
+            Reader((), "heights", HEIGHTS.load),
+            ["reader of heights: has no suffix; valid: at least one, such as .txt"],
+        ),
+        (
+            Reader(("hgt",), "heights", HEIGHTS.load),
+            [
+                "reader of heights: suffix 'hgt' is none; valid: a dot and letters, such as .txt",
+            ],
+        ),
+    ],
+)
+def test_a_wrong_registration_is_refused(wrong, expected):
+    with pytest.raises(InputError) as caught:
+        Readers((*READERS.entries, wrong))
+    assert messages(caught) == expected
