@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import importlib
+import inspect
 import io
 import json
 import re
@@ -26,11 +28,16 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import takewhile, zip_longest
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import factorgraph_adj
 from factorgraph_adj.cli.main import main
+from factorgraph_adj.models.registry import LENSES
+from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.observations import KINDS
+from factorgraph_adj.report import plots
 from tests.support.places import ROOT
 
 PAGES = {
@@ -101,7 +108,7 @@ class Shell:
     def execute(self, block: Block, page: str) -> str:
         """Execute a script of the page; return what it prints."""
         # Empty lines first, so that a traceback names the line of the page.
-        code = compile("\n" * block.line + block.body, page, "exec")
+        code = compile("\n" * block.line + block.body, page, "exec", dont_inherit=True)
         with printed() as out:
             exec(code, self.namespace)
         return out[0]
@@ -169,6 +176,18 @@ def same(shown: str, found: str, where: str) -> None:
     assert pattern(shown).fullmatch(found.strip()), f"{where} prints\n{found}\nnot\n{shown}"
 
 
+@pytest.fixture
+def registries() -> Iterator[None]:
+    """Forget the kinds that a page registers."""
+    tables: tuple[dict[str, Any], ...] = (KINDS, UNKNOWNS, LENSES)
+    before = [dict(t) for t in tables]
+    yield
+    for table, kinds in zip(tables, before, strict=True):
+        table.clear()
+        table.update(kinds)
+
+
+@pytest.mark.usefixtures("registries")
 @pytest.mark.parametrize("page", PAGES)
 def test_every_block_of_a_page_runs_and_prints_what_is_shown(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -256,12 +275,47 @@ def test_every_test_that_a_page_names_is_there() -> None:
     named = {
         m.groups()
         for page in PAGES.values()
-        for m in re.finditer(r"\b(\w+/test_\w+)(?:::(test_\w+))?", page.read_text(encoding="utf-8"))
+        for m in re.finditer(
+            r"\b([a-z_]+/test_[a-z0-9_]+)(?:::(test_\w+))?", page.read_text(encoding="utf-8")
+        )
     }
     assert len(named) > 20
     for module, function in named:
         text = (ROOT / "tests" / f"{module}.py").read_text(encoding="utf-8")
         assert function is None or f"def {function}(" in text, (module, function)
+
+
+@pytest.mark.parametrize(
+    ("module", "place"),
+    [
+        (factorgraph_adj, "factorgraph_adj"),
+        (factorgraph_adj.observations, "factorgraph_adj.observations"),
+        (plots, "factorgraph_adj.report.plots"),
+    ],
+)
+def test_every_public_name_is_in_the_reference(module: Any, place: str) -> None:
+    folder = ROOT / "docs" / "reference" / "api"
+    text = "\n".join(p.read_text(encoding="utf-8") for p in sorted(folder.glob("*.md")))
+    documented = set(re.findall(r"^\.\. auto\w+:: (\S+)$", text, re.MULTILINE))
+    described = (inspect.isclass, inspect.isfunction)
+    names = [n for n in module.__all__ if any(is_(getattr(module, n)) for is_ in described)]
+    elsewhere = {"StandardDeviation"} if place.endswith("observations") else set()
+    assert len(names) > 8
+    assert {f"{place}.{n}" for n in {*names} - elsewhere} <= documented
+    if module is factorgraph_adj:
+        index = (folder / "index.md").read_text(encoding="utf-8")
+        assert all(f"`~{place}.{n}`" in index for n in names)
+
+
+def test_every_name_of_the_reference_is_there() -> None:
+    for page in sorted((ROOT / "docs" / "reference").rglob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        for what, name in re.findall(r"^\.\. auto(\w+):: (\S+)$", text, re.MULTILINE):
+            module, _, attribute = name.rpartition(".")
+            if what == "module":
+                importlib.import_module(name)
+            else:
+                assert hasattr(importlib.import_module(module), attribute), f"{page}: {name}"
 
 
 def test_the_version_is_that_of_the_installed_package() -> None:
