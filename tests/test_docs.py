@@ -272,16 +272,12 @@ def test_every_relative_link_of_a_page_leads_somewhere(page: str) -> None:
 
 
 def test_every_test_that_a_page_names_is_there() -> None:
-    named = {
-        m.groups()
-        for page in PAGES.values()
-        for m in re.finditer(
-            r"\b([a-z_]+/test_[a-z0-9_]+)(?:::(test_\w+))?", page.read_text(encoding="utf-8")
-        )
-    }
+    test = re.compile(r"\b((?:[a-z_]+/)+test_[a-z0-9_]+)(?:\.py)?(?:::(test_\w+))?")
+    texts = [p.read_text(encoding="utf-8") for p in PAGES.values()]
+    named = {m.groups() for text in texts for m in test.finditer(text)}
     assert len(named) > 20
     for module, function in named:
-        text = (ROOT / "tests" / f"{module}.py").read_text(encoding="utf-8")
+        text = (ROOT / "tests" / f"{module.removeprefix('tests/')}.py").read_text(encoding="utf-8")
         assert function is None or f"def {function}(" in text, (module, function)
 
 
