@@ -43,6 +43,9 @@ default_role = "code"
 autoclass_content = "both"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
+# Names of types that are shown as such.
+NAMED = ("Array", "Index", "Mask", "Frame", "Sigma", "State", "LensResult", "MoveBy")
+autodoc_type_aliases = {name: name for name in NAMED}
 autodoc_default_options = {"members": True}
 toc_object_entries_show_parents = "hide"
 python_use_unqualified_type_names = True

@@ -14,6 +14,10 @@ from typing import Any
 from pygments.lexers.special import TextLexer
 
 SECTION = re.compile(r"^(Args|Raises|Returns|Yields|Attributes|Example|Examples|Note|Notes):\s*$")
+ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
+"""How the name of a type in another type is shown."""
+MADE = re.compile(r"^Create new instance of ")
+"""What Python writes under a named tuple."""
 CODE = re.compile(r"(``.+?``|`[^`]+`|\*\*\w[^*]*\*\*)")
 """Code, and what is bold."""
 TABLE = re.compile(r"^=+( +=+)+$")
@@ -72,14 +76,26 @@ def as_markup(lines: list[str]) -> list[str]:
 def _process(
     app: Any, what: str, name: str, obj: object, options: object, lines: list[str]
 ) -> None:
-    lines[:] = as_markup(lines)
+    lines[:] = as_markup([line for line in lines if not MADE.match(line)])
     if what in ("attribute", "property", "data"):
         # Napoleon would take "R: radius" for the type R; an escaped newline shows nothing.
         lines.insert(0, "\\")
+
+
+def _shorten(
+    app: Any, what: str, name: str, obj: object, options: object, signature: str | None, back: str
+) -> tuple[str | None, str]:
+    """Name types by their aliases, and leave out what makes a default."""
+
+    def short(text: str | None) -> str | None:
+        return text and ALIAS.sub(r"\1", text).replace("<factory>", "...")
+
+    return short(signature), short(back) or back
 
 
 def setup(app: Any) -> dict[str, bool]:
     """Register before napoleon, which reads the sections; tables are shown as plain text."""
     app.add_lexer("csv", TextLexer)
     app.connect("autodoc-process-docstring", _process, priority=100)
+    app.connect("autodoc-process-signature", _shorten)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
