@@ -1,10 +1,10 @@
-"""Monitor a wall: every epoch is adjusted as it arrives, and one point moves.
+"""Monitoring a wall, epoch by epoch
+=================================
 
-python examples/gallery_4_epochs.py [--plot FILE]
-
-Four pillars stand still. The points of the wall are new ones in each epoch (W3@2): their shifts d
-have a covariance D, and T² = dᵀ D⁻¹ d says whether one has moved (χ², 3 degrees of freedom, 0.1 %).
-W3 moves by 1.2 mm each time from epoch 3 on; a distance of epoch 4 is 8 mm wrong.
+Every epoch is adjusted as it arrives, and one point moves. Four pillars stand still. The points of
+the wall are new ones in each epoch (W3@2): their shifts d have a covariance D, and T² = dᵀ D⁻¹ d
+says whether one has moved (χ², 3 degrees of freedom, 0.1 %). W3 moves by 1.2 mm each time from
+epoch 3 on; a distance of epoch 4 is 8 mm wrong.
 """
 
 import argparse
@@ -23,7 +23,7 @@ PILLARS = {"A": (0, 0, 0), "B": (60, 5, 1), "C": (55, 40, 0), "D": (-4, 38, 2)}
 WALL = {f"W{i}": np.array([6.0 + 9 * i, 70.0, 3.0 + i % 3]) for i in range(1, 6)}
 STEP, EPOCHS, CRITICAL = np.array([0.2, -1.1, -0.4]) * MM, 6, chi2.ppf(0.999, 3)
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the shifts by epoch")
 options = parser.parse_args()
 

@@ -21,7 +21,7 @@ PACKAGE = "factorgraph_adj"
 SOURCE = ROOT / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "types"),
+    ("errors", "types", "version"),
     ("units", "rotation", "ellipsoid"),
     ("frames", "stochastic"),
     ("models",),

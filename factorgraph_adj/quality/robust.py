@@ -80,7 +80,7 @@ class Robust:
     """Why it ended."""
 
 
-def robust(
+def robust_adjust(
     network: Network,
     *,
     estimator: Estimator = "huber",
