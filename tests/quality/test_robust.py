@@ -16,6 +16,7 @@ from factorgraph_adj.quality.robust import (
     ESTIMATORS,
     LEAST_WEIGHT,
     equivalent_weights,
+    robust_adjust,
 )
 from factorgraph_adj.quality.snooping import snoop
 from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block

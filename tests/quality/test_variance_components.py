@@ -34,6 +34,7 @@ from factorgraph_adj.quality.unit_weight import global_test
 from factorgraph_adj.quality.variance_components import (
     VarianceComponent,
     VarianceComponents,
+    estimate_variance_components,
 )
 from factorgraph_adj.simulation.industry_block import MICROMETRE, simulate_industry_block
 from factorgraph_adj.simulation.simulate import measure
