@@ -30,6 +30,7 @@ from .quality.robust import robust
 from .quality.snooping import snoop
 from .quality.systematic import significance
 from .quality.variance_components import variance_components
+from .report.options import Provenance, ReportOptions
 from .report.text import protocol
 from .solve.batch import adjust
 from .solve.solution import Solution
@@ -45,6 +46,8 @@ __all__ = [
     "InputError",
     "LocalFrame",
     "Network",
+    "Provenance",
+    "ReportOptions",
     "Solution",
     "StandardDeviation",
     "TopocentricFrame",
