@@ -25,26 +25,22 @@ if TYPE_CHECKING:
     from .network.entities import Camera, Parameter, Photo, Point
     from .network.network import Network
     from .network.selection import without
-    from .observations import (
+    from .observations.base import Observation
+    from .observations.correlated import Correlated
+    from .observations.image import ImagePoint
+    from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
+    from .observations.registry import ObservationKind, register_observation
+    from .observations.terrestrial import (
         AstronomicLatitude,
         AstronomicLongitude,
         Azimuth,
-        ControlPoint,
-        Correlated,
         Direction,
-        GnssPosition,
-        GnssVector,
         HeightDifference,
         HorizontalAngle,
         HorizontalDistance,
-        ImagePoint,
-        Observation,
-        ObservationKind,
-        PhotoPosition,
         SlopeDistance,
         VerticalAngle,
         ZenithAngle,
-        register_observation,
     )
     from .planning.candidates import Candidate
     from .planning.plan import plan
@@ -61,6 +57,7 @@ if TYPE_CHECKING:
     from .quality.snooping import snoop
     from .quality.systematic import significance
     from .quality.variance_components import estimate_variance_components
+    from .report.options import Provenance, ReportOptions
     from .report.text import protocol
     from .solve.batch import adjust
     from .solve.solution import Solution
@@ -96,6 +93,8 @@ __all__ = [
     "Photo",
     "PhotoPosition",
     "Point",
+    "Provenance",
+    "ReportOptions",
     "SlopeDistance",
     "Solution",
     "StandardDeviation",
@@ -136,39 +135,41 @@ __all__ = [
 _MODULES = {
     "AdjustmentError": "errors",
     "ApproximationError": "errors",
-    "AstronomicLatitude": "observations",
-    "AstronomicLongitude": "observations",
-    "Azimuth": "observations",
+    "AstronomicLatitude": "observations.terrestrial",
+    "AstronomicLongitude": "observations.terrestrial",
+    "Azimuth": "observations.terrestrial",
     "Camera": "network.entities",
     "Candidate": "planning.candidates",
-    "ControlPoint": "observations",
-    "Correlated": "observations",
+    "ControlPoint": "observations.positions",
+    "Correlated": "observations.correlated",
     "DatumError": "errors",
-    "Direction": "observations",
+    "Direction": "observations.terrestrial",
     "GeocentricFrame": "frames",
-    "GnssPosition": "observations",
-    "GnssVector": "observations",
-    "HeightDifference": "observations",
-    "HorizontalAngle": "observations",
-    "HorizontalDistance": "observations",
-    "ImagePoint": "observations",
+    "GnssPosition": "observations.positions",
+    "GnssVector": "observations.positions",
+    "HeightDifference": "observations.terrestrial",
+    "HorizontalAngle": "observations.terrestrial",
+    "HorizontalDistance": "observations.terrestrial",
+    "ImagePoint": "observations.image",
     "IncrementalAdjustment": "incremental.adjustment",
     "InputError": "errors",
     "LocalFrame": "frames",
     "Network": "network.network",
-    "Observation": "observations",
-    "ObservationKind": "observations",
+    "Observation": "observations.base",
+    "ObservationKind": "observations.registry",
     "Parameter": "network.entities",
     "Photo": "network.entities",
-    "PhotoPosition": "observations",
+    "PhotoPosition": "observations.positions",
     "Point": "network.entities",
-    "SlopeDistance": "observations",
+    "Provenance": "report.options",
+    "ReportOptions": "report.options",
+    "SlopeDistance": "observations.terrestrial",
     "Solution": "solve.solution",
     "StandardDeviation": "stochastic",
     "TopocentricFrame": "frames",
     "UnknownKind": "models.variables",
-    "VerticalAngle": "observations",
-    "ZenithAngle": "observations",
+    "VerticalAngle": "observations.terrestrial",
+    "ZenithAngle": "observations.terrestrial",
     "__version__": "version",
     "adjust": "solve.batch",
     "build_graph": "graph.build",
@@ -188,7 +189,7 @@ _MODULES = {
     "read_gama": "io.gama",
     "read_project": "io.project",
     "register_lens": "models.registry",
-    "register_observation": "observations",
+    "register_observation": "observations.registry",
     "register_unknown": "models.variables",
     "reliability": "quality.reliability",
     "robust_adjust": "quality.robust",
