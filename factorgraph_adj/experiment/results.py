@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..io.atomic import write_files
+from ..quality.levels import CONFIDENCE
 from ..types import Array
 from .repetition import Repetition
 from .study import Level, Levels, encoded, written
@@ -142,7 +143,7 @@ class Results:
         columns["message"] = [row.message for row in rows]
         return pandas.DataFrame(columns)
 
-    def summary(self, *, confidence: float = 0.95) -> Summary:
+    def summary(self, *, confidence: float = CONFIDENCE) -> Summary:
         """Return mean, standard deviation and RMS of each figure in each cell, with intervals.
 
         Args:

@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import AdjustmentError, InputError, Problem
 from ..network.network import Network
 from ..quality.effects import shifts
+from ..quality.levels import ALPHA, POWER
 from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..solve.batch import adjust
 from ..solve.solution import Solution
@@ -119,8 +120,8 @@ def plan(
     network: Network,
     targets: Sequence[Target] | Target = (),
     *,
-    alpha: float = 0.001,
-    power: float = 0.80,
+    alpha: float = ALPHA,
+    power: float = POWER,
 ) -> Plan:
     """Work out what a design will give.
 

@@ -24,6 +24,7 @@ import numpy as np
 from ..errors import DatumError, InputError, Problem
 from ..graph.equations import compile_network
 from ..network.network import Network
+from ..quality.levels import ALPHA, POWER
 from .candidates import (
     Candidate,
     as_candidates,
@@ -115,8 +116,8 @@ def propose(
     candidates: Iterable[Candidate],
     targets: Sequence[Target] | Target,
     *,
-    alpha: float = 0.001,
-    power: float = 0.80,
+    alpha: float = ALPHA,
+    power: float = POWER,
 ) -> Proposal:
     """Propose the cheapest additions that make a design meet its targets.
 

@@ -20,6 +20,7 @@ from scipy.sparse import csr_array
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from ..network.selection import without
+from ..quality.levels import ALPHA, POWER
 from ..quality.rows import whitened_unit
 from ..solve.update import Update
 from ..types import Array, Index, Mask
@@ -80,8 +81,8 @@ def find_sparable(
     *,
     observations: Sequence[str] | str = ("*",),
     cost: Mapping[str, float] | None = None,
-    alpha: float = 0.001,
-    power: float = 0.80,
+    alpha: float = ALPHA,
+    power: float = POWER,
 ) -> Spared:
     """Find observations that can be left out while the targets are met.
 

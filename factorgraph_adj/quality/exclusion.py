@@ -14,6 +14,7 @@ from ..network.entities import Parameter, parameter_name
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
 from ..solve.solution import Solution
+from .levels import ALPHA_OF_MODEL
 from .systematic import (
     STRONG,
     Label,
@@ -79,7 +80,7 @@ class Exclusion:
 def exclude_insignificant(
     network: Network,
     *,
-    alpha: float = 0.05,
+    alpha: float = ALPHA_OF_MODEL,
     correlation: float | None = None,
     keep: Iterable[str] = (),
     datum: DatumChoice | None = None,

@@ -29,6 +29,7 @@ from ..types import Array, Index, Mask
 from .distributions import normal_quantile, student_quantile
 from .effects import Effect, Unknown, effect_of, response
 from .groups import GroupReliability, group_reliabilities
+from .levels import ALPHA, POWER
 from .rows import largest_shift, share_diagonal, weighted, weighted_diagonal, weights
 
 UNCONTROLLED = 1e-6
@@ -242,7 +243,7 @@ class Suspect:
     blame, with the correlations."""
 
 
-def reliability(solution: Solution, *, alpha: float = 0.001, power: float = 0.80) -> Reliability:
+def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWER) -> Reliability:
     """Compute the reliability of every observation of an adjustment.
 
     All of it comes from one pass over the factorised normal equations (selected inverse); see

@@ -21,6 +21,7 @@ from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array, Index, Mask
 from .distributions import normal_quantile, student_quantile
+from .levels import ALPHA_OF_MODEL
 from .ties import NO_PARTNERS, Tie, partners_of_photos, partners_of_points
 
 INTERIOR = ("c", "x0", "y0")
@@ -195,7 +196,7 @@ def correlation_text(value: float) -> str:
 def significance(
     solution: Solution,
     *,
-    alpha: float = 0.05,
+    alpha: float = ALPHA_OF_MODEL,
     correlation: float = STRONG,
     ties: bool = True,
 ) -> Significance:

@@ -27,6 +27,7 @@ from ..types import Array
 from .component_search import ComponentSearch, State
 from .distributions import chi2_above, chi2_below, chi2_quantile
 from .group_redundancy import GroupRedundancy, group_redundancy, sharpened
+from .levels import CONFIDENCE
 from .observation_groups import Groups, ObservationGroups, observation_groups
 
 CERTAIN = 10.0
@@ -78,7 +79,7 @@ class VarianceComponent:
         x = self.freedom * self.factor**2
         return float(min(1.0, 2.0 * min(chi2_below(x, self.freedom), chi2_above(x, self.freedom))))
 
-    def interval(self, *, confidence: float = 0.95) -> tuple[float, float]:
+    def interval(self, *, confidence: float = CONFIDENCE) -> tuple[float, float]:
         """Return the bounds of the true factor, f √(ν/χ²); 0 and infinite without an estimate.
 
         Raises:
