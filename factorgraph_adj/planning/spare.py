@@ -22,6 +22,7 @@ from ..network.network import Network
 from ..network.selection import without
 from ..quality.levels import ALPHA, POWER
 from ..quality.rows import whitened_unit
+from ..shown import Rows, Shown
 from ..solve.update import Update
 from ..types import Array, Index, Mask
 from .candidates import partials
@@ -53,7 +54,7 @@ LISTED = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Spared:
+class Spared(Shown):
     """What can be left out."""
 
     ids: tuple[str, ...]
@@ -63,9 +64,17 @@ class Spared:
     plan: Plan
     """The design without them; its targets are met."""
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say how many, and what they cost."""
-        return f"<Spared: {len(self.ids)} observations, cost {self.saved:g}>"
+        return f"Spared: {len(self.ids)} observations, cost {self.saved:g}"
+
+    def first_rows(self) -> Rows:
+        """Return what can be left out."""
+        return Rows(
+            ("observation",),
+            ((i,) for i in self.ids),
+            len(self.ids),
+        )
 
     def __str__(self) -> str:
         """List them."""

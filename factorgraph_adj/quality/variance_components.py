@@ -21,6 +21,7 @@ import numpy as np
 
 from ..errors import InputError, known
 from ..network.network import DatumChoice, Network
+from ..shown import Rows, Shown
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
@@ -95,8 +96,8 @@ class VarianceComponent:
         return self.factor * (nu / low) ** 0.5, upper
 
 
-@dataclass(frozen=True, eq=False)
-class VarianceComponents:
+@dataclass(frozen=True, eq=False, repr=False)
+class VarianceComponents(Shown):
     """Estimated variance components of a network, and the adjustment with their weights."""
 
     components: tuple[VarianceComponent, ...]
@@ -115,6 +116,19 @@ class VarianceComponents:
     """Why the iteration ended."""
     exact: bool
     """Whether standard deviations are exact, or from stochastic traces (to a few per cent)."""
+
+    def headline(self) -> str:
+        """Return how many groups there are, and how the estimation ended."""
+        ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
+        return f"VarianceComponents: {len(self.components)} groups, {ended}"
+
+    def first_rows(self) -> Rows:
+        """Return the groups."""
+        return Rows(
+            ("group", "σ / σ a-priori", "its σ", "redundancy", "state"),
+            ((c.name, c.factor, c.sigma, c.redundancy, c.state) for c in self.components),
+            len(self.components),
+        )
 
     def __getitem__(self, name: str) -> VarianceComponent:
         """Return the component of a group."""
