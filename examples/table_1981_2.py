@@ -2,7 +2,7 @@
 ===============================
 
 Accuracy of the adjustments of the industry block.
-``factorgraph_adj.experiment.industry_block`` describes the geometry.
+``factorgraph_adj.simulation.industry_block`` describes the geometry.
 """
 
 import argparse

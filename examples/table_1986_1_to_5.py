@@ -3,7 +3,7 @@
 
 Redundancy numbers, and the effect of errors of 100 µm in the images. ``table_1986_1_to_5.py 2``
 prints table 2; without a number all tables are printed.
-``factorgraph_adj.experiment.el_hakim_1986`` and ``factorgraph_adj.papers.tables_1986`` describe the
+``factorgraph_adj.simulation.el_hakim_1986`` and ``factorgraph_adj.papers.tables_1986`` describe the
 geometry.
 """
 

@@ -11,6 +11,7 @@ import pytest
 
 from factorgraph_adj.cli.main import main
 from tests.support.places import EXAMPLES
+from tests.support.processes import HANGS
 
 SHOWN = {
     "gallery_1_distances": "1 1105.3150 2290.1222 1.88 1.76 6.65 × 4.90 57.3",
@@ -34,7 +35,7 @@ def run(script: Path, *arguments: str) -> str:
         capture_output=True,
         encoding="utf-8",
         env=os.environ | {"PYTHONIOENCODING": "utf-8"},
-        timeout=120,
+        timeout=HANGS,
         check=False,
     )
     assert done.returncode == 0, done.stderr

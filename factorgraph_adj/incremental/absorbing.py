@@ -23,7 +23,7 @@ from . import records
 from .anywhere import anywhere
 from .book import Book
 from .engine import Engine
-from .entering import find, firm
+from .entering import determined, find, firm
 from .journal import Journal
 from .judging import Decision, decide, verdicts, waiting
 from .local import known_network
@@ -704,16 +704,35 @@ class Absorbing:
         if engine.kept:
             engine.settle()
 
+    def _set_aside(self) -> list[Unit]:
+        """Take out of the network what its observations do not determine; return those units."""
+        book = self._book
+        units = book.copy().take_all()
+        stay = determined(book.network, self._engine.register, units, datum=self._engine.datum)
+        if len(stay) == len(units):
+            return []
+        book.take_all()
+        for unit in stay:
+            book.enter(unit)
+        return [u for u in units if not book.in_graph(u.ids[0])]
+
     def _start_with(self, network: Network, start: Solution | None) -> None:
+        """Load a network's adjustment, see `_hold`."""
+        self._hold(network, self._adjusted(network, start), start)
+
+    def _adjusted(self, network: Network, start: Solution | None) -> Solution | None:
+        """Return a network's adjustment; none where it ends in an error."""
+        with suppress(AdjustmentError):
+            return adjust(network, datum=self._engine.datum, start=start)
+        return None
+
+    def _hold(self, network: Network, solution: Solution | None, start: Solution | None) -> None:
         """Load a network's adjustment; where it finds no minimum, what it began with.
 
         Raises:
             AdjustmentError: it is not determined even there.
         """
         engine = self._engine
-        solution: Solution | None = None
-        with suppress(AdjustmentError):
-            solution = adjust(network, datum=engine.datum, start=start)
         doubt = "" if solution is None else solution.reason
         if solution is None or not solution.converged:
             step = 1 if engine.datum == "free" else 0  # with which the datum is found

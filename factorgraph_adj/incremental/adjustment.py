@@ -124,18 +124,28 @@ class IncrementalAdjustment(Absorbing):
             self._journal = Journal.create(journal, records.header(network, options), durable=False)
 
     def _begin(self, start: Solution | None) -> None:
-        """Put the network's own observations in: all at once, or what is determined of them."""
-        network = self._book.network
-        if not network.observations and not network.n_image_points:
+        """Put the network's own observations in; what they do not determine waits."""
+        book = self._book
+        if not book.inside:
             return
-        try:
-            self._start_with(network, start)
-        except AdjustmentError:
-            units = self._book.take_all()
-            self._absorb(units, test=False)
-            return
-        self._engine.settled = False
-        self._book.fill(self._engine.register)
+        loose: list[Unit] = []
+        network = book.adjustable()
+        solution = self._adjusted(network, start)
+        if solution is None or not solution.converged:
+            loose = self._set_aside()
+            if loose:
+                network = book.adjustable()
+                solution = self._adjusted(network, start)
+        if book.inside:
+            try:
+                self._hold(network, solution, start)
+            except AdjustmentError:
+                loose = [*book.take_all(), *loose]
+            else:
+                self._engine.settled = False
+                book.fill(self._engine.register)
+        if loose:
+            self._absorb(loose, test=False)
 
     @classmethod
     def resume(cls, journal: str | Path) -> IncrementalAdjustment:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..graph.image_blocks import find_images
+from ..graph.variables import calibration_name
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.additions import add_entities
 from ..network.entities import Camera, Photo, Point
@@ -20,7 +21,16 @@ from ..types import Array
 from .local import filtered
 from .register import Register
 from .retries import Retries
-from .units import Unit, Variable, components, identity, named, pending, unit_of
+from .units import (
+    Unit,
+    Variable,
+    components,
+    identity,
+    named,
+    pending,
+    unit_of,
+    variables_of,
+)
 from .verdicts import Verdict
 
 Kept: TypeAlias = dict[str, tuple[Unit, tuple[Verdict, ...]]]
@@ -534,10 +544,12 @@ class Book:
     def adjustable(self) -> Network:
         """Return the network without unknowns that none of its observations touches."""
         network = self.network
-        touched: set[Variable] = set()
-        every = self.copy()
-        for unit in every.take_all():
-            touched.update(unit.variables)
+        touched = {v for o in network.observations.values() for v in variables_of(network, o)}
+        photos, points = list(network.photos), list(network.points)
+        of_photo, of_point, *_ = network.images.columns()
+        for i in np.unique(of_photo).tolist():
+            touched |= {("pose", photos[i]), ("calibration", calibration_name(network, photos[i]))}
+        touched.update(("point", points[i]) for i in np.unique(of_point).tolist())
 
         def stays(kind: VariableKind, name: str) -> bool:
             free, weighted = components(network, (kind, name))

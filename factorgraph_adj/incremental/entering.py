@@ -18,6 +18,7 @@ import numpy as np
 from ..approximate import reach
 from ..errors import AdjustmentError, DatumError, InputError, Problem
 from ..graph.equations import Equations, compile_rows
+from ..graph.variables import State
 from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
@@ -46,6 +47,8 @@ SPARE = 1
 """Readings more than its components that a point has at most to be one that may wait on."""
 SHARE = 0.05
 """Part of a null vector's length in a variable from which on the variable counts as moved."""
+EVER_SO_LITTLE = 1e-6
+"""The same where the weakest of all that moves is looked for."""
 LEFT_AT_REST = 1e-7
 """Bound of the last step of a local adjustment, relative to σ."""
 
@@ -203,6 +206,57 @@ def _disagreeing(register: Register, units: Iterable[Unit], reason: str) -> dict
     }
 
 
+def determined(
+    network: Network, register: Register, units: Sequence[Unit], *, datum: DatumChoice
+) -> list[Unit]:
+    """Return units whose variables have full rank together, at given or approximate values.
+
+    Whether their adjustment comes to rest is not looked at. The other units may still be
+    determined among themselves: `find` looks at them more closely.
+
+    Args:
+        network: everything that was described.
+        register: what is known.
+        units: all units of a network.
+        datum: given or free.
+    """
+    lacks: dict[Variable, str] = {}
+    left = list(units)
+    try:
+        while left := _counted(network, register, left, lacks):
+            local = local_network(network, register, left, datum=datum)
+            if datum == "given" and not _placed(local):
+                return []
+            equations = compile_rows(local)
+            state, lost = _started(equations, lacks, datum)
+            if not lost:
+                loose = _loose(equations, state, left, lacks, datum, least=EVER_SO_LITTLE)
+                if not loose:
+                    return left
+                lost = _weakest(network, left, loose)
+            left = [u for u in left if not lost.intersection(u.variables)]
+    except (AdjustmentError, OverflowError):
+        pass  # `find` names the observations
+    return []
+
+
+def _weakest(network: Network, units: Sequence[Unit], variables: set[Variable]) -> set[Variable]:
+    """Return those of some variables that have fewest readings beyond their components.
+
+    What is loose may move much that is not: a free network tilts with a zenith angle to a point
+    that nothing else determines. Without that point it is at rest.
+    """
+    spare: dict[Variable, int] = {}
+    for v in variables:
+        size, own = components(network, v)
+        spare[v] = own - size
+    for u in units:
+        for v in variables.intersection(u.variables):
+            spare[v] += u.n_scalars
+    least = min(spare.values())
+    return {v for v, n in spare.items() if n == least}
+
+
 def _countable(
     network: Network,
     register: Register,
@@ -210,6 +264,22 @@ def _countable(
     lacks: dict[Variable, str],
     *,
     free: bool,
+) -> list[Unit]:
+    """Return the units of `_counted`; none where all of them are fewer rows than components."""
+    units = _counted(network, register, units, lacks)
+    waiting = dict.fromkeys(v for u in units for v in pending(register, u))
+    needs = [components(network, v) for v in waiting]
+    total = sum(size for size, _ in needs)
+    n_rows = sum(u.n_scalars for u in units) + sum(own for _, own in needs)
+    if n_rows >= total - (7 if free else 0):
+        return units
+    for v in waiting:
+        lacks[v] = f"{n_rows} readings for {total} unknowns that hang together"
+    return []
+
+
+def _counted(
+    network: Network, register: Register, units: list[Unit], lacks: dict[Variable, str]
 ) -> list[Unit]:
     """Return the units whose waiting variables all have as many rows as components."""
     needs: dict[Variable, tuple[int, int]] = {}
@@ -223,12 +293,10 @@ def _countable(
             for v in pending(register, u):
                 rows[v] = rows.get(v, 0) + u.n_scalars
         lost = set()
-        total = weights = 0
         for v, n in rows.items():
             if v not in needs:
                 needs[v] = components(network, v)
             size, own = needs[v]
-            total, weights = total + size, weights + own
             if n + own < size:
                 lost.add(v)
                 usable = sum(u.n_scalars for u in every[v])
@@ -237,11 +305,6 @@ def _countable(
                     f"{UNKNOWNS[v[0]].noun} {v[1]!r} has {describe(every[v], v)}: "
                     f"{n + own} of the {size} readings that it needs{of_known}"
                 )
-        n_rows = sum(u.n_scalars for u in units) + weights
-        if not lost and n_rows < total - (7 if free else 0):
-            for v in rows:
-                lacks[v] = f"{n_rows} readings for {total} unknowns that hang together"
-            return []
         if not lost:
             return units
         units = [u for u in units if not lost & set(u.variables)]
@@ -251,20 +314,53 @@ def _countable(
 def _unreachable(
     equations: Equations, units: list[Unit], lacks: dict[Variable, str], datum: DatumChoice
 ) -> set[Variable]:
-    """Return variables without approximate values, or that the observations do not determine."""
+    """Return variables without approximate values, or that the observations do not determine.
+
+    Points come first: a photo may do without one of its points.
+    """
+    state, lost = _started(equations, lacks, datum)
+    return lost or _points_first(_loose(equations, state, units, lacks, datum))
+
+
+def _started(
+    equations: Equations, lacks: dict[Variable, str], datum: DatumChoice
+) -> tuple[State, set[Variable]]:
+    """Return approximate values, and the variables for which there are none."""
     state, problems = reach(equations, datum=datum)
-    unknowns = equations.unknowns
     lost: set[Variable] = set()
-    for kind, table in unknowns.tables.items():
+    for kind, table in equations.unknowns.tables.items():
         for i in np.flatnonzero(np.isnan(state[kind]).any(axis=1)).tolist():
             if problems or kind != "calibration":
                 lost.add((kind, table.names[i]))
-    if problems and lost:
-        geometric = {v for v in lost if v[0] in ("point", "pose")}
-        lost = geometric or lost
-        for v in lost:
-            lacks[v] = _why(problems, v)
-        return lost
+    if not problems:
+        return state, set()
+    lost = {v for v in lost if v[0] in ("point", "pose")} or lost
+    for v in lost:
+        lacks[v] = _why(problems, v)
+    return state, lost
+
+
+def _loose(
+    equations: Equations,
+    state: State,
+    units: list[Unit],
+    lacks: dict[Variable, str],
+    datum: DatumChoice,
+    *,
+    least: float = SHARE,
+) -> set[Variable]:
+    """Return the variables that the null space of the observations at a state moves.
+
+    Args:
+        equations: of the units.
+        state: where they are linearised.
+        units: the units.
+        lacks: gets why they are not determined.
+        datum: given or free.
+        least: part of a null vector's length in a variable that counts as moved.
+    """
+    unknowns = equations.unknowns
+    lost: set[Variable] = set()
     system = LinearSystem(equations.weighted_at(state), state)
     diagonal = system.diagonal()
     z = _null(system, diagonal)
@@ -295,12 +391,11 @@ def _unreachable(
         return set()
     share = np.sum(z * z, axis=1)
     for kind, number in unknowns.active():
-        if share[unknowns.columns(kind, number)].sum() > SHARE:
+        if share[unknowns.columns(kind, number)].sum() > least:
             v = (kind, unknowns[kind].names[number])
             lost.add(v)
             of = [u for u in units if v in u.variables]
             lacks[v] = f"{UNKNOWNS[kind].noun} {v[1]!r} is not determined by {describe(of, v)}"
-    lost = _points_first(lost)
     if not lost:  # spread thinly over very many: all of them
         for kind, number in unknowns.active():
             if share[unknowns.columns(kind, number)].any():

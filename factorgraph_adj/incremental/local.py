@@ -151,13 +151,13 @@ def filtered(network: Network, stays: Callable[[VariableKind, str], bool]) -> Ne
     if len(photos) < len(network.photos) or len(points) < len(network.points):
         _keep(out, photos, points)
     used = {f.camera for f in out.photos.values()}
-    out.cameras = {n: c for n, c in network.cameras.items() if n in used}
+    out.cameras = {n: c for n, c in network.cameras.items() if n in used or stays("calibration", n)}
     for kind in parameter_kinds():
         out.parameters[kind.name] = {
             k: p
             for k, p in network.of_kind(kind.name).items()
             if stays(kind.name, parameter_name(k))
-            and (kind.absent == "found" or not kind.at_point or k in out.points)
+            and (not kind.at_point or (k if isinstance(k, str) else k[0]) in out.points)
         }
     return out
 

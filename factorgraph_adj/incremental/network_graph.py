@@ -285,7 +285,10 @@ class Graph:
     def _after_points(self) -> list[tuple[int, int]]:
         """Return variables of very many observations, to be eliminated after all others."""
         every = ((key, self.register.variable(key)[0]) for key in self.register.keys)
-        out = [(key, UNKNOWNS[kind].late) for key, kind in every if UNKNOWNS[kind].late]
+        late = [(key, UNKNOWNS[kind].late) for key, kind in every if UNKNOWNS[kind].late]
+        # COLAMD knows as many groups as there are variables: a network may have only two.
+        group = {n: i for i, n in enumerate(sorted({n for _, n in late}), start=1)}
+        out = [(key, group[n]) for key, n in late]
         return out if len(out) < len(self.register.keys) else []
 
     def _late_in(self, n: int) -> list[tuple[int, int]]:

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
 
+from ..frames import LocalFrame
 from ..graph.make_blocks import variable_name
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import FREE_ORIENTATION, Parameter
 from ..network.network import Network
-from ..observations import AnyObservation, Correlated, ImagePoint, Observation
+from ..observations import KINDS, AnyObservation, Correlated, ImagePoint, Observation
 from ..types import Array
 from .register import Register
 
 Variable: TypeAlias = tuple[VariableKind, str]
 """Kind and name."""
+TRIANGLE = np.array([[0.0, 0.0, 0.0], [60.0, 80.0, 25.0], [-70.0, 45.0, 10.0]])
+"""Points of a sight, metres, for which it is worked out which verticals it notices."""
+ROUNDING = 1e-9
+"""Largest partial by a vertical, metres or radians per radian, that is nothing but rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,9 +97,47 @@ def unit_of(
 
 
 def variables_of(network: Network, o: Observation) -> Iterator[Variable]:
-    """Return what an observation depends on."""
-    for kind, attribute in o.record.variables:
-        yield kind, variable_name(network, kind, attribute, o)
+    """Return what an observation depends on: verticals only where their partials are not zero."""
+    kind = o.record
+    upright: frozenset[str] = frozenset()
+    if network.verticals and kind.model is not None:
+        raised = tuple(bool(np.any(getattr(o, c))) for c in kind.constants)
+        upright = _upright(kind.name, raised)
+    for what, attribute in kind.variables:
+        if what == "vertical" and attribute in upright:
+            continue
+        yield what, variable_name(network, what, attribute, o)
+
+
+@cache
+def _upright(name: str, raised: tuple[bool, ...]) -> frozenset[str]:
+    """Return the points of a kind of observation whose verticals it does not notice.
+
+    A slope distance between the marks themselves is the same in every horizon: its partials by
+    verticals are nothing but rounding. They are worked out for one sight.
+
+    Args:
+        name: of the kind.
+        raised: which of its constants, the heights of instrument and target, are not zero.
+    """
+    kind = KINDS[name]
+    if not any(what == "vertical" for what, _ in kind.variables):
+        return frozenset()
+    points = [attribute for what, attribute in kind.variables if what == "point"]
+    values = [
+        TRIANGLE[[points.index(attribute)]]
+        if what == "point"
+        else UNKNOWNS[what].store(np.zeros((1, UNKNOWNS[what].size)))
+        for what, attribute in kind.variables
+    ]
+    heights = {c: np.array([float(on)]) for c, on in zip(kind.constants, raised, strict=True)}
+    assert kind.model is not None
+    partials = kind.model(LocalFrame(), *values, observed=np.zeros((1, 1)), **heights).jacobians
+    return frozenset(
+        attribute
+        for (what, attribute), a in zip(kind.variables, partials, strict=True)
+        if what == "vertical" and float(np.abs(a).max()) < ROUNDING
+    )
 
 
 def components(network: Network, variable: Variable) -> tuple[int, int]:

@@ -65,12 +65,16 @@ class TreeNormal(NormalEquations):
         super().__init__(solver, state)
         self._tree, self._columns = tree, columns
 
-    def factorise(self, extra: Array, *, exact: bool = False) -> Factor:
-        """Return the factorisation that iSAM2 has, with its minimal datum; see the base."""
+    def for_covariances(self, constraint: Array, datum: FreeDatum | None = None) -> Factor:
+        """Return the factorisation that iSAM2 has, with its minimal datum; see the base.
+
+        It is that of the states where its factors were linearised, so that probes at this one
+        would not tell rounding from that.
+        """
         try:
             return TreeFactor(self.solver.equations, self._tree, self._columns)
         except (SingularError, RuntimeError):
-            return super().factorise(extra, exact=exact)
+            return super().for_covariances(constraint, datum)
 
 
 def columns_of(register: Register, equations: Equations) -> dict[int, Index]:

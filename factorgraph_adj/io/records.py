@@ -145,7 +145,8 @@ def _project_unit(quantity: Quantity, units: Units) -> str:
 def label(record: Mapping[str, object]) -> str:
     """Return a readable name of a record: kind, points and id."""
     kind = record.get("kind")
-    names = names_of(kind) if isinstance(kind, str) and kind in KINDS else NAMES
+    own = names_of(kind) if isinstance(kind, str) and kind in KINDS else ()
+    names = (*NAMES, *(n for n in own if n not in NAMES))
     parts = [str(record[n]) for n in ("kind", *names) if record.get(n) not in (None, "")]
     ident = record.get("id")
     return " ".join(parts) + (f" (id {ident})" if ident not in (None, "") else "")

@@ -68,9 +68,9 @@ class ReferenceDatum:
     unknowns: Unknowns
     """Layout of these components."""
     cross: Array
-    """F = Q G_D (components, d); zero for held ones."""
+    """F = Q B_D (components, d), see `FreeDatum.basis`; zero for held ones."""
     square: Array
-    """E = G_DᵀF (d, d)."""
+    """E = B_DᵀF (d, d)."""
 
     def transformed(
         self, block: Array, a: tuple[VariableKind, str], b: tuple[VariableKind, str]
@@ -84,7 +84,7 @@ class ReferenceDatum:
         out = blocks.copy()
         on = np.flatnonzero(offset >= 0)
         columns = offset[on, None] + np.arange(3)
-        both = self.datum.motions[columns], self.cross[columns]
+        both = self.datum.basis[columns], self.cross[columns]
         out[on] = self.datum.transformed(blocks[on], both, both, self.square)
         return out
 
@@ -96,7 +96,7 @@ class ReferenceDatum:
         if not len(columns):
             nothing = np.zeros((int(table.size[number]), len(self.square)))
             return nothing, nothing
-        return self.datum.motions[columns], self.cross[columns]
+        return self.datum.basis[columns], self.cross[columns]
 
 
 def s_transform(
@@ -240,7 +240,7 @@ def _reference(
         chosen = [get_args(Motion).index(m) for m in dict.fromkeys(motions)]
         g, called = generators(freed, solution.state)[:, chosen], tuple(dict.fromkeys(motions))
     datum = FreeDatum(g, datum_columns(freed, g, names))
-    masked = np.where(datum.columns[:, None], g, 0.0)
+    masked = datum.masked
     cross = np.zeros_like(g)
     cross[place] = solution.cofactor_times(masked[place])
     return ReferenceDatum(names, called, datum, unknowns, cross, masked.T @ cross)

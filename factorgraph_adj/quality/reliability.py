@@ -342,4 +342,4 @@ def _transform(solution: Solution) -> STransform | None:
     """Return what leads from the minimal datum of the solver to that of the solution."""
     if solution.datum is None or solution.datum_cross is None:
         return None
-    return STransform(solution.datum.motions, solution.datum.inverse, *solution.datum_cross)
+    return STransform(solution.datum.basis, *solution.datum_cross)

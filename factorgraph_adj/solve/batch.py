@@ -27,7 +27,7 @@ from .free_network import SHRINKING, Carried, carry, datum_columns
 from .inner import follow
 from .linear import ExtraRows
 from .normal import NormalEquations, Solver
-from .rank import LISTED, describe_defects, undetermined
+from .rank import LISTED, describe_defects, undetermined, unnoticed
 from .solution import Solution
 from .tree import SingularError
 
@@ -57,6 +57,9 @@ CLOSE = 0.1
 """Step relative to σ below which that is trusted, and no point passes a camera."""
 SUSPICIOUS = 1e-11
 """What is left of a diagonal element of N, relative, below which datum defects are looked for."""
+POOR = 1e-6
+"""The same below which any undetermined unknown is looked for. Rounding leaves up to 1e-10 of the
+smallest pivot of a singular N, as it depends on the order of elimination."""
 WORTHWHILE = 1e-3
 """Part of the predicted decrease of vᵀPv that a damped step must bring."""
 OFF_DATUM = "not at rest on the inner constraints of the free network"
@@ -91,6 +94,8 @@ class _Run:
     defects: tuple[Defect, ...] = ()
     at_solution: NormalEquations | None = None
     drifting: tuple[tuple[str, str], ...] = ()
+    smallest_pivot: float = 0.0
+    """That of the last undamped step, relative; 0 where there was none."""
 
     @property
     def equations(self) -> Equations:
@@ -195,6 +200,8 @@ def adjust(
         before, weighed = weighed, weighed.weighted_at(state)
         if not converged or iterations >= max_iterations or weighed.weighs_as(before):
             break
+    if converged and run.smallest_pivot < POOR:
+        _refuse_unnoticed(run, run.normal())
     if run.datum is not None:
         shape = run.state, run.datum, run.defects
         carried = _carry_to_datum_points(run, tolerance, converged)
@@ -275,11 +282,13 @@ def _iterate(
             _settle_datum(run, normal)
         while True:
             found = _step(run, normal, damping)
-            if iteration == 1 and damping == 0.0 and run.datum is None:
+            if iteration == 1 and damping == 0.0:
                 # A defect of datum leaves a pivot without anything: no need to search without.
                 suspicious = found is None or normal.smallest_pivot < SUSPICIOUS
-                if suspicious:
+                if suspicious and run.datum is None:
                     _settle_datum(run, normal)
+                if run.smallest_pivot < POOR and found is not None:
+                    _refuse_unnoticed(run, normal)
             small = False
             if found is not None:
                 step, decrease, bound = found
@@ -438,6 +447,8 @@ def _step(run: _Run, normal: NormalEquations, damping: float) -> tuple[Array, fl
     the end of the way the error says what is missing.
     """
     weights = normal.diagonal * damping
+    if damping == 0.0:
+        run.smallest_pivot = 0.0
     try:
         # Damping fills the datum too, and without taking sides for the points that are held.
         factor = normal.factorise(weights if damping > 0.0 else run.constraint)
@@ -447,6 +458,8 @@ def _step(run: _Run, normal: NormalEquations, damping: float) -> tuple[Array, fl
         if run.equations.unknowns.n_columns <= SMALL_ENOUGH_TO_EXPLAIN:
             _explain(run, normal)
         return None
+    if damping == 0.0:
+        run.smallest_pivot = normal.smallest_pivot
     y = -normal.gradient[:, None]
     step = factor.solve(y)[:, 0]
     decrease = float(-normal.gradient @ step + step @ (weights * step))
@@ -493,6 +506,7 @@ def _settle_datum(run: _Run, normal: NormalEquations) -> None:
     held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
     run.constraint[held] = normal.diagonal[held]
     run.datum = FreeDatum(motions, columns)
+    run.constraint = normal.held_better(run.constraint, run.datum)
 
 
 def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> Carried:
@@ -520,9 +534,25 @@ def _carry_to_datum_points(run: _Run, tolerance: float, at_rest: bool) -> Carrie
     return carried
 
 
-def _explain(run: _Run, normal: NormalEquations) -> None:
-    """Raise what is not determined, by name."""
-    error = _undetermined(run, normal)
+def _refuse_unnoticed(run: _Run, normal: NormalEquations) -> None:
+    """Raise what is not determined, by name, where a pivot is poor.
+
+    Rounding turns the pivot of a singular N into a small one, and its step into anything.
+    """
+    try:
+        factor = normal.factorise(run.constraint)
+    except SingularError:
+        _explain(run, normal)
+        return
+    filled = [] if run.datum is None else [d.at(run.equations, run.state) for d in run.defects]
+    known = unnoticed(normal.system, normal.diagonal, factor, filled)
+    if known.shape[1]:
+        _explain(run, normal, known)
+
+
+def _explain(run: _Run, normal: NormalEquations, known: Array | None = None) -> None:
+    """Raise what is not determined, by name; ``known`` as in `undetermined`."""
+    error = _undetermined(run, normal, known)
     try:
         if error is not None:
             raise error from None
@@ -530,15 +560,17 @@ def _explain(run: _Run, normal: NormalEquations) -> None:
         del error  # or frame and traceback hold each other, and everything in them
 
 
-def _undetermined(run: _Run, normal: NormalEquations) -> DatumError | None:
+def _undetermined(
+    run: _Run, normal: NormalEquations, known: Array | None = None
+) -> DatumError | None:
     """Return an error that names what is not determined, or none."""
     free = run.datum is not None
     defects = (
-        run.defects
+        [d.at(run.equations, run.state) for d in run.defects]
         if free
         else find_defects(normal.system, run.state, normal.diagonal, free=run.free)
     )
-    return undetermined(normal.system, normal.diagonal, defects, free=free)
+    return undetermined(normal.system, normal.diagonal, defects, free=free, known=known)
 
 
 def _name_overflow(run: _Run) -> None:

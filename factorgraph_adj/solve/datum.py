@@ -17,10 +17,11 @@ no observation notices (`transform`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from scipy.linalg import qr
+from scipy.linalg import qr, solve_triangular
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -309,32 +310,42 @@ class FreeDatum:
     columns: Mask
     """Coordinates of the datum points among the columns, (n_columns,)."""
 
-    def __post_init__(self) -> None:
-        """Invert G_DᵀG_D once."""
-        on = self.motions[self.columns]
-        object.__setattr__(self, "_inverse", np.linalg.inv(on.T @ on))
+    @cached_property
+    def _triangle(self) -> Array:
+        """R of the QR factorisation of G_D, (d, d)."""
+        return np.asarray(np.linalg.qr(self.motions[self.columns], mode="r"))
 
-    @property
-    def inverse(self) -> Array:
-        """(G_DᵀG_D)⁻¹, (d, d)."""
-        return self._inverse  # type: ignore[attr-defined, no-any-return]
+    @cached_property
+    def basis(self) -> Array:
+        """B = G R⁻¹ (n_columns, d): the same motions with B_DᵀB_D = I.
+
+        Cofactors are transformed with B: the terms of the transformation cancel by many digits
+        where columns of G_D are nearly parallel, as where one datum point lies far away.
+        """
+        return solve_triangular(self._triangle, self.motions.T, trans="T").T
+
+    @cached_property
+    def masked(self) -> Array:
+        """B_D, zero outside the datum points, (n_columns, d)."""
+        return np.where(self.columns[:, None], self.basis, 0.0)
 
     def project(self, moved: Array) -> Array:
         """Return t such that G_Dᵀ (moved + G t)_D = 0, for moved = x − x₀ (n_columns,)."""
-        return np.asarray(-self.inverse @ (self.motions[self.columns].T @ moved[self.columns]))
+        along = self.basis[self.columns].T @ moved[self.columns]
+        return np.asarray(-solve_triangular(self._triangle, along))
 
     def transformed(
         self, block: Array, a: tuple[Array, Array], b: tuple[Array, Array], square: Array
     ) -> Array:
         """S-transform a block of cofactors Q_ab onto the inner constraints.
 
-        Q_ab − g_a F_bᵀ − F_a g_bᵀ + g_a E g_bᵀ with g = G (G_DᵀG_D)⁻¹, F = Q G_D, E = G_DᵀF.
+        Q_ab − B_a F_bᵀ − F_a B_bᵀ + B_a E B_bᵀ with F = Q B_D, E = B_DᵀF.
 
         Args:
             block: Q_ab, (..., k, l).
-            a: G and F of its rows, (..., k, d) each.
-            b: G and F of its columns, (..., l, d) each.
+            a: B and F of its rows, (..., k, d) each.
+            b: B and F of its columns, (..., l, d) each.
             square: E, (d, d).
         """
-        ga, gb = a[0] @ self.inverse, np.swapaxes(b[0] @ self.inverse, -1, -2)
-        return np.asarray(block - ga @ np.swapaxes(b[1], -1, -2) - a[1] @ gb + ga @ square @ gb)
+        gb = np.swapaxes(b[0], -1, -2)
+        return np.asarray(block - a[0] @ np.swapaxes(b[1], -1, -2) - a[1] @ gb + a[0] @ square @ gb)

@@ -24,6 +24,9 @@ class Factor:
     covariances come out as zero after masking.
     """
 
+    uncertainty: float = 0.0
+    """Relative error of variances that probes of it have shown; zero before, see `trust`."""
+
     def __init__(
         self,
         plan: Plan,

@@ -367,23 +367,20 @@ def _points_of_tree(
 
 @dataclass(frozen=True)
 class STransform:
-    """Q = S Q_min Sᵀ of a free network, S = I − G (G_DᵀG_D)⁻¹ G_Dᵀ."""
+    """Q = S Q_min Sᵀ of a free network, S = I − B B_Dᵀ with B of `FreeDatum.basis`."""
 
-    motions: Array
-    """G (n_columns, d)."""
-    inverse: Array
-    """(G_DᵀG_D)⁻¹ (d, d)."""
+    basis: Array
+    """B (n_columns, d)."""
     cross: Array
-    """F = Q_min G_D (n_columns, d)."""
+    """F = Q_min B_D (n_columns, d)."""
     square: Array
-    """E = G_Dᵀ F (d, d)."""
+    """E = B_Dᵀ F (d, d)."""
 
     def blocks(self, system: LinearSystem, blocks: list[BlockLeverage]) -> None:
         """Carry the parts of single unknowns over, in place."""
         of_f = system.times(self.cross)
         others = system.only([k for k in system.unknowns.tables if k != "point"])
-        g1, f1 = others.times(self.motions) @ self.inverse, others.times(self.cross)
-        shift = self.motions @ self.inverse
+        g1, f1 = others.times(self.basis), others.times(self.cross)
         for lb, out in zip(system.blocks, blocks, strict=True):
             n, d = lb.block.observed.shape
             g, f, af = (x[lb.block.rows].reshape(n, d, -1) for x in (g1, f1, of_f))
@@ -396,7 +393,7 @@ class STransform:
                 if kind != "point":
                     continue
                 on = np.flatnonzero(offset >= 0)
-                moved = shift[offset[on, None] + np.arange(3)]
+                moved = self.basis[offset[on, None] + np.arange(3)]
                 out.own[on, 3 * number : 3 * number + 3] -= moved @ af[on].transpose(0, 2, 1)
                 number += 1
 
@@ -405,8 +402,8 @@ class STransform:
     ) -> ClusterLeverage:
         """The same for dense rows."""
         other = ~_of_points(system)[columns]
-        g = a[:, other] @ self.motions[columns[other]] @ self.inverse
+        g = a[:, other] @ self.basis[columns[other]]
         f = a[:, other] @ self.cross[columns[other]]
         others = c.others - f @ g.T - g @ f.T + g @ self.square @ g.T
-        own = c.own - self.motions[columns] @ self.inverse @ (a @ self.cross[columns]).T
+        own = c.own - self.basis[columns] @ (a @ self.cross[columns]).T
         return ClusterLeverage(c.hat, others, c.columns, own)

@@ -10,11 +10,13 @@ import numpy as np
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..types import Array
+from .datum import FreeDatum
 from .factor import Factor
 from .linear import ExtraRows, LinearSystem
 from .plan import Plan, make_plan
 from .rays import Rays
 from .tree import SingularError, TreeFactors
+from .trust import SAMPLES, TRUSTED, held_well, refusal, sample, uncertainty
 
 LARGEST_QR = 3000
 """Variables in the tree up to which every factorisation is by QR."""
@@ -27,6 +29,8 @@ POOR_POINT = 1e-12
 """The same for single points, whose poor pivot is nobody else's."""
 VANISHED_QR = 1e-19
 """What is left of a diagonal element in a QR factorisation where nothing is left of it."""
+ENLARGED = 4.0
+"""Factor by which a minimal datum may enlarge a standard deviation before a better one is taken."""
 
 
 @dataclass
@@ -111,6 +115,64 @@ class NormalEquations:
         solver.turn_to_qr()
         self._factors = None
         return self.factorise(extra, exact=exact)
+
+    def for_covariances(self, constraint: Array, datum: FreeDatum | None = None) -> Factor:
+        """Factorise N with a minimal datum so that covariances are right.
+
+        In a free network the minimal datum is chosen anew where that of the iteration enlarges
+        standard deviations: rounding grows with their square. A factorisation whose probes fail
+        is replaced by QR of everything.
+
+        Args:
+            constraint: what the minimal datum of the iteration adds to the diagonal of N,
+                (n_columns,).
+            datum: inner constraints of a free network; none where the datum is given.
+
+        Raises:
+            SingularError: an unknown is not determined, or so weakly that covariances would be
+                wrong.
+        """
+        if datum is not None:
+            constraint = self.held_better(constraint, datum, exact=True)
+        factor = self._probed(constraint)
+        if factor.uncertainty > TRUSTED and not self.solver.qr_everywhere:
+            self.solver.turn_to_qr()
+            self._factors = None
+            factor = self._probed(constraint)
+        if factor.uncertainty > TRUSTED:
+            raise SingularError(refusal(self.system, factor, self.diagonal))
+        return factor
+
+    def _probed(self, constraint: Array) -> Factor:
+        factor = self.factorise(constraint, exact=True)
+        factor.uncertainty = uncertainty(self.system, factor)
+        return factor
+
+    def held_better(self, constraint: Array, datum: FreeDatum, *, exact: bool = False) -> Array:
+        """Return what a well chosen minimal datum adds to the diagonal of N, (n_columns,).
+
+        Args:
+            constraint: what any minimal datum adds; it is returned where it holds well.
+            datum: inner constraints of the free network.
+            exact: QR of everything where there is no other answer; otherwise ``constraint`` is
+                returned then.
+
+        Raises:
+            SingularError: an unknown is not determined, and ``exact`` asks for an answer.
+        """
+        try:
+            rough = self.factorise(constraint)
+        except SingularError:
+            if not exact:
+                return constraint
+            rough = self.factorise(constraint, exact=True)
+        steps = sample(self.system, rough, SAMPLES)
+        held, enlarged = held_well(datum, steps, self.diagonal)
+        if enlarged <= ENLARGED:
+            return constraint
+        better = np.zeros_like(constraint)
+        better[held] = self.diagonal[held]
+        return better
 
     def _factorise(self, extra: Array, *, qr: bool) -> Factor:
         if self._factors is None:

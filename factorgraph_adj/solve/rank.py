@@ -10,21 +10,26 @@ from ..errors import DatumError
 from ..graph.variables import Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index
-from .datum import Defect, in_part
+from .datum import UNNOTICED, Defect, in_part
 from .factor import Factor
 from .linear import LinearSystem
 from .plan import make_plan
 from .rays import Rays
 from .tree import SingularError, TreeFactors
 
-REGULARISED = 1e-10
-"""Share of its diagonal added to N to make it invertible for the search."""
 NULL = 1e-7
 """|A z| relative to independent unknowns, below which z counts as undetermined."""
+REGULARISED = NULL**2
+"""Share of its diagonal added to N to make it invertible for the search: what it adds to |A z|²
+of a combination that is just determined. With more, many weak ones hide one without anything."""
 MOST = 40
 """Largest number of undetermined combinations that are looked for."""
+PROBES = 4
+"""Number of vectors of the inverse iteration with a factor: the weakest combinations apart."""
 MOST_UNOBSERVED = 400
 """The same for unknowns without any observation."""
+CONCERNED = 0.05
+"""Share of an unknown in undetermined combinations, above which it is named."""
 LISTED = 12
 """Unknowns that a message names."""
 
@@ -63,8 +68,63 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
     return np.concatenate([units, found], axis=1)
 
 
+def unnoticed(
+    system: LinearSystem, diagonal: Array, factor: Factor, defects: Sequence[Defect]
+) -> Array:
+    """Return what a factorised network leaves undetermined beside its datum.
+
+    Inverse iteration with the factor. Rounding makes of a singular N a factor of N + E with
+    |E| ≈ 10⁻¹⁶, whose pivots tell little: the last one is |E| / z², z the share of its unknown
+    in the undetermined combination. That combination itself comes out well, and |A z| of it
+    without the squares of N. The motions of the datum are projected out, so that the choice of a
+    minimal datum has no influence.
+
+    Args:
+        system: the linearised network.
+        diagonal: that of N, (n_columns,).
+        factor: N, with a minimal datum where there are defects.
+        defects: the datum defects that this datum fills.
+
+    Returns:
+        Orthonormal combinations z (n_columns, d), scaled by √diagonal.
+    """
+    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)[:, None]
+    live = factor.free
+    z = np.zeros((len(diagonal), min(PROBES, int(live.sum()))))
+    z[live] = np.random.default_rng(1).standard_normal((int(live.sum()), z.shape[1]))
+    motions = _motions(scale, defects)
+    for _ in range(2):
+        z = scale * factor.solve(scale * z)
+        z -= motions @ (motions.T @ z)
+        z[live], _ = np.linalg.qr(z[live])
+    # Columns that are parallel to rounding leave anything beside the first: motions as well.
+    z = _beside(z, motions)
+    az = system.times(z / scale)
+    empty = np.zeros((z.shape[1], z.shape[1]))  # there may be fewer observations than columns
+    _, noticed, right = np.linalg.svd(np.concatenate([az, empty]), full_matrices=False)
+    return np.asarray(z @ right[noticed < UNNOTICED].T)
+
+
+def _motions(scale: Array, defects: Sequence[Defect]) -> Array:
+    """Return an orthonormal basis (n_columns, d) of the motions of the datum, scaled."""
+    none = np.zeros((len(scale), 0))
+    basis, _ = np.linalg.qr(np.concatenate([none, *(scale * d.motions for d in defects)], axis=1))
+    return np.asarray(basis)
+
+
+def _beside(z: Array, motions: Array) -> Array:
+    """Return an orthonormal basis of z beside the motions of the datum, all of them scaled."""
+    u, s, _ = np.linalg.svd(z - motions @ (motions.T @ z), full_matrices=False)
+    return np.asarray(u[:, s > 0.5])
+
+
 def undetermined(
-    system: LinearSystem, diagonal: Array, defects: Sequence[Defect], *, free: bool = False
+    system: LinearSystem,
+    diagonal: Array,
+    defects: Sequence[Defect],
+    *,
+    free: bool = False,
+    known: Array | None = None,
 ) -> DatumError | None:
     """Return an error that names everything that is not determined, or none.
 
@@ -73,25 +133,23 @@ def undetermined(
         diagonal: that of N, (n_columns,).
         defects: its datum defects.
         free: whether inner constraints fill them, so that they are no fault.
+        known: combinations beside the defects that are undetermined, see `unnoticed`. The search
+            for all of them may miss these among many weak ones.
     """
     try:
         z = null_space(system, diagonal)
     except SingularError:  # nothing more is to be learnt than the defects of datum
         z = np.zeros((len(diagonal), 0))
-    if z.shape[1] == 0 and not defects:
-        return None
     unknowns = system.unknowns
-    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
+    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)[:, None]
     lines, names = [], []
     concerned: list[tuple[str, str]] = []
-    if defects:
-        motions = scale[:, None] * np.concatenate([d.motions for d in defects], axis=1)
-        basis, _ = np.linalg.qr(motions)
-        z = z - basis @ (basis.T @ z)
-        u, s, _ = np.linalg.svd(z, full_matrices=False)
-        z = u[:, s > 0.5]
-        if not free:
-            lines += describe_defects(unknowns, defects)
+    motions = _motions(scale, defects)
+    z = _beside(z, motions)
+    if z.shape[1] == 0 and known is not None:
+        z = _beside(known, motions)
+    if not free:
+        lines += describe_defects(unknowns, defects)
     n_datum = 0 if free else sum(d.size for d in defects)
     if z.shape[1]:
         shares = _shares(unknowns, z)
@@ -152,11 +210,12 @@ def _shares(unknowns: Unknowns, z: Array) -> list[tuple[VariableKind, int, float
     for kind, number in unknowns.active():
         columns = unknowns.columns(kind, number)
         own = leverage[columns]
-        share = float(own.sum())
-        if share > 0.05:
-            component = unknowns.component_names(kind, number)[int(np.argmax(own))]
-            out.append((kind, number, share, component))
-    return sorted(out, key=lambda item: -item[2])
+        component = unknowns.component_names(kind, number)[int(np.argmax(own))]
+        out.append((kind, number, float(own.sum()), component))
+    out.sort(key=lambda item: -item[2])
+    # What turns as a whole has small shares everywhere.
+    least = min(CONCERNED, 0.5 * out[0][2])
+    return [item for item in out if item[2] > least]
 
 
 def _support(system: LinearSystem, kind: str, number: int, diagonal: Array) -> str:

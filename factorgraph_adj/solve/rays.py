@@ -60,7 +60,6 @@ class Rays:
         # joins it; the others are participants of their own.
         starts = np.flatnonzero(np.r_[True, self.photo[1:] != self.photo[:-1]])
         stops = np.r_[starts[1:], len(self.photo)]
-        self.starts = starts
         pose, lens = unknowns["pose"], unknowns["calibration"]
         of_photo = self.calibration[starts]
         users = np.bincount(of_photo, minlength=len(lens.names))

@@ -152,11 +152,11 @@ class ReducedPoints:
         """
         rays = self.rays
         z = self.cholesky.lower(y[rays.plan.point_columns])
-        part = np.einsum("mic,mik->mck", self.w, z[rays.point])
-        by_photo = np.add.reduceat(part, rays.starts, axis=0)
-        for number, photo in enumerate(rays.photos):
-            on = photo.columns >= 0
-            border[photo.columns[on]] -= by_photo[number][on]
+        of_rays = z[rays.point]
+        for photo in rays.photos:
+            r, on = photo.rows, photo.columns >= 0
+            part = self.w[r].reshape(-1, rays.width).T @ of_rays[r].reshape(-1, z.shape[2])
+            border[photo.columns[on]] -= part[on]
         for ws, points, columns in zip(
             self.shared, rays.shared_points, rays.shared_columns, strict=True
         ):
@@ -167,11 +167,12 @@ class ReducedPoints:
         """Return the points' part of the solution (p, 3, k) from that of the border (b, k)."""
         rays = self.rays
         n, k = rays.n_points, z.shape[2]
-        x = np.zeros((len(rays.photos), rays.width, k))
-        for number, photo in enumerate(rays.photos):
-            on = photo.columns >= 0
-            x[number, on] = border[photo.columns[on]]
-        along = np.einsum("mic,mck->mik", self.w, x[rays.ray_photo])
+        along = np.empty((len(rays.point), 3, k))
+        for photo in rays.photos:
+            r, on = photo.rows, photo.columns >= 0
+            x = np.zeros((rays.width, k))
+            x[on] = border[photo.columns[on]]
+            along[r] = (self.w[r].reshape(-1, rays.width) @ x).reshape(-1, 3, k)
         t = z.copy()
         for axis in range(3):
             for column in range(k):

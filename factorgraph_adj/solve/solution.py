@@ -23,6 +23,12 @@ if TYPE_CHECKING:
     from .factor import Factor
     from .normal import NormalEquations
 
+ROUNDING = 1e-15
+"""Relative error that a variance has at least."""
+CANCELLED = 1e-6
+"""Relative error of a variance from which on a solution of the normal equations takes the place of
+the S-transformation of a block: there σ cancels, not σ²."""
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -341,8 +347,11 @@ class Solution:
             f, e = self.datum_cross
             on = np.flatnonzero(table.offset >= 0)
             columns = table.offset[on, None] + np.arange(3)
-            both = self.datum.motions[columns], f[columns]
-            out[on] = self.datum.transformed(out[on], both, both, e)
+            both = self.datum.basis[columns], f[columns]
+            moved = self.datum.transformed(out[on], both, both, e)
+            for i in np.flatnonzero(self._cancelled(out[on], moved)).tolist():
+                moved[i] = self._cross(columns[i], columns[i])
+            out[on] = moved
         if self.reference is not None:
             out = self.reference.transformed_points(out)
         return out * self.variance_factor
@@ -374,37 +383,40 @@ class Solution:
 
     @cached_property
     def factor(self) -> Factor:
-        """The normal equations at the solution, factorised; with a minimal datum if free."""
-        return self.normal().factorise(self.constraint, exact=True)
+        """The normal equations at the solution, factorised; with a minimal datum if free.
+
+        Raises:
+            SingularError: an unknown is not determined, or so weakly that covariances would be
+                wrong.
+        """
+        return self.normal().for_covariances(self.constraint, self.datum)
 
     @cached_property
     def datum_cross(self) -> tuple[Array, Array] | None:
-        """F = Q_min G_D (n_columns, d) and E = G_Dᵀ F of the S-transformation to the datum."""
+        """F = Q_min B_D (n_columns, d) and E = B_Dᵀ F, see `FreeDatum.transformed`."""
         if self.datum is None:
             return None
-        masked = np.where(self.datum.columns[:, None], self.datum.motions, 0.0)
-        f = self.factor.solve(masked)
-        return f, masked.T @ f
+        f = self.factor.solve(self.datum.masked)
+        return f, self.datum.masked.T @ f
 
     def _free(self, block: Array, a: Index, b: Index) -> Array:
         """S-transform the cofactor block between columns a and b."""
         if self.datum is None or self.datum_cross is None:
             return block
         f, e = self.datum_cross
-        g = self.datum.motions
+        g = self.datum.basis
         return self.datum.transformed(block, (g[a], f[a]), (g[b], f[b]), e)
 
     def cofactor_times(self, y: Array) -> Array:
         """Return Q y for y (n_columns, k), Q on the inner constraints if the network is free.
 
-        Q = S Q_min Sᵀ with S = I − G (G_DᵀG_D)⁻¹ G_Dᵀ.
+        Q = S Q_min Sᵀ with S = I − B B_Dᵀ, B of `FreeDatum.basis`.
         """
         if self.datum is None:
             return self.factor.solve(y)
-        g, inverse = self.datum.motions, self.datum.inverse
-        masked = np.where(self.datum.columns[:, None], g, 0.0)
-        x = self.factor.solve(y - masked @ (inverse @ (g.T @ y)))
-        return np.asarray(x - g @ (inverse @ (masked.T @ x)))
+        basis, masked = self.datum.basis, self.datum.masked
+        x = self.factor.solve(y - masked @ (basis.T @ y))
+        return np.asarray(x - basis @ (masked.T @ x))
 
     def _cross(self, a: Index, b: Index) -> Array:
         unit = np.zeros((self.equations.unknowns.n_columns, len(b)))
@@ -425,7 +437,15 @@ class Solution:
         else:
             block = self.factor.selected.joint(columns[None])[0]
         free = self.equations.unknowns.free[columns]
-        return self._free(np.where(np.outer(free, free), block, 0.0), columns, columns)
+        block = np.where(np.outer(free, free), block, 0.0)
+        moved = self._free(block, columns, columns)
+        return self._cross(columns, columns) if self._cancelled(block, moved) else moved
+
+    def _cancelled(self, before: Array, after: Array) -> Array:
+        """Return where the S-transformation of blocks (…, k, k) has lost too many digits, (…)."""
+        was, left = (np.diagonal(x, axis1=-2, axis2=-1) for x in (before, after))
+        rounding = max(self.factor.uncertainty, ROUNDING)
+        return np.asarray(np.any(rounding * was > CANCELLED * np.abs(left), axis=-1))
 
     # -- helpers ------------------------------------------------------------------------------
 
