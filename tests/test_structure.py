@@ -42,8 +42,6 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("approximate",),
     # The same equations as factors of GTSAM, which start at approximate values.
     ("graph",),
-    # What a solve returns; it holds parts of the solver and names them for type checks only.
-    ("solve.solution",),
     ("solve",),
     ("quality",),
     ("validate",),
@@ -72,13 +70,8 @@ EXTRAS = {
 }
 """Optional; imported when they are needed, and where."""
 
-KNOWN_CIRCLES = {("solve.solution", "quality.datum_change")}
-"""Imports for type checkers alone that close a circle, and are still to go."""
-
 MOST_LINES, MEDIAN_LINES = 500, 200
 """Bounds of the number of lines of a module: of every one, and of half of them."""
-TOO_LONG = {"solve.batch"}
-"""Modules beyond the bound that are still to be divided."""
 UNBOUND = {"incremental"}
 """Rooms without bounds, which are to be written anew."""
 
@@ -177,38 +170,22 @@ def test_imports_point_one_way(name):
     assert not wrong
 
 
-def _reaches(graph: dict[str, set[str]], start: str, end: str) -> bool:
-    """Return whether a module imports another one, through others or not."""
-    seen, ahead = {start}, [start]
-    while ahead:
-        new = graph[ahead.pop()] - seen
-        seen |= new
-        ahead += new
-    return end in seen
-
-
 def test_no_modules_import_one_another_in_a_circle():
     """Imports that only type checkers see count too: a reader follows them like any other."""
-    every = {name: [i for i in _imports(name) if _inside(i) is not None] for name in MODULES}
     graph = {
-        name: {_inside(i) for i in imports if (name, _inside(i)) not in KNOWN_CIRCLES}
-        for name, imports in every.items()
+        name: {inner for i in _imports(name) if (inner := _inside(i)) is not None}
+        for name in MODULES
     }
     assert len(list(graphlib.TopologicalSorter(graph).static_order())) == len(MODULES)
-    for name, other in KNOWN_CIRCLES:
-        closing = [i for i in every[name] if _inside(i) == other]
-        assert closing and all(i.for_types for i in closing), f"{name} → {other}: no exception"
-        assert _reaches(graph, other, name), f"{name} → {other} closes no circle any more"
 
 
 def test_modules_are_short():
-    """An exception that is short enough has to leave the list."""
     lines = {
         name: len(path.read_text(encoding="utf-8").splitlines())
         for name, path in MODULES.items()
         if name.split(".")[0] not in UNBOUND
     }
-    assert {name for name, n in lines.items() if n > MOST_LINES} == TOO_LONG
+    assert not [name for name, n in lines.items() if n > MOST_LINES]
     assert statistics.median(lines.values()) < MEDIAN_LINES
 
 

@@ -15,12 +15,38 @@ from ..models.base import DegenerateError, Linearised
 from ..models.image import image
 from ..models.lens import Lens
 from ..models.variables import VariableKind
-from ..observations import Unit
+from ..observations import Observation, Unit
 from ..types import Array, Index
 from .variables import State
 
 Fixes: TypeAlias = Literal["nothing", "coordinates", "attitude", "place"]
 """What observations say of the place of a network."""
+
+
+@dataclass(frozen=True)
+class ObservationLabels:
+    """Readable names of observations, made when they are asked for."""
+
+    observations: Sequence[Observation]
+    """The observations."""
+
+    def __call__(self, i: int) -> str:
+        """Return the name of one."""
+        return self.observations[i].label()
+
+
+@dataclass(frozen=True)
+class SomeLabels:
+    """Readable names of some rows of a block."""
+
+    labels: Callable[[int], str]
+    """Names of all rows."""
+    rows: Index
+    """The rows."""
+
+    def __call__(self, i: int) -> str:
+        """Return the name of one of them."""
+        return self.labels(int(self.rows[i]))
 
 
 @dataclass(frozen=True)
@@ -87,14 +113,14 @@ class Block:
 
     def select(self, rows: Index) -> Block:
         """Return a block of some of the observations."""
-        labels, chosen = self.labels, np.asarray(rows)
+        chosen = np.asarray(rows)
         return replace(
             self,
             variables=tuple((k, index[chosen]) for k, index in self.variables),
             observed=self.observed[chosen],
             sigma=self.sigma[chosen],
             ids=[self.ids[i] for i in chosen],
-            labels=lambda i: labels(int(chosen[i])),
+            labels=SomeLabels(self.labels, chosen),
             whitener=None if self.whitener is None else self.whitener[chosen],
             constants={k: v[chosen] for k, v in self.constants.items()},
             axes=None if self.axes is None else [self.axes[i] for i in chosen],

@@ -14,7 +14,7 @@ from ..network.entities import parameter_key, parameter_name
 from ..network.network import Network
 from ..observations import KINDS, ControlPoint, Observation, ObservationKind, Unit, observation_kind
 from ..types import Array, Index, Mask
-from .blocks import Block
+from .blocks import Block, ObservationLabels
 from .variables import DEFAULT, Unknowns, Variables, calibration_name
 from .weights import constant_sigma, vector_weights
 
@@ -96,7 +96,7 @@ def _plain_block(
         sigma,
         [ident for ident, _ in group],
         observations[0].components,
-        lambda i: observations[i].label(),
+        ObservationLabels(observations),
         whitener,
         kind.model,
         constants={

@@ -18,7 +18,8 @@ from ..observations import AnyObservation, Correlated, Observation
 from ..quality.rejections import Snooping
 from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..quality.snooping import snoop
-from ..solve.solution import CalibrationEstimate, PoseEstimate, Solution
+from ..solve.estimates import CalibrationEstimate, PoseEstimate
+from ..solve.solution import Solution
 from ..stochastic import StandardDeviation
 from ..types import Array
 from . import records
@@ -30,7 +31,7 @@ from .local import known_network
 from .trial import MOST_ROWS, parts
 from .units import Unit, named
 from .verdicts import Policy, Verdict
-from .view import solution_of
+from .view import solution_of, without_tree
 
 POLICIES = ("accept", "flag", "reject")
 MOST_WEIGHT = 1e12
@@ -428,8 +429,7 @@ class IncrementalAdjustment(Absorbing):
         solution = self.solution()
         with suppress(AdjustmentError):
             return reliability(solution, alpha=chosen, power=power)
-        here = solution.normal_at(solution.state)
-        return reliability(replace(solution, normal=lambda: here), alpha=chosen, power=power)
+        return reliability(without_tree(solution), alpha=chosen, power=power)
 
     def estimate(self, name: str) -> Array:
         """Return the coordinates of a point, (3,) metres.

@@ -20,8 +20,9 @@ from ..graph.variables import State
 from ..models.variables import VariableKind
 from ..network.network import Network
 from ..solve.batch import OFF_DATUM, adjust
-from ..solve.free_network import SHRINKING
 from ..solve.solution import Solution
+from ..solve.start import Start
+from ..solve.stopping import STOPPING
 from ..solve.tree import SingularError
 from ..types import Array, Index
 from .anywhere import anywhere
@@ -30,7 +31,7 @@ from .network_graph import Graph, slots_of
 from .rows import Piece, Rows
 from .trial import Placed
 from .units import Unit, Variable, components
-from .view import onto_datum, start_at
+from .view import onto_datum
 
 AT_REST = 1e-7
 """Bound of the last step relative to σ at which the network has settled."""
@@ -134,10 +135,10 @@ class Engine(Graph):
             anew: whether it is to start from new approximate values where that fails.
         """
         constraint = self.constraint(equations)
-        start = start_at(equations, state, given)
+        start = Start(equations.unknowns, state, given)
         for begin in (start, None) if anew else (start,):
             try:
-                found = self._adjust(start.network, begin, iterations)
+                found = self._adjust(equations.network, begin, iterations)
             except AdjustmentError as error:
                 self.doubt = f"no step leads to a minimum: {error}"
                 # Not the error itself: its traceback would keep everything alive.
@@ -335,7 +336,7 @@ class Engine(Graph):
                 if bound < AT_REST and step and moved < AT_DATUM:
                     # Partials before a step that small may still not be those after it.
                     self.compare_all()
-                    if self.store.turned() < AT_REST**2 or bound > SHRINKING * last:
+                    if self.store.turned() < AT_REST**2 or bound > STOPPING.shrinking * last:
                         self.settled = self.kept = True
                         return
                 if not np.isfinite(bound) or (bound > 2 * last and bound > CLOSE):
@@ -361,10 +362,10 @@ class Engine(Graph):
 
         equations = compile_network(filtered(self.network, stays))
         state, given = starting_state(equations, self.register, found)
-        self._adjust(equations.network, start_at(equations, state, given))
+        self._adjust(equations.network, Start(equations.unknowns, state, given))
 
     def _adjust(
-        self, network: Network, start: Solution | None, iterations: int = MOST_ITERATIONS
+        self, network: Network, start: Solution | Start | None, iterations: int = MOST_ITERATIONS
     ) -> Solution:
         solution = adjust(
             network, datum=self.datum, start=start, tolerance=AT_REST, max_iterations=iterations

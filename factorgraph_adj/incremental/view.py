@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import DatumError
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..solve.batch import OFF_DATUM, UNCHANGED
+from ..solve.batch import OFF_DATUM
 from ..solve.datum import Defect, FreeDatum, find_defects
 from ..solve.factor import Factor
 from ..solve.free_network import (
-    MOST_TRANSFORMATIONS,
+    MOTION,
     datum_columns,
     is_nothing,
     moved_from,
@@ -23,6 +24,7 @@ from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
 from ..solve.plan import make_plan
 from ..solve.solution import Solution
+from ..solve.stopping import STOPPING
 from ..solve.tree import SingularError
 from ..types import Array, Index
 from .cliques import own_cliques
@@ -77,6 +79,30 @@ class TreeNormal(NormalEquations):
             return super().for_covariances(constraint, datum)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class TreeSolution(Solution):
+    """A solution whose covariances come from the Bayes tree of an iSAM2."""
+
+    tree: LinearTree | None = field(default=None, repr=False)
+    """The tree; without it, as in copies, they come from the normal equations."""
+    columns: dict[int, Index] = field(default_factory=dict, repr=False)
+    """Free columns of each key of the tree."""
+
+    def _linearise(self) -> NormalEquations:
+        if self.tree is None:
+            return super()._linearise()
+        return TreeNormal(self.solver, self.state, self.tree, self.columns)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied and pickled, all but the tree."""
+        return super().__getstate__() | {"tree": None}
+
+
+def without_tree(solution: Solution) -> Solution:
+    """Return a solution whose covariances come from its normal equations."""
+    return replace(solution, tree=None) if isinstance(solution, TreeSolution) else solution
+
+
 def columns_of(register: Register, equations: Equations) -> dict[int, Index]:
     """Return the free columns of each key of the graph."""
     out: dict[int, Index] = {}
@@ -104,23 +130,14 @@ def solution_of(graph: Graph) -> Solution:
         moved, defects, datum = _on_datum(equations, state, given)
         there = equations.residuals(moved)
         # What no observation notices changes no residual.
-        on_datum = abs(float(there @ there) - float(v @ v)) <= UNCHANGED * (1.0 + float(v @ v))
+        change = abs(float(there @ there) - float(v @ v))
+        on_datum = change <= STOPPING.unchanged * (1.0 + float(v @ v))
         if on_datum:
             state, v = moved, there
 
-    def normal_at(at: State) -> NormalEquations:
-        return NormalEquations(solver, at)
-
-    made: list[NormalEquations] = []
-
-    def normal() -> NormalEquations:
-        if not made:
-            made.append(TreeNormal(solver, state, tree, columns))
-        return made[0]
-
     at_rest = f"within {graph.accuracy:.0%} of each σ of the minimum"
     doubt = graph.doubt if not graph.kept else "" if on_datum else OFF_DATUM
-    return Solution(
+    return TreeSolution(
         network=equations.network,
         equations=equations,
         state=state,
@@ -129,40 +146,12 @@ def solution_of(graph: Graph) -> Solution:
         reason=doubt or ("at rest" if graph.settled else at_rest),
         iterations=0,
         vtpv=float(v @ v),
+        solver=solver,
+        constraint=constraint,
         datum=datum,
         defects=defects,
-        variance="a-priori",
-        weights=None,
-        n_extra=0,
-        normal=normal,
-        normal_at=normal_at,
-        constraint=constraint,
-    )
-
-
-def start_at(equations: Equations, state: State, given: State) -> Solution:
-    """Return values for an adjustment to start from."""
-
-    def normal_at(at: State) -> NormalEquations:
-        return NormalEquations(Solver.of(equations), at)
-
-    return Solution(
-        network=equations.network,
-        equations=equations,
-        state=state,
-        start=given,
-        converged=False,
-        reason="a start",
-        iterations=0,
-        vtpv=np.nan,
-        datum=None,
-        defects=(),
-        variance="a-priori",
-        weights=None,
-        n_extra=0,
-        normal=lambda: normal_at(state),
-        normal_at=normal_at,
-        constraint=np.zeros(equations.unknowns.n_columns),
+        tree=tree,
+        columns=columns,
     )
 
 
@@ -171,7 +160,7 @@ def _on_datum(
 ) -> tuple[State, tuple[Defect, ...], FreeDatum]:
     """Return the state moved onto the inner constraints, its defect, and the constraints."""
     columns = None
-    for _ in range(MOST_TRANSFORMATIONS):
+    for _ in range(MOTION.transformations):
         system = LinearSystem(equations, state)
         defects = find_defects(system, state, system.diagonal(), free=True)
         if len(defects) != 1:

@@ -1,14 +1,14 @@
 """Covariances of a design to which rows are added, or from which they are taken, one by one.
 
-With Q the cofactors of some unknowns and B whitened rows that touch no others,
+Q are the cofactors of some unknowns, and the rows touch no others: `Update` of
+`factorgraph_adj.solve.update` tells what they change. With the loss Q − Q' of cofactors,
 
-    Q' = Q ∓ Q Bᵀ (I ± B Q Bᵀ)⁻¹ B Q        rows added, or taken out
-    r' = r + l Q Bᵀ (…)⁻¹ B Q a             redundancy number of an observation i, a = AᵀPe_i
+    r' = r + l (Q − Q') a                   redundancy number of an observation i, a = AᵀPe_i
     ∇x = Q' a ∇',  ∇' = δ0 / √(P_ii − aᵀQ'a)
 
-so that nothing is solved anew (Sherman, Morrison, Woodbury). Unknowns that come with rows have
-no covariance before: of rows [B, C] with C their partials, ZᵀB with ZᵀC = 0 says what they tell
-about the others, and x_c = −(CᵀC)⁻¹Cᵀ B x has the rest.
+so that nothing is solved anew. Unknowns that come with rows have no covariance before: of rows
+[B, C] with C their partials, ZᵀB with ZᵀC = 0 says what they tell about the others, and
+x_c = −(CᵀC)⁻¹Cᵀ B x has the rest.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..solve.update import Update
 from ..types import Array, Index, Mask
 from .candidates import Rows
 from .targets import (
@@ -106,27 +107,26 @@ class Covariances:
         padded = np.pad(self.q, (0, 1))
         return padded[places[:, :, None], places[:, None, :]]
 
-    def lack(self, change: Change | None = None) -> float:
-        """Return how far all targets are together, after a change if there is one."""
+    def lack(self, update: Update | None = None) -> float:
+        """Return how far all targets are together, after an update if there is one."""
         total = 0.0
         for n, item in enumerate(self.items):
-            total += float(lacking(item.target, self._figures(n, item, change)).sum())
+            total += float(lacking(item.target, self._figures(n, item, update)).sum())
         return total
 
-    def _figures(self, n: int, item: PointItems | RowItems, change: Change | None) -> Array:
+    def _figures(self, n: int, item: PointItems | RowItems, update: Update | None) -> Array:
         if isinstance(item, PointItems):
             blocks = self._blocks[n]
             assert blocks is not None
-            if change is not None:
-                g = change.padded[item.places]
-                blocks = blocks - np.einsum("pik,kl,pjl->pij", g, change.inverse, g, optimize=True)
+            if update is not None:
+                blocks = blocks - update.loss(_spread_to(update, item.places))
             return point_figures(item.target, blocks, item.horizon)
         w, rows = self.watched, item.rows
         r, precision, qa = self.r[rows], self.precision[rows], self._qa[rows]
-        if change is not None:
-            by = (w.right[rows] @ change.g) @ change.inverse
-            r = r + np.einsum("ik,ik->i", w.left[rows] @ change.g, by)
-            precision = precision + np.einsum("ik,ik->i", w.right[rows] @ change.g, by)
+        if update is not None:
+            left, right = w.left[rows] @ update.spread, w.right[rows] @ update.spread
+            r = r + update.losses(left, right)
+            precision = precision + update.losses(right)
         if isinstance(item.target, RedundancyNumber):
             return np.asarray(r)
         controlled = precision > 1e-6 * w.weight[rows]
@@ -135,21 +135,20 @@ class Covariances:
         if isinstance(item.target, DetectableError):
             return np.asarray(mdb / w.sigma[rows])
         moved = qa[:, item.places]
-        if change is not None:
-            moved = moved - np.einsum("pik,rk->rpi", change.padded[item.places], by)
+        if update is not None:
+            lost = update.loss(_spread_to(update, item.places), right)
+            moved = moved - lost.transpose(2, 0, 1)
         far = np.sqrt(np.sum(moved**2, axis=2)).max(axis=1, initial=0.0)
         return np.asarray(np.where(controlled, far * np.where(controlled, mdb, 1.0), np.inf))
 
-    def change(self, known: Told) -> Change:
-        """Return what rows would change, (n, k) G = Q Bᵀ and (I + B Q Bᵀ)⁻¹."""
-        g = self.q[:, known.at] @ known.b.T
-        d = np.eye(len(known.b)) + known.b @ g[known.at]
-        return Change(g, np.asarray(np.linalg.inv(d)))
+    def update(self, known: Told) -> Update:
+        """Return what rows would change."""
+        return Update.of(self.q).with_rows(known.at, known.b)
 
     def add(self, known: Told) -> None:
         """Add rows, and the unknowns that come with them."""
-        change = self.change(known)
-        self.q -= change.g @ change.inverse @ change.g.T
+        update = self.update(known)
+        self.q -= update.loss(update.spread)
         if len(known.new):
             k = known.carry
             cross = k @ self.q[known.old]
@@ -160,19 +159,10 @@ class Covariances:
         self.refresh()
 
 
-@dataclass(frozen=True, eq=False)
-class Change:
-    """What rows change: Q' = Q − G D⁻¹ Gᵀ."""
-
-    g: Array
-    """G = Q Bᵀ, (n, k)."""
-    inverse: Array
-    """D⁻¹, (k, k)."""
-
-    @property
-    def padded(self) -> Array:
-        """G with a row of zeros at the end, for what is held."""
-        return np.concatenate([self.g, np.zeros((1, self.g.shape[1]))])
+def _spread_to(update: Update, places: Index) -> Array:
+    """Return G of coordinates, zero where they are held (−1), (..., k)."""
+    padded = np.concatenate([update.spread, np.zeros((1, update.spread.shape[1]))])
+    return np.asarray(padded[places])
 
 
 @dataclass(frozen=True, eq=False)

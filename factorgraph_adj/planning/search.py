@@ -143,7 +143,7 @@ class Search:
             found = self.told(n, known)
             if found is None:
                 continue
-            gain = lack - state.lack(state.change(found))
+            gain = lack - state.lack(state.update(found))
             # Costs are in any unit: they only say which one of those that gain.
             if gain > MET and gain / self.costs[n] > value * (1 + 1e-12):
                 best, value = n, gain / self.costs[n]

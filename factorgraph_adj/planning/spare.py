@@ -2,12 +2,10 @@
 
 The reverse of `factorgraph_adj.planning.propose`: one after another, the observation that saves
 most for what it takes from the targets (the sum over all items of figure and limit, with it and
-without). With h = A Q Aᵀ of its rows,
-
-    Q' = Q + Q Aᵀ (I − h)⁻¹ A Q
-
-so that nothing is solved anew; an observation without which something is not determined has an
-eigenvalue 1 of h, and stays.
+without). `Update` of `factorgraph_adj.solve.update` tells what changes when its rows leave, so that
+nothing is solved anew. Q is that of all observations' functions, h = A Q Aᵀ. An observation without
+which something is not determined has an eigenvalue 1 of h: that update is not trusted, and the
+observation stays.
 """
 
 from __future__ import annotations
@@ -23,6 +21,7 @@ from ..errors import InputError, Problem, known
 from ..network.network import Network
 from ..network.selection import without
 from ..quality.rows import whitened_unit
+from ..solve.update import Update
 from ..types import Array, Index, Mask
 from .candidates import partials
 from .patterns import matching, patterns_of, unlike
@@ -41,10 +40,14 @@ from .targets import (
 
 LARGEST = 6000
 """Scalar observations up to which this is done; all of A Q Aᵀ is held."""
-DETERMINED = 1e-6
-"""Smallest eigenvalue of I − h of what may be left out."""
 NOTHING = 1e-9
 """Loss that is rounding."""
+EQUAL = 1e-6
+"""Part by which two observations may differ in worth and still be worth the same.
+
+Rounding of losses leaves as much where they are next to nothing. Of observations that are worth the
+same, as in a symmetric design, the first one goes.
+"""
 LISTED = 12
 
 
@@ -202,61 +205,53 @@ class _Search:
             if loss is None:
                 continue
             worth = prices.get(ident, 1.0) / (max(loss, 0.0) + NOTHING)
-            if worth > value:
+            if worth > value * (1.0 + EQUAL):
                 chosen, value = ident, worth
         return chosen
 
-    def _change(self, rows: Index) -> tuple[Array, Array] | None:
-        left = np.eye(len(rows)) - self.h[np.ix_(rows, rows)]
-        values, vectors = np.linalg.eigh(0.5 * (left + left.T))
-        if values[0] < DETERMINED:
-            return None
-        return self.h[:, rows], (vectors / values) @ vectors.T
+    def _without(self, rows: Index) -> Update:
+        """Return what changes when rows leave; its spread is to all observations, Q to h."""
+        return Update.of(self.h).with_rows(rows, np.eye(len(rows)), sign=-1)
 
     def _figures(self) -> dict[Target, Array]:
         """Return figures over limits as they are, of all scalar observations or points."""
         none = np.zeros(0, dtype=np.intp)
-        r = 1.0 - np.diag(self.h)
         out = {}
         for t in self.targets:
-            items, found = self._ratios(t, none, np.zeros((0, 0)), r, self.present)
+            items, found = self._ratios(t, none, self._without(none), self.present)
             out[t] = np.zeros(max(len(self.present), len(self.names)))
             out[t][items] = found
         return out
 
     def _loss(self, rows: Index, before: Mapping[Target, Array]) -> float | None:
         """Return how much nearer all figures come to their limits; none where one passes it."""
-        change = self._change(rows)
-        if change is None:
+        update = self._without(rows)
+        if not update.trusted:
             return None
-        g, inverse = change
-        lever = np.einsum("nk,kl,nl->n", g, inverse, g)
-        r = 1.0 - np.diag(self.h) - lever
         present = self.present.copy()
         present[rows] = False
         total = 0.0
         for t in self.targets:
-            items, found = self._ratios(t, rows, inverse, r, present)
+            items, found = self._ratios(t, rows, update, present)
             if len(found) and found.max() > 1.0 - 1e-9:
                 return None
             # Of what remains: an observation that goes takes its own figure along.
             total += float((found - before[t][items]).sum())
         return total
 
-    def _ratios(
-        self, t: Target, rows: Index, inverse: Array, r: Array, present: Mask
-    ) -> tuple[Index, Array]:
+    def _ratios(self, t: Target, rows: Index, update: Update, present: Mask) -> tuple[Index, Array]:
         """Return figures over limits, or limits over figures, without some rows, and of what."""
         if isinstance(t, RowTarget):
             on = np.flatnonzero(self.asked[t] & present)
-            safe = np.maximum(r[on], 1e-12)
+            r = 1.0 - np.diag(self.h)[on] + update.losses(update.spread[on])
+            safe = np.maximum(r, 1e-12)
             if isinstance(t, RedundancyNumber):
                 return on, np.asarray(t.at_least / safe)
             if isinstance(t, DetectableError):
                 return on, np.asarray(self.delta0 / np.sqrt(safe) / t.at_most)
-            return self._shifts(t, on, rows, inverse, safe)
+            return self._shifts(t, on, rows, update, safe)
         points = self.points[t]
-        blocks = self.blocks[points] + self._growth(points, rows, inverse)
+        blocks = self.blocks[points] - update.loss(self._of_points(points, rows))
         return points, np.asarray(point_figures(t, blocks, self.horizon[points]) / limit_of(t))
 
     def _of_points(self, points: Index, rows: Index) -> Array:
@@ -266,19 +261,15 @@ class _Search:
         on = (self.offset[points, None] >= 0) & self.free[columns]
         return np.asarray(np.where(on[:, :, None], self.qa[columns][:, :, rows], 0.0))
 
-    def _growth(self, points: Index, rows: Index, inverse: Array) -> Array:
-        g = self._of_points(points, rows)
-        return np.asarray(np.einsum("pik,kl,pjl->pij", g, inverse, g))
-
     def _shifts(
-        self, t: UndetectedShift, on: Index, rows: Index, inverse: Array, r: Array
+        self, t: UndetectedShift, on: Index, rows: Index, update: Update, r: Array
     ) -> tuple[Index, Array]:
         points = self.points[t]
         points = points[self.offset[points] >= 0]
         if not len(points) or not len(on):
             return on[:0], np.zeros(0)
         moved = self._of_points(points, on)
-        moved = moved + self._of_points(points, rows) @ inverse @ self.h[np.ix_(rows, on)]
+        moved = moved - update.loss(self._of_points(points, rows), update.spread[on])
         far = np.sqrt(np.sum(moved**2, axis=1)).max(axis=0)
         return on, np.asarray(far * self.delta0 / np.sqrt(r) / t.at_most)
 
@@ -287,11 +278,9 @@ class _Search:
         rows = self.rows.pop(ident)
         if leave:
             return
-        change = self._change(rows)
-        assert change is not None
-        _, inverse = change
+        update = self._without(rows)
         every = np.arange(len(self.names))
-        self.blocks = self.blocks + self._growth(every, rows, inverse)
-        self.qa = self.qa + self.qa[:, rows] @ inverse @ self.h[rows]
+        self.blocks = self.blocks - update.loss(self._of_points(every, rows))
+        self.qa = self.qa - update.loss(self.qa[:, rows], update.spread)
         self.h = self.a @ self.qa
         self.present[rows] = False

@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..graph.equations import Equations
+from ..solve.update import Update
 from ..types import Array, Index, Mask
 from .reliability import UNCONTROLLED, Reliability
 
@@ -213,9 +214,10 @@ class _Search:
     def _let_go(self, at: Index) -> None:
         """Condition the others on the unit being gone."""
         at = at[np.isfinite(np.diag(self.rho)[at])]
-        gain = self.left[:, at] @ np.linalg.pinv(self.left[np.ix_(at, at)], rcond=UNCONTROLLED)
-        self.w = self.w - gain @ self.w[at]
-        self.left = self.left - gain @ self.left[at]
+        # With an unknown of its own for each error the residuals of a unit, and w, are held at 0.
+        update = Update.of(self.left).with_rows(at, np.eye(len(at)), self.w[at], sign=0)
+        self.w = self.w + update.step
+        self.left = self.left - update.loss(update.spread)
         self.gone.extend(at.tolist())
 
     def _determined(self, point: int, row: int) -> bool:

@@ -18,7 +18,7 @@ than a datum needs, what they say of the shape stays in.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -26,13 +26,14 @@ import numpy as np
 from ..errors import DatumError, InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns
-from ..models.variables import VariableKind
 from ..solve.datum import FreeDatum, find_defects, generators
 from ..solve.free_network import carry, datum_columns
 from ..solve.linear import ExtraRows, LinearSystem
 from ..solve.normal import NormalEquations
 from ..solve.rank import describe_defects
+from ..solve.reference_datum import ReferenceDatum
 from ..solve.solution import Solution
+from ..solve.step import Step
 from ..solve.tree import SingularError
 from ..types import Array, Index
 
@@ -53,50 +54,6 @@ NOTHING = 1e-30
 """Diagonal of N (1/m², 1/rad²) below which only ignored observations touch a column."""
 AT_REST = 1e-5
 """Step relative to σ below which a solution is at rest, as in `adjust`."""
-
-
-@dataclass(frozen=True, eq=False)
-class ReferenceDatum:
-    """Datum points to which covariances refer where the datum itself is given."""
-
-    points: tuple[str, ...]
-    """Their names."""
-    motions: tuple[str, ...]
-    """The motions that are taken out; mixtures are named by their main part."""
-    datum: FreeDatum
-    """G and the datum coordinates among all components, held ones too."""
-    unknowns: Unknowns
-    """Layout of these components."""
-    cross: Array
-    """F = Q B_D (components, d), see `FreeDatum.basis`; zero for held ones."""
-    square: Array
-    """E = B_DᵀF (d, d)."""
-
-    def transformed(
-        self, block: Array, a: tuple[VariableKind, str], b: tuple[VariableKind, str]
-    ) -> Array:
-        """S-transform the cofactors (k, l) between two variables, by kind and name."""
-        return self.datum.transformed(block, self._parts(*a), self._parts(*b), self.square)
-
-    def transformed_points(self, blocks: Array) -> Array:
-        """S-transform the cofactors (n, 3, 3) of all points."""
-        offset = self.unknowns["point"].offset
-        out = blocks.copy()
-        on = np.flatnonzero(offset >= 0)
-        columns = offset[on, None] + np.arange(3)
-        both = self.datum.basis[columns], self.cross[columns]
-        out[on] = self.datum.transformed(blocks[on], both, both, self.square)
-        return out
-
-    def _parts(self, kind: VariableKind, name: str) -> tuple[Array, Array]:
-        """Return G and F of a variable, (k, d) each."""
-        table = self.unknowns[kind]
-        number = table.number[name]
-        columns = self.unknowns.columns(kind, number)
-        if not len(columns):
-            nothing = np.zeros((int(table.size[number]), len(self.square)))
-            return nothing, nothing
-        return self.datum.basis[columns], self.cross[columns]
 
 
 def s_transform(
@@ -185,13 +142,12 @@ def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
     equations = solution.equations
     columns = datum_columns(equations, solution.datum.motions, names)
 
-    def step(normal: NormalEquations) -> tuple[Array, float] | None:
+    def step(normal: NormalEquations) -> Step | None:
         try:
             factor = normal.factorise(solution.constraint)
         except SingularError:
             return None
-        x = factor.solve(-normal.gradient[:, None])[:, 0]
-        return x, float(np.sqrt(max(float(-normal.gradient @ x), 0.0)))
+        return Step.of(factor, normal.gradient)
 
     carried = carry(
         equations,
@@ -199,12 +155,14 @@ def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
         solution.start,
         FreeDatum(solution.datum.motions, columns),
         solution.defects,
-        normal_at=solution.normal_at,
+        normal_at=lambda state: solution.at(state).normal(),
         step=step,
         tolerance=AT_REST,
         at_rest=solution.converged,
     )
-    normal = carried.normal or solution.normal_at(carried.state)
+    there = solution.at(carried.state)
+    if carried.normal is not None:
+        there = replace(there, linearised=carried.normal)
     lost = solution.converged and not carried.at_rest
     network = solution.network.copy()
     chosen = set(names)
@@ -212,15 +170,14 @@ def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
         if point.datum != (name in chosen):
             network.points[name] = replace(point, datum=name in chosen)
     return replace(
-        solution,
+        there,
         network=network,
-        state=carried.state,
         converged=carried.at_rest,
         reason="not at rest on the inner constraints" if lost else solution.reason,
-        vtpv=normal.system.vtpv,
+        vtpv=there.normal().system.vtpv,
         datum=carried.datum,
         defects=carried.defects,
-        normal=lambda: normal,
+        linearised=there.normal(),
     )
 
 

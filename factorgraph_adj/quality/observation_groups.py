@@ -15,7 +15,8 @@ from ..graph.blocks import Block
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
 from ..observations import KINDS
-from ..solve.solution import ObservationRecord, Solution
+from ..solve.observation_table import ObservationRecord
+from ..solve.solution import Solution
 from ..types import Array, Index
 
 Rule: TypeAlias = Literal["kind", "camera", "photo", "instrument"]

@@ -3,13 +3,12 @@
 For an observation l with covariance Σ, computed from the solution as f(x̂) with partials A,
 
     d = f(x̂) − l,   D = Σ + A Q Aᵀ        innovation and its cofactors (σ0 = 1)
-    w_i = (D⁻¹d)_i / √(D⁻¹)_ii             test value of a component
-    T² = dᵀ D⁻¹ d                          of all its components, χ² with as many degrees
 
-w is, to first order, what the observation would have as test value were it put into the
-adjustment: there (P Q_vv P) of its rows is D⁻¹ and Pv is D⁻¹ d. Its redundancy numbers are
-then the diagonal of Σ D⁻¹. Observations of a correlated group of which others are in the
-solution are predicted given their residuals, with the conditional covariance.
+`statistics` of `factorgraph_adj.solve.update` gives the test values w of its components, T² of all
+of them, and their redundancy numbers. w is, to first order, what the observation would have as
+test value were it put into the adjustment: there (P Q_vv P) of its rows is D⁻¹ and Pv is D⁻¹ d.
+Observations of a correlated group of which others are in the solution are predicted given their
+residuals, with the conditional covariance.
 
 In a free network Q is that of the inner constraints: observations of the geometry do not notice,
 coordinates do.
@@ -29,6 +28,7 @@ from ..graph.equations import Equations, compile_network
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
 from ..solve.solution import Solution
+from ..solve.update import statistics, whitener
 from ..types import Array, Index, Mask
 from .innovations import Innovations
 
@@ -201,7 +201,7 @@ class Predictor:
             linear = Innovations(self.equations, self.solution, points={point: x}).linearise(rows)
             a = linear.a.toarray()
             d = linear.covariance.toarray() + a[:, :n] @ self.solution.cofactor_times(a[:, :n].T)
-            root = np.linalg.inv(np.linalg.cholesky(d))
+            root = whitener(d)
             b, v = root @ a[:, n:], root @ linear.v
             step, _, rank, _ = np.linalg.lstsq(b, -v, rcond=None)
             if rank < 3:
@@ -248,12 +248,9 @@ def _figures(v: Array, sigma: Array, d: Array, size: Index) -> _Figures:
     pair = valid[:, :, None] & valid[:, None, :]
     grid = (place[:, :, None], place[:, None, :])
     own = np.where(pair, sigma[grid], np.eye(most))
-    inverse = np.linalg.inv(np.where(pair, d[grid], np.eye(most)))
-    each = np.where(valid, v[place], 0.0)
-    pv = np.einsum("nij,nj->ni", inverse, each)
-    w = pv / np.sqrt(np.einsum("nii->ni", inverse))
-    r = np.einsum("nij,nji->ni", own, inverse)
-    return _Figures(np.sqrt(np.diag(d)), w[valid], r[valid], np.sum(each * pv, axis=1))
+    full = np.where(pair, d[grid], np.eye(most))
+    t2, w, r = statistics(np.where(valid, v[place], 0.0), full, own)
+    return _Figures(np.sqrt(np.diag(d)), w[valid], r[valid], t2)
 
 
 def _rows_of(equations: Equations, ids: Sequence[str]) -> Index:

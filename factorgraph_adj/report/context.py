@@ -21,7 +21,8 @@ from ..quality.reliability import Reliability, reliability
 from ..quality.systematic import Label, Significance, TestedParameter, significance
 from ..quality.variance_components import VarianceComponents
 from ..rotation import angles_by_rotation, omega_phi_kappa
-from ..solve.solution import CalibrationEstimate, Solution
+from ..solve.estimates import CalibrationEstimate
+from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array
 from ..units import ANGLE, LENGTH

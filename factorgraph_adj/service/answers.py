@@ -22,7 +22,8 @@ from ..quality.rejections import Snooping
 from ..quality.reliability import Reliability
 from ..report.context import Report
 from ..report.rows import Row, Scale, image_scale, scale_of
-from ..solve.solution import CalibrationEstimate, PoseEstimate, Solution
+from ..solve.estimates import CalibrationEstimate, PoseEstimate
+from ..solve.solution import Solution
 from ..types import Array
 from ..units import ANGLE, LENGTH
 

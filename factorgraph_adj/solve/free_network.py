@@ -18,26 +18,39 @@ from ..graph.variables import State
 from ..types import Array, Mask
 from .datum import Defect, FreeDatum, find_defects, transform
 from .normal import NormalEquations
+from .step import Step
+from .stopping import STOPPING
 
-MOST_TRANSFORMATIONS = 20
-"""Times that a solution is moved onto inner constraints; two or three suffice as a rule."""
-MOST_STEPS = 100
-"""Steps of one such motion; two or three suffice as a rule."""
-FAR = 0.5
-"""Rotation, radians, and logarithm of the scale, that one step may have at most."""
-NEGLIGIBLE = 1e-9
-"""Relative decrease of |x − x₀|² that its own rounding may hide."""
-HALVINGS = 30
-SHRINKING = 0.8
-"""Ratio of a step to the last one, below which an iteration still converges."""
-NEAR = 1e-4
-"""Step relative to σ up to which steps that do not shrink may be rounding,"""
-BLURRED = 1e-12
-"""and are, if the decrease that they promise is less than this, relative to 1 + vᵀPv."""
-AGAIN = 2.0
-"""Ratio of a step to another where both are."""
-CARRIED = 1e-12
-"""Motion that is left, relative to the coordinates, where a solution is on its constraints."""
+
+@dataclass(frozen=True)
+class MotionRule:
+    """Bounds of the motions that carry a free network onto its inner constraints."""
+
+    transformations: int = 20
+    """Largest number of motions of a whole solution; two or three suffice as a rule."""
+    steps: int = 100
+    """Largest number of steps of one motion; two or three suffice as a rule."""
+    far: float = 0.5
+    """Largest rotation, radians, and logarithm of the scale, of one step: beyond, second
+    derivatives say little of where |x − x₀|² is least."""
+    negligible: float = 1e-9
+    """Relative decrease of |x − x₀|² that its own rounding may hide."""
+    halvings: int = 30
+    """Largest number of times that a step which does not descend is halved."""
+    near: float = 1e-4
+    """Step relative to σ up to which steps that do not shrink may be rounding."""
+    blurred: float = 1e-12
+    """Decrease of vᵀPv, relative to 1 + vᵀPv, that such a step promises at most if it is rounding;
+    as `StoppingRule.rounding`."""
+    again: float = 2.0
+    """Ratio up to which a later step may exceed one that was rounding, and be rounding too."""
+    carried: float = 1e-12
+    """Motion that is left, relative to the coordinates, where a solution is on its constraints:
+    a few units of the last digit."""
+
+
+MOTION = MotionRule()
+"""The bounds of all motions."""
 
 
 def datum_columns(
@@ -111,7 +124,7 @@ def onto_constraints(
     columns = columns & defect.inside
     r = offset(state)
     size = defect.about[1]
-    for _ in range(MOST_STEPS):
+    for _ in range(MOTION.steps):
         g = defect.motions[columns]
         gradient = g.T @ r[columns]
         second = defect.mixture.T @ _bend(equations, state, r, defect) @ defect.mixture
@@ -123,10 +136,11 @@ def onto_constraints(
         amounts = -np.linalg.solve(root.T, vectors @ along)
         if is_nothing(defect.motions @ amounts, state):
             break
-        amounts /= max(1.0, float(np.linalg.norm((defect.mixture @ amounts)[3:])) / size / FAR)
+        turn = float(np.linalg.norm((defect.mixture @ amounts)[3:])) / size
+        amounts /= max(1.0, turn / MOTION.far)
         before = float(r @ r)
-        certain = -float(gradient @ amounts) > NEGLIGIBLE * before
-        for _ in range(HALVINGS):
+        certain = -float(gradient @ amounts) > MOTION.negligible * before
+        for _ in range(MOTION.halvings):
             moved = transform(equations, state, defect, amounts)
             r = offset(moved)
             if not certain or float(r @ r) < before:
@@ -140,7 +154,7 @@ def onto_constraints(
 def is_nothing(motion: Array, state: State) -> bool:
     """Return whether a motion (n_columns,) is nothing to working precision."""
     extent = 1.0 + float(np.abs(state["point"]).max())
-    return float(np.abs(motion).max()) < CARRIED * extent
+    return float(np.abs(motion).max()) < MOTION.carried * extent
 
 
 def _bend(equations: Equations, state: State, r: Array, defect: Defect) -> Array:
@@ -188,7 +202,7 @@ def carry(
     defects: tuple[Defect, ...],
     *,
     normal_at: Callable[[State], NormalEquations],
-    step: Callable[[NormalEquations], tuple[Array, float] | None],
+    step: Callable[[NormalEquations], Step | None],
     tolerance: float,
     at_rest: bool,
     free: bool = True,
@@ -205,8 +219,7 @@ def carry(
         datum: the constraints: its columns are kept.
         defects: the defect so far.
         normal_at: makes the normal equations at a state.
-        step: returns a step of the adjustment and its bound relative to σ; none where there is
-            no answer.
+        step: returns a step of the adjustment; none where there is no answer.
         tolerance: bound at which a state is at rest.
         at_rest: whether ``state`` is, or is as near as vᵀPv can tell: where a step from there gets
             no smaller, that is enough. One that is not at rest may have points on their way to
@@ -215,7 +228,7 @@ def carry(
     """
     enough, left = tolerance, 0.0
     before, last = state, np.inf
-    for _ in range(MOST_TRANSFORMATIONS if at_rest else 1):
+    for _ in range(MOTION.transformations if at_rest else 1):
         normal = normal_at(state)
         found = find_defects(normal.system, state, normal.diagonal, free=free)
         if len(found) != 1 or found[0].size != datum.motions.shape[1]:
@@ -225,14 +238,15 @@ def carry(
         if at_rest:
             next_step = step(normal)
             if next_step is not None:
-                dx, left = next_step
+                left = next_step.bound
                 if left > enough:
-                    blurred = last < NEAR and last**2 < BLURRED * (1.0 + normal.system.vtpv)
-                    if blurred and left > SHRINKING * last:  # the state before is as good as any
-                        state, enough = before, AGAIN * last
+                    hidden = MOTION.blurred * (1.0 + normal.system.vtpv)
+                    blurred = last < MOTION.near and last**2 < hidden
+                    if blurred and left > STOPPING.shrinking * last:  # the one before is as good
+                        state, enough = before, MOTION.again * last
                     else:
                         before, last = state, left
-                        state = equations.unknowns.retract(state, dx)
+                        state = equations.unknowns.retract(state, next_step.movement)
                     continue
                 last = np.inf
         amounts = datum.project(moved_from(equations, state, start))

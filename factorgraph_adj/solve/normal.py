@@ -69,7 +69,7 @@ class NormalEquations:
 
     def __init__(self, solver: Solver, state: State, extra: Sequence[ExtraRows] = ()) -> None:
         """Linearise at ``state``."""
-        self.solver = solver
+        self.solver, self.state = solver, state
         self.system = LinearSystem(solver.equations, state, extra)
         self.gradient = self.system.gradient()
         self.diagonal = self.system.diagonal()

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, overload
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,14 +13,14 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
-from ..rotation import omega_phi_kappa
 from ..types import Array, Index
-
-if TYPE_CHECKING:
-    from ..quality.datum_change import ReferenceDatum
-    from .datum import Defect, FreeDatum
-    from .factor import Factor
-    from .normal import NormalEquations
+from .datum import Defect, FreeDatum
+from .estimates import CalibrationEstimate, Estimate, PoseEstimate
+from .extra import Extra
+from .factor import Factor
+from .normal import NormalEquations, Solver
+from .observation_table import ObservationTable
+from .reference_datum import ReferenceDatum
 
 ROUNDING = 1e-15
 """Relative error that a variance has at least."""
@@ -30,167 +29,13 @@ CANCELLED = 1e-6
 the S-transformation of a block: there σ cancels, not σ²."""
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """A small vector unknown and its precision."""
-
-    names: tuple[str, ...]
-    """Names of the components."""
-    values: Array
-    """Estimates, SI."""
-    sigmas: Array
-    """Standard deviations; zero where held."""
-    correlation: Array
-    """Correlations; zero with held components."""
-
-    def __getitem__(self, name: str) -> float:
-        """Return the estimate of one component."""
-        return float(self.values[self._index(name)])
-
-    def sigma(self, name: str) -> float:
-        """Return the standard deviation of one component."""
-        return float(self.sigmas[self._index(name)])
-
-    def _index(self, name: str) -> int:
-        if name not in self.names:
-            raise InputError(f"unknown component {name!r}; known: {known(self.names)}")
-        return self.names.index(name)
-
-
-@dataclass(frozen=True)
-class CalibrationEstimate(Estimate):
-    """Calibration of a camera, image units."""
-
-    unit: str = "mm"
-    """Unit of image coordinates."""
-
-
-@dataclass(frozen=True)
-class PoseEstimate:
-    """Exterior orientation of a photo."""
-
-    position: Array
-    """Projection centre, (3,) metres."""
-    rotation: Array
-    """world_R_camera (3, 3), camera axes x right, y down, z forward."""
-    sigmas: Array
-    """Standard deviations of rotations about the camera's axes (rad) and X, Y, Z (m), (6,)."""
-
-    @property
-    def omega_phi_kappa(self) -> Array:
-        """ω, φ, κ, radians."""
-        return np.array(omega_phi_kappa(self.rotation))
-
-
-@dataclass(frozen=True, slots=True)
-class ObservationRecord:
-    """One scalar observation after the adjustment, SI or image units."""
-
-    id: str
-    """Id of the observation."""
-    kind: str
-    """Its kind."""
-    component: str
-    """Which component of it, empty for scalar kinds: x, y; an axis of control or a weighted point;
-    a parameter of a weighted calibration."""
-    observed: float
-    """Observed value."""
-    residual: float
-    """Computed − observed."""
-    sigma: float
-    """A-priori standard deviation."""
-
-
-class ObservationTable(Sequence[ObservationRecord]):
-    """All scalar observations, weighted unknowns among them; a sequence of records.
-
-    ``residuals`` and ``sigmas`` are arrays in the same order.
-    """
-
-    def __init__(self, equations: Equations, residuals: Array) -> None:
-        """Describe the rows of ``equations``."""
-        self._equations = equations
-        self.residuals = residuals
-        self.sigmas = equations.sigmas()
-
-    def __len__(self) -> int:
-        return len(self.residuals)
-
-    @overload
-    def __getitem__(self, row: int) -> ObservationRecord: ...
-    @overload
-    def __getitem__(self, row: slice) -> list[ObservationRecord]: ...
-    def __getitem__(self, row: int | slice) -> ObservationRecord | list[ObservationRecord]:
-        """Return one record, or several."""
-        if isinstance(row, slice):
-            return [self[i] for i in range(*row.indices(len(self)))]
-        if row < 0:
-            row += len(self)
-        for block in self._equations.blocks:
-            if block.rows.start <= row < block.rows.stop:
-                i, c = divmod(row - block.first_row, block.dimension)
-                return ObservationRecord(
-                    block.ids[i],
-                    block.kind,
-                    block.component(i, c),
-                    float(block.observed[i, c]),
-                    float(self.residuals[row]),
-                    float(self.sigmas[row]),
-                )
-        raise IndexError(row)
-
-    def __iter__(self) -> Iterator[ObservationRecord]:
-        return (self[i] for i in range(len(self)))
-
-    def row(self, id: str, component: str | None = None) -> int:
-        """Return the row of an observation by its id.
-
-        Args:
-            id: its id; ``photo/point`` for image points.
-            component: such as ``x``; needed where it has several.
-
-        Raises:
-            InputError: there is none, or several components and none was named.
-        """
-        rows = self._rows.get(id, [])
-        if not rows:
-            raise InputError(f"unknown observation {id!r}; known: {known(self._rows)}")
-        found = [r for r in rows if component is None or self[r].component == component]
-        if len(found) != 1:
-            names = ", ".join(self[r].component or f"row {r}" for r in rows)
-            raise InputError(
-                f"observation {id!r} has the components {names}: name one of them with component="
-            )
-        return found[0]
-
-    @cached_property
-    def _rows(self) -> dict[str, list[int]]:
-        out: dict[str, list[int]] = {}
-        for row, ident in enumerate(self.ids):
-            out.setdefault(ident, []).append(row)
-        return out
-
-    @cached_property
-    def kinds(self) -> list[str]:
-        """Kind of each row."""
-        return [b.kind for b in self._equations.blocks for _ in range(b.observed.size)]
-
-    @cached_property
-    def ids(self) -> list[str]:
-        """Id of each row."""
-        return [
-            b.ids[i] for b in self._equations.blocks for i in range(b.n) for _ in range(b.dimension)
-        ]
-
-    @cached_property
-    def normalised(self) -> Array:
-        """Residuals divided by their a-priori standard deviations."""
-        return self.residuals / self.sigmas
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution:
-    """An adjusted network."""
+    """An adjusted network: data alone, all that follows from them is worked out when asked for.
+
+    A solution can be copied and pickled. What is pickled of factors that the user added are their
+    rows at the solution, see `factorgraph_adj.solve.extra.Extra`.
+    """
 
     network: Network
     """What was adjusted."""
@@ -208,26 +53,26 @@ class Solution:
     """Number of iterations."""
     vtpv: float
     """VᵀPv, a-priori standard deviation of unit weight 1."""
-    datum: FreeDatum | None
-    """Inner constraints of a free network."""
-    defects: tuple[Defect, ...]
-    """Datum defects that were found."""
-    variance: Literal["a-priori", "a-posteriori"]
-    """Whether covariances are scaled by 1 or by σ̂0²."""
-    weights: Array | None
-    """What the weights of the scalar observations were multiplied by; none where nothing was."""
-    n_extra: int
-    """Rows of factors that the user added."""
-    normal: Callable[[], NormalEquations] = field(repr=False)
-    """Makes the normal equations at the solution."""
-    normal_at: Callable[[State], NormalEquations] = field(repr=False)
-    """Makes them at any other state."""
+    solver: Solver = field(repr=False)
+    """How its normal equations are factorised."""
     constraint: Array = field(repr=False)
     """What a free network adds to their diagonal, (n_columns,)."""
+    datum: FreeDatum | None = None
+    """Inner constraints of a free network."""
+    defects: tuple[Defect, ...] = ()
+    """Datum defects that were found."""
+    variance: Literal["a-priori", "a-posteriori"] = "a-priori"
+    """Whether covariances are scaled by 1 or by σ̂0²."""
+    weights: Array | None = None
+    """What the weights of the scalar observations were multiplied by; none where nothing was."""
+    extra: Extra = field(default_factory=Extra, repr=False)
+    """Factors that the user added, linearised at the solution."""
     drifting: tuple[tuple[str, str], ...] = ()
     """Kind and name of unknowns that no observation held where an iteration in vain ended."""
     reference: ReferenceDatum | None = None
     """Datum points that covariances refer to instead of a given datum, see `s_transform`."""
+    linearised: NormalEquations | None = field(default=None, repr=False)
+    """Normal equations that are there already; they serve as long as they are those of `state`."""
 
     def __repr__(self) -> str:
         """Say how it ended."""
@@ -237,12 +82,29 @@ class Solution:
             f"d {self.datum_defect}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}>"
         )
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what is copied and pickled: the data, and nothing that follows from them."""
+        return {f.name: getattr(self, f.name) for f in fields(self)} | {"linearised": None}
+
+    def at(self, state: State) -> Solution:
+        """Return the same at another state, of which nothing says that it is a solution.
+
+        Raises:
+            InputError: the solution was pickled, and factors that the user added left behind.
+        """
+        return replace(self, state=state, extra=self.extra.at(self.equations, state))
+
     # -- figures ------------------------------------------------------------------------------
 
     @property
     def n_observations(self) -> int:
         """Number of scalar observations n, weighted unknowns among them."""
         return self.equations.n_rows + self.n_extra
+
+    @property
+    def n_extra(self) -> int:
+        """Number of rows of factors that the user added."""
+        return self.extra.n_rows
 
     @property
     def n_unknowns(self) -> int:
@@ -380,6 +242,20 @@ class Solution:
         if self.reference is not None:
             out = self.reference.transformed(out, a, a if b is None else b)
         return out * self.variance_factor
+
+    def normal(self) -> NormalEquations:
+        """Return the normal equations at the solution."""
+        return self._normal
+
+    @cached_property
+    def _normal(self) -> NormalEquations:
+        here = self.linearised
+        if here is not None and here.state is self.state and here.solver is self.solver:
+            return here
+        return self._linearise()
+
+    def _linearise(self) -> NormalEquations:
+        return NormalEquations(self.solver, self.state, self.extra.rows)
 
     @cached_property
     def factor(self) -> Factor:

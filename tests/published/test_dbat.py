@@ -23,7 +23,8 @@ from factorgraph_adj.errors import DatumError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.solve.batch import adjust
-from factorgraph_adj.solve.solution import CalibrationEstimate, Solution
+from factorgraph_adj.solve.estimates import CalibrationEstimate
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 from tests.loaders.dbat import (
     CAMERA,

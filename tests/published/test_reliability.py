@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -299,7 +298,7 @@ def test_gama_redundancy_numbers_where_it_linearises_are_the_printed_ones(name: 
     """
     case = solved(name)
     state = state_at(case.equations, case.result.approximate)
-    there = replace(case.solution, state=state, normal=lambda: case.solution.normal_at(state))
+    there = case.solution.at(state)
     r = fga.reliability(there).redundancy_numbers
     skip = correlated(case.solution)
     sigmas = case.solution.observations.sigmas

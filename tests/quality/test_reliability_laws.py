@@ -28,7 +28,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.graph.build import build_graph
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.observations import AnyObservation, Correlated
-from factorgraph_adj.solve.datum import minimal_datum
+from factorgraph_adj.solve.datum import Defect, minimal_datum
 from factorgraph_adj.solve.linear import LinearSystem
 from factorgraph_adj.types import Array, Index, Mask
 from tests.networks.adjusted import ADJUSTED, camcal_free, held_photos
@@ -577,10 +577,13 @@ def test_points_on_their_way_to_infinity_leave_the_sums_what_they_are() -> None:
 
 
 def test_a_redundancy_that_the_figures_do_not_sum_to_is_refused() -> None:
-    """Here a solution with a row more than its equations have."""
+    """Here a solution with a datum defect that its equations do not have."""
     solution = fga.adjust(held_photos())
+    columns = np.arange(solution.equations.unknowns.n_columns)
+    nothing, about = np.zeros((len(columns), 1)), (np.zeros(3), 1.0)
+    shift = Defect(columns, nothing, np.eye(7, 1), about, np.ones(len(columns), dtype=bool))
     with pytest.raises(
         fga.AdjustmentError,
         match=r"redundancy numbers sum to 12, the redundancy is 13: the network is too weak",
     ):
-        fga.reliability(replace(solution, n_extra=1))
+        fga.reliability(replace(solution, defects=(shift,)))

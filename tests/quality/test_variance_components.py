@@ -39,7 +39,7 @@ from factorgraph_adj.quality.variance_components import (
 from factorgraph_adj.simulation.industry_block import MICROMETRE, simulate_industry_block
 from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.solve.batch import adjust
-from factorgraph_adj.solve.solution import ObservationRecord
+from factorgraph_adj.solve.observation_table import ObservationRecord
 from factorgraph_adj.types import Array
 from tests.networks.small_block import SIGMA_MM, plan, small_block
 from tests.support.dense import Dense

@@ -1,0 +1,106 @@
+"""What an adjustment finds out about its datum, and about unknowns that nothing determines."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import DatumError, InputError, Problem
+from ..models.variables import UNKNOWNS
+from ..types import Array
+from .datum import FreeDatum, find_defects, minimal_datum
+from .free_network import datum_columns
+from .normal import NormalEquations
+from .rank import LISTED, describe_defects, undetermined, unnoticed
+from .run import Run
+from .tree import SingularError
+
+
+def settle_datum(run: Run, normal: NormalEquations) -> None:
+    """Find the datum defects; hold what a free network needs, or say what is missing.
+
+    Raises:
+        DatumError: unknowns without observations; defects of datum without a free network asked
+            for, or in several parts.
+    """
+    unknowns = run.equations.unknowns
+    if np.any(run.unobserved(normal)):
+        explain(run, normal)
+    defects = find_defects(normal.system, run.state, normal.diagonal, free=run.free)
+    run.defects = tuple(defects)
+    if not defects:
+        return
+    if not run.free:
+        error = undetermined(normal.system, normal.diagonal, defects)
+        if error is not None:
+            raise error
+    if len(defects) > 1:
+        lines = describe_defects(unknowns, defects)
+        raise DatumError(
+            "\n  ".join(["a free network must be connected", *lines]),
+            defect=sum(d.size for d in defects),
+        )
+    motions = defects[0].motions
+    columns = datum_columns(run.equations, motions)
+    held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
+    run.constraint[held] = normal.diagonal[held]
+    run.datum = FreeDatum(motions, columns)
+    run.constraint = normal.held_better(run.constraint, run.datum)
+
+
+def refuse_unnoticed(run: Run, normal: NormalEquations) -> None:
+    """Raise what is not determined, by name, where a pivot is poor.
+
+    Rounding turns the pivot of a singular N into a small one, and its step into anything.
+    """
+    try:
+        factor = normal.factorise(run.constraint)
+    except SingularError:
+        explain(run, normal)
+        return
+    filled = [] if run.datum is None else [d.at(run.equations, run.state) for d in run.defects]
+    known = unnoticed(normal.system, normal.diagonal, factor, filled)
+    if known.shape[1]:
+        explain(run, normal, known)
+
+
+def explain(run: Run, normal: NormalEquations, known: Array | None = None) -> None:
+    """Raise what is not determined, by name; ``known`` as in `undetermined`."""
+    error = what_is_undetermined(run, normal, known)
+    try:
+        if error is not None:
+            raise error from None
+    finally:
+        del error  # or frame and traceback hold each other, and everything in them
+
+
+def what_is_undetermined(
+    run: Run, normal: NormalEquations, known: Array | None = None
+) -> DatumError | None:
+    """Return an error that names what is not determined, or none."""
+    free = run.datum is not None
+    defects = (
+        [d.at(run.equations, run.state) for d in run.defects]
+        if free
+        else find_defects(normal.system, run.state, normal.diagonal, free=run.free)
+    )
+    return undetermined(normal.system, normal.diagonal, defects, free=free, known=known)
+
+
+def name_overflow(run: Run) -> None:
+    """Raise which observations have residuals that are no numbers."""
+    v = run.equations.residuals(run.state)
+    bad = np.flatnonzero(~np.isfinite(v))[:LISTED]
+    raise InputError(
+        [Problem("its residual is not a finite number", run.equations.label(int(r))) for r in bad]
+    )
+
+
+def drifting(run: Run, bound: float) -> str:
+    """Say why an iteration ended whose unknowns still move without any gain."""
+    names = [f"{UNKNOWNS[kind].noun} {name!r}" for kind, name in run.drifting]
+    listed = ": " + ", ".join(names[:LISTED]) if names else ""
+    more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    return (
+        f"vᵀPv hardly decreases any more, yet unknowns still move (by up to {bound:.2g} σ): "
+        f"some of them are nearly undetermined{listed}{more}"
+    )

@@ -1,0 +1,84 @@
+"""An adjustment under way: what is minimised, where it is, and what carries its datum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from ..errors import InputError
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..types import Array, Mask
+from .datum import Defect, FreeDatum
+from .extra import Extra
+from .normal import NormalEquations, Solver
+
+
+@dataclass
+class Run:
+    """What an adjustment carries along."""
+
+    solver: Solver
+    """How normal equations are factorised."""
+    extra: Extra
+    """Factors that the user added."""
+    state: State
+    """Where the adjustment is."""
+    start: State
+    """Values x₀ that inner constraints refer to."""
+    free: bool
+    """Whether a free network is asked for."""
+    constraint: Array
+    """What a minimal datum adds to the diagonal of N, (n_columns,)."""
+    datum: FreeDatum | None = None
+    """Inner constraints of a free network, once its defects are known."""
+    defects: tuple[Defect, ...] = ()
+    """Datum defects that were found."""
+    at_solution: NormalEquations | None = None
+    """Normal equations at the state, if they are there already."""
+    smallest_pivot: float = 0.0
+    """What was left of the weakest diagonal element of N at the last undamped step, relative; 0
+    where there was no such step."""
+    drifting: tuple[tuple[str, str], ...] = ()
+    """Kind and name of unknowns that nothing holds, where the iteration is in vain."""
+
+    @classmethod
+    def at(
+        cls,
+        equations: Equations,
+        state: State,
+        start: State,
+        *,
+        free: bool,
+        factors: Sequence[gtsam.NonlinearFactor] = (),
+    ) -> Run:
+        """Begin an adjustment at a state."""
+        extra = Extra.of(factors, equations, state)
+        constraint = np.zeros(equations.unknowns.n_columns)
+        return cls(Solver.of(equations, extra.rows), extra, state, start, free, constraint)
+
+    @property
+    def equations(self) -> Equations:
+        """The observation equations."""
+        return self.solver.equations
+
+    def unobserved(self, normal: NormalEquations) -> Mask:
+        """Return the free components that no observation touches, (n_columns,)."""
+        return self.equations.unknowns.free & (normal.diagonal <= 0)
+
+    def normal_at(self, state: State) -> NormalEquations:
+        """Return the normal equations at any state."""
+        return NormalEquations(self.solver, state, self.extra.at(self.equations, state).rows)
+
+    def vtpv(self, state: State) -> float:
+        """Return vᵀPv; infinite where a sight has no answer."""
+        try:
+            v = self.equations.residuals(state)
+        except InputError:
+            return np.inf
+        extra = self.extra.at(self.equations, state).rows
+        value = float(v @ v) + sum(float(e.residual @ e.residual) for e in extra)
+        return value if np.isfinite(value) else np.inf

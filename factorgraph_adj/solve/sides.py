@@ -1,0 +1,77 @@
+"""Points in front of their cameras: steps keep them there, and solutions have them there."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..models.image import depth
+from ..types import Mask
+
+
+def behind(equations: Equations, state: State) -> Mask:
+    """Return which image points have their object point behind the camera, block by block."""
+    out = [np.zeros(0, dtype=bool)]
+    for block in equations.blocks:
+        if block.kind == "image":
+            (_, photo), _, (_, point) = block.variables
+            out.append(depth(state["pose"][photo], state["point"][point]) <= 0)
+    return np.concatenate(out)
+
+
+def before_the_cameras(equations: Equations, state: State, moved: State) -> State | None:
+    """Keep points that a step takes from before to behind a camera where they were.
+
+    Through the focal plane or infinity there is no descent: such a step only changes sides.
+
+    Args:
+        equations: the network.
+        state: before the step.
+        moved: after it.
+
+    Returns:
+        The state after the step; none where the cameras themselves pass points.
+    """
+    now = behind(equations, moved)
+    if not now.any():
+        return moved
+    passes = now & ~behind(equations, state)
+    if not passes.any():
+        return moved
+    point = np.concatenate([b.variables[2][1] for b in equations.blocks if b.kind == "image"])
+    held = np.unique(point[passes])
+    points = moved["point"].copy()
+    points[held] = state["point"][held]
+    kept: State = {**moved, "point": points}
+    still = behind(equations, kept) & ~behind(equations, state)
+    return None if still.any() else kept
+
+
+def refuse_points_behind(equations: Equations, state: State) -> None:
+    """Raise an error that names image points whose object point lies behind the camera."""
+    problems = []
+    for block in equations.blocks:
+        if block.kind != "image":
+            continue
+        photo, point = block.variables[0][1], block.variables[2][1]
+        wrong = depth(state["pose"][photo], state["point"][point]) <= 0
+        for number in np.unique(photo[wrong]).tolist():
+            rows = np.flatnonzero(photo == number)
+            name = equations.unknowns["pose"].names[number]
+            if wrong[rows].all():
+                problems.append(
+                    Problem(
+                        f"all {len(rows)} points lie behind it: is its attitude, or the direction"
+                        " of the camera's axes, as it should be?",
+                        f"photo {name!r}",
+                    )
+                )
+                continue
+            problems += [
+                Problem("the adjusted point lies behind the camera", block.labels(int(i)))
+                for i in rows[wrong[rows]]
+            ]
+    if problems:
+        raise InputError(problems)

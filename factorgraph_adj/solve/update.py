@@ -1,0 +1,358 @@
+"""Low-rank updates: what a few rows change in a system that is solved already.
+
+N is the normal matrix of the system and Q = N⁻¹. The whitened rows B (k, n) have signs s: they
+join the system (+1), leave it (−1), or hold without any error (0). With S = diag(s),
+
+    N' = N + Bᵀ S B                     rows with s = 0 are constraints
+    G  = Q Bᵀ,   D = S + B Q Bᵀ
+    Q' = Q − G D⁻¹ Gᵀ                   (Sherman & Morrison 1950, Woodbury 1950)
+    dx = −G D⁻¹ v                       step from the minimum without the change to that with it
+    Δ(vᵀPv) = vᵀ D⁻¹ v
+
+v are the whitened residuals B x − l of the rows, computed − observed, at the minimum without the
+change. Nothing of the size of the system is factorised: D has the size of the rows.
+
+Rows u of the update are tested against everything else, the other rows of the update included.
+With M_u = s (D⁻¹)_uu and e_u = s (D⁻¹ v)_u for rows that joined; M_u = (−(D⁻¹)_uu)⁻¹ and
+e_u = M_u (−D⁻¹ v)_u for rows that left,
+
+    d_u = M_u⁻¹ e_u      innovation: computed from everything else − observed
+    M_u⁻¹                covariance of the innovation
+    T² = e_uᵀ M_u⁻¹ e_u  χ² with rank(M_u) degrees of freedom
+    w_i = e_i / √M_ii    test value of one component
+    r_i = M_ii           redundancy number that the row has, or had
+
+D is factorised in two parts. The rows that join come first: their part D₊ = I + B₊ Q B₊ᵀ is
+positive definite whatever Q is, and has a Cholesky factor. What is left of the other rows is
+E = D₋ − Cᵀ D₊⁻¹ C, which an eigenvalue decomposition takes apart. For rows that leave, −E = M is
+the redundancy matrix that they have after all others joined. By Haynsworth's inertia additivity
+N' is positive definite exactly if M is: an eigenvalue zero of M belongs to a combination of the
+unknowns that the leaving rows alone determine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from ..types import Array, Index, Mask
+from .step import Factorised
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits within which a low-rank update is as good as a new solution."""
+
+    least_left: float = 1e-6
+    """Smallest eigenvalue of E, relative to its scale, that counts as more than nothing.
+
+    Along smaller ones, standard deviations would grow a thousandfold and more when rows leave; it
+    is the bound of `factorgraph_adj.quality.reliability.UNCONTROLLED`.
+    """
+    most_gained: float = 1e9
+    """Largest factor by which rows that join may reduce a variance.
+
+    Q' is a difference that loses as many digits: of the sixteen of double precision seven are
+    left.
+    """
+
+
+LIMITS = Limits()
+"""The limits that `Update.trusted` goes by."""
+
+
+class Cofactors(Protocol):
+    """Q of a system, however it is kept."""
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns n."""
+        ...
+
+    def times(self, at: Index, b: Array) -> Array:
+        """Return Q Bᵀ (n, k) of rows that touch the columns ``at`` (m,) with ``b`` (k, m)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """Q as a matrix, of unknowns or of any functions of them."""
+
+    q: Array
+    """Q, (n, n)."""
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns n."""
+        return len(self.q)
+
+    def times(self, at: Index, b: Array) -> Array:
+        """Return Q Bᵀ; see `Cofactors`."""
+        return np.asarray(self.q[:, at] @ b.T)
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """Q as the solution of a factorised system."""
+
+    factor: Factorised
+    """The factorised system."""
+    size: int
+    """Number of unknowns n."""
+
+    def times(self, at: Index, b: Array) -> Array:
+        """Return Q Bᵀ; see `Cofactors`."""
+        y = np.zeros((self.size, len(b)))
+        y[at] = b.T
+        return self.factor.solve(y)
+
+
+class Statistics(NamedTuple):
+    """Test statistics of observations that are predicted by others; σ0 = 1."""
+
+    t2: Array
+    """T² of all components together, (...)."""
+    w: Array
+    """Test value of each component, (..., k)."""
+    redundancy_numbers: Array
+    """Redundancy number of each component, (..., k)."""
+
+
+def statistics(innovation: Array, covariance: Array, own: Array) -> Statistics:
+    """Test observations against a solution that they have no part in.
+
+    With d = f(x̂) − l, D = Σ + A Q Aᵀ and M = D⁻¹: T² = dᵀMd, w_i = (Md)_i/√M_ii, r_i = (ΣM)_ii.
+
+    Args:
+        innovation: d, (..., k).
+        covariance: D, (..., k, k), regular.
+        own: Σ of the observations alone, (..., k, k).
+    """
+    return _statistics(innovation, np.asarray(np.linalg.inv(covariance), dtype=float), own)
+
+
+def _statistics(d: Array, m: Array, own: Array) -> Statistics:
+    """Return the statistics of innovations d with M; see `statistics`."""
+    e = np.einsum("...ij,...j->...i", m, d)
+    precision = np.einsum("...ii->...i", m)
+    w = e / np.sqrt(np.where(precision > 0, precision, np.nan))
+    r = np.einsum("...ij,...ji->...i", own, m)
+    return Statistics(np.sum(d * e, axis=-1), w, r)
+
+
+def whitener(d: Array) -> Array:
+    """Return W (k, k), lower triangular, with W D Wᵀ = I, for a regular covariance matrix D."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(d)))
+
+
+class Inverse(NamedTuple):
+    """D⁻¹ = Z diag(σ) Zᵀ without directions of D that are nothing."""
+
+    z: Array
+    """Z, (k, rank of D)."""
+    sigma: Array
+    """±1, (rank of D,)."""
+    condition: float
+    """As `Update.condition`."""
+    gained: float
+    """As `Update.gained`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """A system with rows that joined, left or hold beside it; a value, never changed.
+
+    `Update.of` begins one, `with_rows` appends rows and returns another one. Functions of the
+    unknowns are told by what is spread to them: F G (j, k) for functions F (j, n).
+    """
+
+    base: Cofactors
+    """Q."""
+    spread: Array
+    """G = Q Bᵀ, (n, k)."""
+    inner: Array
+    """D = S + B Q Bᵀ, (k, k)."""
+    signs: Array
+    """S, (k,)."""
+    residuals: Array
+    """v, (k,); zero where only cofactors are asked for."""
+
+    @classmethod
+    def of(cls, base: Cofactors | Array) -> Update:
+        """Return a system without any change; a matrix stands for its own cofactors."""
+        if isinstance(base, np.ndarray):
+            base = Dense(base)
+        nothing = np.zeros(0)
+        return cls(base, np.zeros((base.size, 0)), np.zeros((0, 0)), nothing, nothing)
+
+    def with_rows(
+        self, at: Index, b: Array, v: Array | None = None, *, sign: float = 1.0
+    ) -> Update:
+        """Return the system with more rows.
+
+        The cost is that of one solution with Q; what came before is not solved again.
+
+        Args:
+            at: columns that the rows touch, each once, (m,).
+            b: whitened partials by these, (k, m).
+            v: whitened residuals at the minimum of the system that `of` was given, (k,); none:
+                zero.
+            sign: 1 joins, −1 leaves, 0 holds without error.
+        """
+        g = self.base.times(at, b)
+        cross = self.spread[at].T @ b.T
+        own = sign * np.eye(len(b)) + b @ g[at]
+        return Update(
+            self.base,
+            np.concatenate([self.spread, g], axis=1),
+            np.block([[self.inner, cross], [cross.T, own]]),
+            np.append(self.signs, np.full(len(b), sign)),
+            np.append(self.residuals, np.zeros(len(b)) if v is None else v),
+        )
+
+    # -- what the change is ---------------------------------------------------------------------
+
+    @cached_property
+    def parts(self) -> Inverse:
+        """D⁻¹ in its parts."""
+        return _inverse(self.inner, self.signs)
+
+    @property
+    def condition(self) -> float:
+        """What is left in the worst direction of rows that leave or hold, relative; ≤ 1.
+
+        It is the smallest eigenvalue of M = −E for rows that leave, the share of the redundancy
+        that they do not take along: 1 where no row leaves, 0 or less where without them
+        something is undetermined. Rows that hold have that of B Q Bᵀ, relative to the largest.
+        """
+        return self.parts.condition
+
+    @property
+    def gained(self) -> float:
+        """The largest factor by which a variance along a row that joins is reduced, ≥ 1."""
+        return self.parts.gained
+
+    @property
+    def trusted(self) -> bool:
+        """Whether figures of the update are as good as those of a new solution; see `Limits`."""
+        return self.condition > LIMITS.least_left and self.gained <= LIMITS.most_gained
+
+    @property
+    def inverse(self) -> Array:
+        """D⁻¹, (k, k); the pseudo-inverse where directions of D are nothing."""
+        z, sigma, _, _ = self.parts
+        return np.asarray((z * sigma) @ z.T)
+
+    def loss(self, f: Array, g: Array | None = None) -> Array:
+        """Return what cofactors between functions lose: F G D⁻¹ (F' G)ᵀ, (..., i, j).
+
+        Args:
+            f: F G of functions, (..., i, k).
+            g: the same of others, (..., j, k); none: of the same.
+        """
+        z, sigma, _, _ = self.parts
+        half = f @ z
+        other = half if g is None else g @ z
+        return np.asarray((half * sigma) @ np.swapaxes(other, -1, -2))
+
+    def losses(self, f: Array, g: Array | None = None) -> Array:
+        """Return the diagonal of `loss`, (..., i)."""
+        z, sigma, _, _ = self.parts
+        half = f @ z
+        other = half if g is None else g @ z
+        return np.asarray((half * other) @ sigma)
+
+    # -- what the system is with it -------------------------------------------------------------
+
+    def times(self, at: Index, b: Array) -> Array:
+        """Return Q' Bᵀ (n, j) of rows that touch the columns ``at`` with ``b`` (j, m).
+
+        With it an update can be the base of another one.
+        """
+        return self.base.times(at, b) - self._moved((b @ self.spread[at]).T)
+
+    def _moved(self, y: Array) -> Array:
+        """Return G D⁻¹ y (n, j) for y (k, j)."""
+        z, sigma, _, _ = self.parts
+        return np.asarray(self.spread @ (z @ (sigma[:, None] * (z.T @ y))))
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns n."""
+        return self.base.size
+
+    def solve(self, y: Array) -> Array:
+        """Return Q' y for y (n, j)."""
+        return self.times(np.arange(self.size), np.ascontiguousarray(y.T))
+
+    def variance(self, at: Index, f: Array) -> Array:
+        """Return F Q' Fᵀ (j, j) of functions F that touch the columns ``at`` with ``f`` (j, m)."""
+        return np.asarray(f @ self.times(at, f)[at])
+
+    @cached_property
+    def step(self) -> Array:
+        """What the unknowns move by, dx (n,)."""
+        return -self._moved(self.residuals[:, None])[:, 0]
+
+    @property
+    def vtpv(self) -> float:
+        """Change of vᵀPv."""
+        z, sigma, _, _ = self.parts
+        return float(np.square(z.T @ self.residuals) @ sigma)
+
+    def test(self, rows: Index | Mask | None = None) -> tuple[Statistics, int]:
+        """Test rows of the update against everything else.
+
+        Args:
+            rows: which of the k rows, all of one sign, +1 or −1; none: all.
+
+        Returns:
+            The statistics, and the degrees of freedom of T². The test value of a row that nothing
+            else controls is NaN.
+        """
+        u = np.arange(len(self.signs)) if rows is None else np.arange(len(self.signs))[rows]
+        sign = self.signs[u]
+        if not len(u) or not sign[0] or np.any(sign != sign[0]):
+            raise ValueError("rows that are tested together must all join, or all leave")
+        z, sigma, _, _ = self.parts
+        whole = (z[u] * sigma) @ z[u].T
+        share = z[u] @ (sigma * (z.T @ self.residuals))
+        values, vectors = np.linalg.eigh(sign[0] * whole)
+        on = values > LIMITS.least_left
+        inverse = (vectors[:, on] / values[on]) @ vectors[:, on].T
+        # D⁻¹ has M of rows that joined, and M⁻¹, the innovation's covariance, of rows that left.
+        d, m = (inverse @ share, whole) if sign[0] > 0 else (-share, inverse)
+        t2, w, r = _statistics(d, m, np.eye(len(u)))
+        return Statistics(t2, np.where(r > LIMITS.least_left, w, np.nan), r), int(on.sum())
+
+
+def _inverse(d: Array, signs: Array) -> Inverse:
+    """Take D apart, the rows that join first."""
+    first, rest = np.flatnonzero(signs > 0), np.flatnonzero(signs <= 0)
+    z = np.zeros((len(d), len(first)))
+    own = np.zeros((0, 0))
+    gained = 1.0
+    if len(first):
+        own = whitener(d[np.ix_(first, first)])
+        z[first] = own.T
+        gained = float(np.diag(d)[first].max())
+    if not len(rest):
+        return Inverse(z, np.ones(len(first)), 1.0, gained)
+    c = own @ d[np.ix_(first, rest)]
+    e = d[np.ix_(rest, rest)] - c.T @ c
+    values, vectors = np.linalg.eigh(0.5 * (e + e.T))
+    leaving = int(np.sum(signs < 0))
+    before = float((np.diag(d) - signs)[rest].max())
+    scale = max(before, float(np.abs(values).max()), 1.0 if leaving else 0.0)
+    left = np.append(-values[:leaving], values[leaving:]).min()
+    on = np.abs(values) > LIMITS.least_left * scale
+    half = vectors[:, on] / np.sqrt(np.abs(values[on]))
+    more = np.zeros((len(d), half.shape[1]))
+    more[rest] = half
+    more[first] = -own.T @ (c @ half)
+    sigma = np.append(np.ones(len(first)), np.sign(values[on]))
+    condition = float(left / scale) if scale > 0 else 0.0
+    return Inverse(np.concatenate([z, more], axis=1), sigma, condition, gained)

@@ -1,0 +1,363 @@
+"""The parts of the iteration alone: a step, its damping, its judgement, sides of cameras, ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.graph.variables import State
+from factorgraph_adj.models.lens import NoDistortion
+from factorgraph_adj.observations import HeightDifference, ImagePoint
+from factorgraph_adj.solve.damping import DAMPING, Damping
+from factorgraph_adj.solve.iterate import iterate, step_from
+from factorgraph_adj.solve.run import Run
+from factorgraph_adj.solve.sides import before_the_cameras, behind, refuse_points_behind
+from factorgraph_adj.solve.start import start_of
+from factorgraph_adj.solve.step import Step, Trial
+from factorgraph_adj.solve.stopping import (
+    STOPPING,
+    Judgement,
+    Rest,
+    Stop,
+    at_rest,
+    cannot_tell,
+    no_higher,
+    no_worse,
+)
+from factorgraph_adj.types import Array
+from tests.networks.small_block import small_block
+
+SOMEWHERE: State = {"point": np.zeros((1, 3))}
+
+
+class Inverse:
+    """N + λD as its dense inverse."""
+
+    def __init__(self, n: Array) -> None:
+        self.q = np.linalg.inv(n)
+
+    def solve(self, y: Array) -> Array:
+        return np.asarray(self.q @ y)
+
+
+# -- a step ----------------------------------------------------------------------------------------
+
+
+def test_a_step_predicts_what_a_parabola_does() -> None:
+    """VᵀPv of linear observations is a parabola: the prediction comes true, damped or not."""
+    rng = np.random.default_rng(1)
+    a, v = rng.normal(size=(9, 4)), rng.normal(size=9)
+    n, gradient = a.T @ a, a.T @ v
+    for damping in (0.0, 1e-3, 10.0):
+        damped = damping * np.diag(n)
+        step = Step.of(Inverse(n + np.diag(damped)), gradient, damped)
+        after = v + a @ step.movement
+        assert step.decrease == pytest.approx(float(v @ v - after @ after))
+        squared = step.movement @ (n + np.diag(damped)) @ step.movement
+        assert step.bound == pytest.approx(np.sqrt(squared))
+    assert Step.of(Inverse(n), gradient).decrease == pytest.approx(
+        Step.of(Inverse(n), gradient).bound ** 2
+    )
+
+
+def test_no_function_moves_further_than_the_bound_relative_to_its_sigma() -> None:
+    rng = np.random.default_rng(2)
+    a, v = rng.normal(size=(9, 4)) @ np.diag([1.0, 1e3, 1e-3, 10.0]), rng.normal(size=9)
+    q = np.linalg.inv(a.T @ a)
+    step = Step.of(Inverse(a.T @ a), a.T @ v)
+    f = rng.normal(size=(500, 4)) / np.array([1.0, 1e3, 1e-3, 10.0])
+    moved = np.abs(f @ step.movement) / np.sqrt(np.einsum("ij,jk,ik->i", f, q, f))
+    assert moved.max() <= step.bound
+    worst = step.movement @ np.linalg.inv(q)
+    reached = abs(worst @ step.movement) / np.sqrt(worst @ q @ worst)
+    assert reached == pytest.approx(step.bound)
+
+
+# -- damping ---------------------------------------------------------------------------------------
+
+
+def test_damping_begins_small_and_grows_faster_and_faster() -> None:
+    values = []
+    damping = Damping()
+    for _ in range(5):
+        damping = damping.harder()
+        values.append(damping.value)
+    assert values == pytest.approx(DAMPING.first * np.array([1.0, 4.0, 32.0, 512.0, 16384.0]))
+
+
+def test_damping_ends_where_there_is_no_way_on() -> None:
+    damping, failures = Damping(), 0
+    while not damping.hopeless:
+        damping, failures = damping.harder(), failures + 1
+    assert failures < 15
+    assert not Damping(DAMPING.most).hopeless
+
+
+def test_an_undamped_step_that_succeeds_is_followed_by_an_undamped_one() -> None:
+    assert Damping().relaxed(1.0, 0.5) == Damping(0.0, DAMPING.least)
+
+
+@pytest.mark.parametrize(("gain", "factor"), [(1.0, 0.1), (0.5, 1.0), (1e-3, 1.994), (3.0, 0.1)])
+def test_damping_is_relaxed_by_what_a_step_brought(gain: float, factor: float) -> None:
+    """1 − (2ρ − 1)³, and no less than a tenth (Nielsen 1999); more than predicted is as much."""
+    relaxed = Damping(1e-2, 1e-4, 64.0).relaxed(gain, 0.5)
+    assert relaxed.value == pytest.approx(1e-2 * factor, rel=1e-3)
+    assert (relaxed.resume, relaxed.growth) == (1e-4, DAMPING.growth)
+
+
+def test_near_the_minimum_steps_are_undamped_and_damping_resumes_where_it_was() -> None:
+    relaxed = Damping(1e-2).relaxed(0.5, 0.9 * DAMPING.near)
+    assert relaxed == Damping(0.0, 1e-2)
+    assert relaxed.harder().value == 1e-2
+    assert Damping(2 * DAMPING.least).relaxed(1.0, 0.5) == Damping(0.0, DAMPING.least)
+
+
+# -- judgement -------------------------------------------------------------------------------------
+
+
+def trial(bound: float, before: float, after: float, *, decrease: float | None = None) -> Trial:
+    """Return a step of some bound; undamped ones predict the square of the bound."""
+    predicted = bound**2 if decrease is None else decrease
+    state = None if np.isinf(after) else SOMEWHERE
+    assert before > 0
+    return Trial(Step(np.zeros(3), predicted, bound), state, after)
+
+
+def test_a_step_that_brings_what_it_promises_is_taken() -> None:
+    judged = Stop(1e-5).judge(trial(3.0, 100.0, 91.0), 100.0, damped=False)
+    assert judged == Judgement(1.0, 3.0, small=False, accepted=True, done=False)
+
+
+@pytest.mark.parametrize("after", [100.0, 99.992, np.inf])
+def test_a_step_that_brings_next_to_nothing_is_not(after: float) -> None:
+    judged = Stop(1e-5).judge(trial(3.0, 100.0, after), 100.0, damped=False)
+    assert judged.gain < STOPPING.worthwhile
+    assert not judged.accepted
+    assert not judged.small
+
+
+def test_a_small_undamped_step_is_the_last() -> None:
+    stop = Stop(1e-5)
+    judged = stop.judge(trial(0.9e-5, 100.0, 100.0), 100.0, damped=False)
+    assert (judged.small, judged.accepted, judged.done) == (True, True, True)
+    assert judged.left == 0.9e-5
+    damped = stop.judge(trial(0.9e-5, 100.0, 100.0), 100.0, damped=True)
+    assert not damped.done
+
+
+def test_fast_convergence_says_what_is_left_after_a_step() -> None:
+    """0.1 and then 0.001: what is left is 1e-5, but not after an extrapolation, nor from far."""
+    stop = Stop(1.1e-5, last=0.1)
+    last = trial(1e-3, 100.0, 100.0 - 1e-6)
+    assert stop.judge(last, 100.0, damped=False).left == pytest.approx(1e-5)
+    assert stop.judge(last, 100.0, damped=False).done
+    for other in (
+        replace(stop, plain=False),
+        replace(stop, last=np.inf),
+        replace(stop, last=1e-3 / STOPPING.fast),
+    ):
+        judged = other.judge(last, 100.0, damped=False)
+        assert (judged.left, judged.done) == (1e-3, False)
+    far = Stop(10.0, last=1e3).judge(trial(STOPPING.close, 100.0, 99.0), 100.0, damped=False)
+    assert far.left == STOPPING.close
+
+
+def test_a_step_that_makes_it_worse_is_not_the_last() -> None:
+    judged = Stop(1e-5).judge(trial(0.9e-5, 100.0, 100.1), 100.0, damped=False)
+    assert not judged.small
+    assert not judged.accepted
+
+
+def test_where_vtpv_cannot_tell_steps_are_taken_and_not_the_last() -> None:
+    """A step of 10⁻⁴ σ predicts 10⁻⁸ of vᵀPv = 10⁵."""
+    judged = Stop(1e-5).judge(trial(1e-4, 1e5, 1e5 * (1 + 1e-10)), 1e5, damped=False)
+    assert (judged.small, judged.accepted, judged.done) == (True, True, False)
+    assert not Stop(1e-5).judge(trial(1e-4, 1e5, 1e5 * (1 + 1e-8)), 1e5, damped=False).accepted
+
+
+def test_what_vtpv_can_tell() -> None:
+    assert cannot_tell(1e-4, 1e-8, 1e5)
+    assert not cannot_tell(1e-4, 1e-8, 1e3)
+    assert not cannot_tell(STOPPING.still, 1e-8, 1e5)
+    assert no_worse(100.0 + 1e-5, 100.0)
+    assert not no_worse(100.0 + 1e-3, 100.0)
+    assert not no_worse(np.nan, 100.0)
+    assert not no_worse(np.inf, 100.0)
+    assert no_higher(1e5 * (1 + 0.9e-9), 1e5)
+    assert not no_higher(1e5 * (1 + 1.1e-9), 1e5)
+
+
+# -- when to stop ----------------------------------------------------------------------------------
+
+
+def test_the_smallest_step_counts_once_steps_do_not_shrink_any_more() -> None:
+    states: list[State] = [{"point": np.full((1, 3), float(i))} for i in range(20)]
+    rest = Rest()
+    bounds = [1e-3, 1e-4, 2e-5, 1.9e-5, *(3e-5 for _ in range(9))]
+    for bound, state in zip(bounds, states, strict=False):
+        assert not rest.exhausted
+        rest = rest.with_step(bound, state)
+    # 1.9e-5 is the smallest, though no progress beside 2e-5.
+    assert rest.exhausted
+    assert rest.bound == 1.9e-5
+    assert rest.state is states[3]
+
+
+def test_steps_that_shrink_again_are_not_in_vain() -> None:
+    rest = Rest()
+    for bound in (1e-3, *([1e-3] * 9), 0.7e-3):
+        rest = rest.with_step(bound, SOMEWHERE)
+    assert (rest.in_vain, rest.bound) == (0, 0.7e-3)
+
+
+def test_a_decrease_that_vtpv_can_tell_begins_anew() -> None:
+    stop = Stop(1e-5, rest=Rest(1e-4, SOMEWHERE, 9))
+    hidden = trial(1e-4, 1e5, 1e5)
+    judged = stop.judge(hidden, 1e5, damped=False)
+    assert stop.noted(hidden, judged, 1e5).rest.exhausted
+    seen = trial(1e-4, 1e5, 1e5 - 1.0)
+    judged = stop.judge(seen, 1e5, damped=False)
+    assert stop.noted(seen, judged, 1e5).rest.in_vain == 0
+    # The last step of all is none of them.
+    done = trial(1e-6, 1e5, 1e5)
+    judged = stop.judge(done, 1e5, damped=False)
+    assert stop.noted(done, judged, 1e5).rest == stop.rest
+
+
+def test_steps_without_progress_are_counted_in_a_row() -> None:
+    stop = Stop(1e-5, last=2.0)
+    for _ in range(STOPPING.patience):
+        assert not stop.in_vain
+        stop = stop.moved(2.0, 100.0, 100.0 - 1e-5, plain=True)
+    assert stop.in_vain
+    assert stop.moved(2.0, 100.0, 99.0, plain=True).slow == 0
+    assert stop.moved(1.5, 100.0, 100.0, plain=True).slow == 0, "steps that shrink are progress"
+
+
+def test_an_extrapolation_pays_where_steps_shrink_slowly() -> None:
+    assert Stop(1e-5, last=1.0).slows_down(0.5)
+    assert not Stop(1e-5, last=1.0).slows_down(0.05)
+    assert not Stop(1e-5).slows_down(1e9), "of a first step nothing is known"
+
+
+def test_an_undamped_step_is_near_enough_by_either_criterion() -> None:
+    stop = Stop(1e-5)
+    assert stop.near_enough(0.9e-5, 1.0)
+    assert stop.near_enough(1e-4, 1e5)
+    assert not stop.near_enough(1e-4, 1.0)
+    assert not stop.near_enough(np.inf, 1e30)
+
+
+def test_reasons_say_which_criterion_it_was() -> None:
+    assert at_rest(1e-6, 1e-5) == (
+        "at rest: no unknown is further than 1e-05 of its σ from the minimum"
+    )
+    assert at_rest(2e-4, 1e-5) == (
+        "at rest: vᵀPv cannot tell any more; the last step was at most 0.0002 σ"
+    )
+
+
+# -- sides of cameras ------------------------------------------------------------------------------
+
+
+def one_photo() -> tuple[fga.Network, State]:
+    """Return a photo that looks down from 20 m on P (0 m) and Q (25 m, behind it)."""
+    network = fga.Network("one photo")
+    network.add_camera("camera", NoDistortion(), {"c": 50.0})
+    down = np.diag([1.0, -1.0, -1.0])
+    network.add_photo("f", "camera", position=(0.0, 0.0, 20.0), rotation=down)
+    for name, z in (("P", 0.0), ("Q", 25.0)):
+        network.add_point(name, (1.0, 2.0, z))
+        network.add(ImagePoint("f", name, 0.0, 0.0, sigma=0.01))
+    return network, compile_network(network).unknowns.start()
+
+
+def test_points_that_a_step_takes_past_a_camera_stay_where_they_were() -> None:
+    network, state = one_photo()
+    equations = compile_network(network)
+    assert behind(equations, state).tolist() == [False, True]
+    points = state["point"] + [[0.5, 0.0, 21.0], [0.5, 0.0, 1.0]]
+    kept = before_the_cameras(equations, state, {**state, "point": points})
+    assert kept is not None
+    np.testing.assert_array_equal(kept["point"][0], state["point"][0])
+    # The other one was behind already.
+    np.testing.assert_array_equal(kept["point"][1], points[1])
+    fine = {**state, "point": state["point"] + 0.1}
+    assert before_the_cameras(equations, state, fine) is fine
+
+
+def test_a_camera_that_passes_its_points_has_no_state() -> None:
+    network, state = one_photo()
+    equations = compile_network(network)
+    pose = state["pose"].copy()
+    pose[0, 11] = -1.0
+    assert before_the_cameras(equations, state, {**state, "pose": pose}) is None
+
+
+def test_points_behind_their_camera_are_refused_by_name() -> None:
+    network, state = one_photo()
+    equations = compile_network(network)
+    with pytest.raises(fga.InputError, match="image f Q: the adjusted point lies behind"):
+        refuse_points_behind(equations, state)
+    low = {**state, "point": state["point"] + [0.0, 0.0, 30.0]}
+    with pytest.raises(fga.InputError, match=r"photo 'f': all 2 points lie behind it"):
+        refuse_points_behind(equations, low)
+    refuse_points_behind(equations, {**state, "point": state["point"] * [1.0, 1.0, 0.0]})
+
+
+# -- the loop --------------------------------------------------------------------------------------
+
+
+def begun(network: fga.Network) -> Run:
+    equations = compile_network(network)
+    start = start_of(equations, network.datum, None)
+    weighted = equations.weighted_at(start.state)
+    return Run.at(weighted, start.state, start.origin, free=network.datum == "free")
+
+
+def test_a_linear_network_is_at_rest_after_one_step_and_another_to_know_it() -> None:
+    network = fga.Network("line")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("B", (0.0, 0.0, 5.0), fixed="xy")
+    network.add(HeightDifference("A", "B", 1.0, sigma=0.001))
+    network.add(HeightDifference("A", "B", 1.002, sigma=0.001))
+    told: list[tuple[int, float, float]] = []
+    run = begun(network)
+    ended = iterate(
+        run, tolerance=1e-5, max_iterations=9, progress=lambda *figures: told.append(figures)
+    )
+    assert (ended.iterations, ended.converged) == (2, True)
+    assert ended.reason == at_rest(0.0, 1e-5)
+    assert ended.vtpv == pytest.approx(2.0)
+    assert run.state["point"][1, 2] == pytest.approx(1.001)
+    assert [i for i, _, _ in told] == [1, 2]
+    assert told[0][2] == pytest.approx(3.999 * np.sqrt(2) / 0.001)
+    step = step_from(run, run.normal_at(run.state))
+    assert step is not None
+    assert step.bound < 1e-5
+
+
+def test_an_iteration_that_may_take_no_steps_has_gone_nowhere() -> None:
+    run = begun(small_block())
+    before = run.state
+    ended = iterate(run, tolerance=1e-5, max_iterations=0)
+    assert (ended.iterations, ended.converged, ended.vtpv) == (0, False, np.inf)
+    assert ended.reason == "not at rest after 0 iterations: the last step was inf σ"
+    assert run.state is before
+
+
+def test_an_iteration_goes_on_where_another_ended() -> None:
+    """All that three steps leave behind is where the run is."""
+    whole, parts = begun(small_block()), begun(small_block())
+    at_once = iterate(whole, tolerance=1e-9, max_iterations=50)
+    assert at_once.converged
+    first = iterate(parts, tolerance=1e-9, max_iterations=3)
+    assert (first.iterations, first.converged) == (3, False)
+    rest = iterate(parts, tolerance=1e-9, max_iterations=50)
+    assert rest.converged
+    assert parts.state["point"] == pytest.approx(whole.state["point"], abs=1e-9)
+    assert rest.vtpv == pytest.approx(at_once.vtpv, rel=1e-12)
