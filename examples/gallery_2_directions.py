@@ -12,8 +12,8 @@ import argparse
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.simulate import disturb, measure
 from factorgraph_adj.observations import Direction, ZenithAngle
+from factorgraph_adj.simulation.simulate import disturb, measure
 from factorgraph_adj.units import GON
 
 MGON = GON / 1000

@@ -7,7 +7,7 @@ The industry block of El-Hakim & Faig (1981), simulated: 70 points in 15 × 15 m
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.industry_block import simulate_industry_block
+from factorgraph_adj.simulation.industry_block import simulate_industry_block
 
 simulated = simulate_industry_block(seed=2)
 solution = fga.adjust(simulated.network)

@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.industry_block import simulate_industry_block
-from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
+from factorgraph_adj.simulation.industry_block import simulate_industry_block
+from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.units import GON
 
 MGON, MM = GON / 1000, 1e-3

@@ -1,6 +1,6 @@
 """El-Hakim & Faig (1981), table 2: accuracy of the adjustments of the industry block.
 
-Geometry: see factorgraph_adj.experiment.industry_block. With --plot FILE it is drawn (extra plot).
+Geometry: see factorgraph_adj.simulation.industry_block. With --plot FILE it is drawn (extra plot).
 """
 
 import argparse

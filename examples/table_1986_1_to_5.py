@@ -1,7 +1,7 @@
 """El-Hakim (1986), tables 1 to 5: redundancy numbers and 100 µm errors of images.
 
 ``table_1986_1_to_5.py 2`` prints table 2, without a number all are; with --plot FILE they are drawn
-(extra plot). Geometry: see factorgraph_adj.experiment.el_hakim_1986 and tables_1986.
+(extra plot). Geometry: see factorgraph_adj.simulation.el_hakim_1986 and tables_1986.
 """
 
 import argparse

@@ -2,39 +2,46 @@
 
 import factorgraph_adj as fga
 solution = fga.adjust(fga.read("project.toml"))
+
+A public name is imported when it is first asked for, so that a program loads what it uses.
 """
 
-from .errors import AdjustmentError, ApproximationError, DatumError, InputError
-from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
-from .graph.build import build_graph
-from .incremental.adjustment import IncrementalAdjustment
-from .io.bal import read_bal
-from .io.gama import read_gama
-from .io.project import read_project
-from .io.readers import read
-from .io.write_project import write_project
-from .network.network import Network
-from .network.selection import without
-from .planning.candidates import Candidate
-from .planning.plan import plan
-from .planning.propose import propose
-from .planning.spare import spare
-from .quality.check_points import check_points
-from .quality.datum_change import s_transform
-from .quality.ellipses import error_ellipse, error_ellipsoid
-from .quality.exclusion import exclude_insignificant
-from .quality.prediction import predict
-from .quality.relative import distance_precision
-from .quality.reliability import reliability
-from .quality.robust import robust
-from .quality.snooping import snoop
-from .quality.systematic import significance
-from .quality.variance_components import variance_components
-from .report.options import Provenance, ReportOptions
-from .report.text import protocol
-from .solve.batch import adjust
-from .solve.solution import Solution
-from .stochastic import StandardDeviation
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .errors import AdjustmentError, ApproximationError, DatumError, InputError
+    from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
+    from .graph.build import build_graph
+    from .incremental.adjustment import IncrementalAdjustment
+    from .io.bal import read_bal
+    from .io.gama import read_gama
+    from .io.project import read_project
+    from .io.readers import read
+    from .io.write_project import write_project
+    from .network.network import Network
+    from .network.selection import without
+    from .planning.candidates import Candidate
+    from .planning.plan import plan
+    from .planning.propose import propose
+    from .planning.spare import spare
+    from .quality.check_points import check_points
+    from .quality.datum_change import s_transform
+    from .quality.ellipses import error_ellipse, error_ellipsoid
+    from .quality.exclusion import exclude_insignificant
+    from .quality.prediction import predict
+    from .quality.relative import distance_precision
+    from .quality.reliability import reliability
+    from .quality.robust import robust
+    from .quality.snooping import snoop
+    from .quality.systematic import significance
+    from .quality.variance_components import variance_components
+    from .report.options import Provenance, ReportOptions
+    from .report.text import protocol
+    from .solve.batch import adjust
+    from .solve.solution import Solution
+    from .stochastic import StandardDeviation
 
 __all__ = [
     "AdjustmentError",
@@ -76,3 +83,62 @@ __all__ = [
     "without",
     "write_project",
 ]
+
+_MODULES = {
+    "AdjustmentError": "errors",
+    "ApproximationError": "errors",
+    "Candidate": "planning.candidates",
+    "DatumError": "errors",
+    "GeocentricFrame": "frames",
+    "IncrementalAdjustment": "incremental.adjustment",
+    "InputError": "errors",
+    "LocalFrame": "frames",
+    "Network": "network.network",
+    "Provenance": "report.options",
+    "ReportOptions": "report.options",
+    "Solution": "solve.solution",
+    "StandardDeviation": "stochastic",
+    "TopocentricFrame": "frames",
+    "adjust": "solve.batch",
+    "build_graph": "graph.build",
+    "check_points": "quality.check_points",
+    "distance_precision": "quality.relative",
+    "error_ellipse": "quality.ellipses",
+    "error_ellipsoid": "quality.ellipses",
+    "exclude_insignificant": "quality.exclusion",
+    "plan": "planning.plan",
+    "predict": "quality.prediction",
+    "propose": "planning.propose",
+    "protocol": "report.text",
+    "read": "io.readers",
+    "read_bal": "io.bal",
+    "read_gama": "io.gama",
+    "read_project": "io.project",
+    "reliability": "quality.reliability",
+    "robust": "quality.robust",
+    "s_transform": "quality.datum_change",
+    "significance": "quality.systematic",
+    "snoop": "quality.snooping",
+    "spare": "planning.spare",
+    "variance_components": "quality.variance_components",
+    "without": "network.selection",
+    "write_project": "io.write_project",
+}
+"""Module of each public name; type checkers read the imports above."""
+
+
+if not TYPE_CHECKING:  # which would take any name for a public one
+
+    def __getattr__(name: str) -> Any:
+        """Import a public name, or a module of the package, when it is first asked for."""
+        if name in _MODULES:
+            found = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+            globals()[name] = found
+            return found
+        if not name.startswith("_") and find_spec(f"{__name__}.{name}") is not None:
+            return import_module(f"{__name__}.{name}")
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -12,6 +12,7 @@ import pytest
 
 from factorgraph_adj.cli.main import main
 from tests.support.places import EXAMPLES
+from tests.support.processes import HANGS
 
 README = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
 SHOWN = dict(re.findall(r"^\| \[(gallery_\S+\.py)\].*\| `(.*)` \|$", README, re.MULTILINE))
@@ -27,7 +28,7 @@ def run(script: Path, *arguments: str) -> str:
         capture_output=True,
         encoding="utf-8",
         env=os.environ | {"PYTHONIOENCODING": "utf-8"},
-        timeout=120,
+        timeout=HANGS,
         check=False,
     )
     assert done.returncode == 0, done.stderr

@@ -75,6 +75,24 @@ def test_only_tests_of_the_whole_repository_lie_beside_the_folders():
     assert len(found) > 3
 
 
+@pytest.mark.parametrize("name", MODULES)
+def test_every_long_test_says_what_it_proves_beyond_the_short_ones(name):
+    tree = ast.parse(MODULES[name].read_text(encoding="utf-8"))
+    said = {id(n.func): n.args for n in ast.walk(tree) if isinstance(n, ast.Call)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and ast.unparse(node) == "pytest.mark.slow":
+            (proves,) = said.get(id(node), (None,))
+            assert isinstance(proves, ast.Constant), f"line {node.lineno}: says nothing"
+            assert len(str(proves.value)) > 40, f"line {node.lineno}: says little"
+
+
+def test_tests_against_published_figures_are_marked():
+    files = sorted((TESTS / "published").glob("test_*.py"))
+    assert files
+    for path in files:
+        assert "pytest.mark.published" in path.read_text(encoding="utf-8"), path.name
+
+
 def test_modules_that_are_shared_hold_no_tests():
     for name, path in MODULES.items():
         if name.split("/")[0] in SHARED:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import graphlib
+import importlib
 import statistics
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+import factorgraph_adj as package
 from tests.support.places import ROOT
 
 PACKAGE = "factorgraph_adj"
@@ -46,7 +48,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("io",),
     ("incremental",),
     ("report",),
-    ("experiment",),
+    ("simulation", "experiment"),
     ("papers",),
     ("planning",),
     # What the stream says is in the units and names of reports.
@@ -235,3 +237,58 @@ def test_every_module_can_be_imported_and_every_public_name_resolves():
         cwd=ROOT,
     )
     assert ran.returncode == 0, ran.stderr
+
+
+# -- public names ---------------------------------------------------------------------------------
+
+LATE = ("scipy.stats", "scipy.optimize", "scipy.interpolate", *EXTRAS)
+"""What takes long to import, and only some computations need."""
+
+LOADED = """
+import sys
+import factorgraph_adj as package
+late = sys.argv[1:]
+assert not {"numpy", "scipy", "gtsam", *late} & set(sys.modules), "by the package alone"
+for name in package.__all__:
+    getattr(package, name)
+assert not set(late) & set(sys.modules), sorted(set(late) & set(sys.modules))
+assert {"numpy", "scipy", "gtsam"} <= set(sys.modules)
+"""
+
+
+def test_the_package_loads_what_is_asked_for_and_nothing_that_takes_long():
+    ran = subprocess.run(
+        [sys.executable, "-c", LOADED, *LATE],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+    )
+    assert ran.returncode == 0, ran.stderr
+
+
+def test_public_names_are_the_same_for_programs_and_for_type_checkers():
+    homes = {}
+    for node, _, for_types in _walk(ast.parse(MODULES[""].read_text(encoding="utf-8"))):
+        if for_types:
+            homes |= {alias.name: node.module for alias in node.names}
+    assert homes == package._MODULES
+    assert sorted(homes) == sorted(package.__all__)
+    for name, home in homes.items():
+        assert name in dir(package)
+        found = getattr(package, name)
+        assert found is getattr(importlib.import_module(f"{PACKAGE}.{home}"), name)
+        assert found.__module__ == f"{PACKAGE}.{home}", f"{name} is defined in another module"
+
+
+def test_public_names_hide_no_module():
+    """An imported module becomes an attribute of the package, in the place of such a name."""
+    assert not set(package.__all__) & {name.split(".")[0] for name in MODULES}
+
+
+def test_modules_of_the_package_are_its_attributes_and_other_names_are_unknown():
+    assert package.observations is sys.modules[f"{PACKAGE}.observations"]
+    with pytest.raises(AttributeError, match="has no attribute 'adjusted'"):
+        _ = package.adjusted
+    with pytest.raises(ImportError):
+        exec("from factorgraph_adj import adjusted")

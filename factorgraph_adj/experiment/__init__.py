@@ -1,1 +1,1 @@
-"""Simulated networks: measure a plan with random errors, and blocks that do."""
+"""Experiments: a trial repeated under chosen conditions, its results and their summary."""

@@ -28,17 +28,17 @@ from typing import Literal
 
 import numpy as np
 
-from ..experiment.disturbances import Errors
-from ..experiment.el_hakim_1986 import SIGMA_AERIAL_TERRESTRIAL, Line, aerial_1986_plan
-from ..experiment.generate.additions import Distances, HeightDifferences
-from ..experiment.generate.control import Control
-from ..experiment.generate.instruments import DistanceMeter, Level
-from ..experiment.generate.part import MICROMETRE, MILLIMETRE
-from ..experiment.generate.patterns import perimeter, round_lines, spread
-from ..experiment.generate.published import Aerial1986
-from ..experiment.spec import Spec, simulate
-from ..experiment.systematic import AffineFilm, InImages, LensDistortion
 from ..quality.check_points import check_points
+from ..simulation.disturbances import Errors
+from ..simulation.el_hakim_1986 import SIGMA_AERIAL_TERRESTRIAL, Line, aerial_1986_plan
+from ..simulation.generate.additions import Distances, HeightDifferences
+from ..simulation.generate.control import Control
+from ..simulation.generate.instruments import DistanceMeter, Level
+from ..simulation.generate.part import MICROMETRE, MILLIMETRE
+from ..simulation.generate.patterns import perimeter, round_lines, spread
+from ..simulation.generate.published import Aerial1986
+from ..simulation.spec import Spec, simulate
+from ..simulation.systematic import AffineFilm, InImages, LensDistortion
 from ..solve.batch import adjust
 from ..types import Array
 

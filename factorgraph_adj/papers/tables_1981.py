@@ -2,7 +2,7 @@
 
 **Table 1**, the ISP block, is only a picture in the paper's scan and says in words that
 terrestrial observations improve a block with reduced control significantly. The block is that of
-`factorgraph_adj.experiment.generate.published.IspBlock`, over the ellipsoid. Chosen here:
+`factorgraph_adj.simulation.generate.published.IspBlock`, over the ellipsoid. Chosen here:
 
 - full control: the 30 points of the edge, X, Y, Z; reduced: its four corners;
 - each layout has distances, directions, azimuths, vertical angles and levelled height
@@ -11,7 +11,7 @@ terrestrial observations improve a block with reduced control significantly. The
   points of the edge, at two ends of the cross;
 - check points: the 47 inside the edge, which are control in no case.
 
-**Table 2**: see `factorgraph_adj.experiment.industry_block`.
+**Table 2**: see `factorgraph_adj.simulation.industry_block`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ from typing import Literal
 
 import numpy as np
 
-from ..experiment.generate.additions import (
+from ..observations import SlopeDistance
+from ..quality.check_points import check_points
+from ..quality.distributions import chi2_quantile
+from ..simulation.generate.additions import (
     Additions,
     Astronomic,
     Azimuths,
@@ -32,16 +35,13 @@ from ..experiment.generate.additions import (
     HeightDifferences,
     VerticalAngles,
 )
-from ..experiment.generate.control import Control, Pattern
-from ..experiment.generate.part import MILLIMETRE
-from ..experiment.generate.patterns import perimeter
-from ..experiment.generate.published import IspBlock
-from ..experiment.industry_block import simulate_industry_block
-from ..experiment.simulate import Seed
-from ..experiment.spec import Approximate, Earth, Spec, design, simulate
-from ..observations import SlopeDistance
-from ..quality.check_points import check_points
-from ..quality.distributions import chi2_quantile
+from ..simulation.generate.control import Control, Pattern
+from ..simulation.generate.part import MILLIMETRE
+from ..simulation.generate.patterns import perimeter
+from ..simulation.generate.published import IspBlock
+from ..simulation.industry_block import simulate_industry_block
+from ..simulation.simulate import Seed
+from ..simulation.spec import Approximate, Earth, Spec, design, simulate
 from ..solve.batch import adjust
 
 IspCase = Literal["full", "reduced", "layout 1", "layout 2", "layout 3"]

@@ -1,6 +1,6 @@
 """Tables 1 to 5 of El-Hakim (1986): redundancy numbers, and the effect of an image error.
 
-The blocks are those of `factorgraph_adj.experiment.el_hakim_1986`. Points A to H are not given by
+The blocks are those of `factorgraph_adj.simulation.el_hakim_1986`. Points A to H are not given by
 the paper but for what they have in common with ours: so many rays, r without distances, so many
 distances, on the edge of the block.
 """
@@ -13,15 +13,15 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ..experiment.el_hakim_1986 import (
+from ..observations import ControlPoint
+from ..quality.reliability import Reliability, reliability
+from ..simulation.el_hakim_1986 import (
     Line,
     edge_lines,
     simulate_aerial_1986,
     simulate_close_range_1986,
 )
-from ..experiment.simulate import Seed
-from ..observations import ControlPoint
-from ..quality.reliability import Reliability, reliability
+from ..simulation.simulate import Seed
 from ..solve.batch import adjust
 from ..types import Array
 

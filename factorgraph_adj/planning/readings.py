@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..experiment.simulate import measure
 from ..network.entities import ImageTable
 from ..network.network import Network
+from ..simulation.simulate import measure
 
 NO_TURN = 0.0
 """Orientation of a set that nobody has turned yet, radians: partials do not depend on it."""

@@ -13,7 +13,6 @@ import pytest
 from factorgraph_adj.approximate import approximate, rounds
 from factorgraph_adj.approximate.rays import tangents
 from factorgraph_adj.errors import ApproximationError
-from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import BrownForwardLens, BrownLens, HarmonicLens, Lens
@@ -36,7 +35,9 @@ from factorgraph_adj.observations import (
     VerticalAngle,
     ZenithAngle,
 )
+from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.linear import LinearSystem
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC, GON
 from tests.loaders import aicon, dbat
@@ -641,18 +642,23 @@ def test_complete_values_are_not_looked_at(monkeypatch):
 
 
 def test_ninety_thousand_rays_are_intersected_at_once():
-    """In about the time of one iteration of their adjustment (0.1 s on an idle core)."""
+    """In about the time of one linearisation, ten times as much at most.
+
+    Both are CPU time of this process, of which a busy machine takes as much from either.
+    """
     truth = camera_block(points=3000, photos=30, kind="brown_forward", control=4)
     forgotten = forget(truth, points=[n for n in truth.points if n not in ("P0", "P1", "P2", "P3")])
     equations = compile_network(forgotten)
-    seconds = []
+    ratios = []
     for _ in range(3):
-        start = time.perf_counter()
+        start = time.process_time()
         state = approximate(equations)
-        seconds.append(time.perf_counter() - start)
+        found = time.process_time()
+        LinearSystem(equations, state)
+        ratios.append((found - start) / (time.process_time() - found))
     error = np.abs(state["point"] - compile_network(truth).unknowns["point"].values)
     assert error.max() < 0.02
-    assert min(seconds) < 1.0
+    assert min(ratios) < 10.0
 
 
 def test_points_of_roma_are_those_of_dbat():

@@ -4,7 +4,8 @@ roma      Roma against pycolmap (extra ``bench``), alternating, and our memory
 ladybug   Ladybug 49 of Bundle Adjustment in the Large against pycolmap
 growth    simulated aerial blocks of 10 000 to 1 000 000 image points
 grids     simulated terrestrial networks of 100 to 10 000 points
-soak      20 000 arrivals and removals, nonsense among them, on an incremental adjustment
+soak      20 000 arrivals and removals, nonsense among them, on an incremental adjustment; any
+          other number: python -m tests.support.soak EVENTS
 latency   one arriving observation in such networks, and in photos over them, against the batch
           and naive iSAM2 (half an hour: iSAM2 takes minutes to load 10 000 points)
 runs      2 000 repetitions of the industry block in 1 and 2 processes and on a local Dask cluster

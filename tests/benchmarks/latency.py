@@ -20,11 +20,11 @@ from typing import Literal, TypeAlias
 import gtsam
 import numpy as np
 
-from factorgraph_adj.experiment.simulate import SimulatedNetwork
 from factorgraph_adj.graph.build import build_graph
 from factorgraph_adj.incremental.adjustment import IncrementalAdjustment
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint, Observation
+from factorgraph_adj.simulation.simulate import SimulatedNetwork
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array, Mask

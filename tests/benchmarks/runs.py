@@ -21,8 +21,8 @@ import numpy as np
 
 from factorgraph_adj import adjust
 from factorgraph_adj.experiment.blas import VARIABLES
-from factorgraph_adj.experiment.industry_block import simulate_industry_block
 from factorgraph_adj.experiment.runs import Experiment, run
+from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from tests.support.places import ROOT
 
 WAYS = {"1 process": 1, "2 processes": 2, "Dask, 2 workers": 0}

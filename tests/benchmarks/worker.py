@@ -15,11 +15,11 @@ from dataclasses import asdict, dataclass, replace
 from time import perf_counter, process_time
 
 from factorgraph_adj.approximate import approximate
-from factorgraph_adj.experiment.aerial_block import simulate_aerial_block
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.quality.reliability import reliability
+from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
 from factorgraph_adj.solve.batch import adjust
 
 from ..loaders.dbat import read_roma

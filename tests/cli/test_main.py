@@ -18,8 +18,9 @@ from tests.networks.projects import OBSERVATIONS, POINTS, PROJECT, write
 from tests.networks.small_block import small_block
 from tests.support.command import FILES, Terminal, contents
 from tests.support.places import data_dir
+from tests.support.processes import HANGS
 
-TEXT = {"encoding": "utf-8", "capture_output": True, "timeout": 120, "check": False}
+TEXT = {"encoding": "utf-8", "capture_output": True, "timeout": HANGS, "check": False}
 
 
 def run(*arguments: object, **more: object) -> subprocess.CompletedProcess[str]:
@@ -230,26 +231,30 @@ def test_an_interrupted_first_run_leaves_no_folder(block, tmp_path, monkeypatch,
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT of another process needs POSIX")
 def test_ctrl_c_ends_with_130_and_writes_nothing(block, tmp_path):
     waits = (
-        "import sys, time\n"
+        "import sys\n"
         "from factorgraph_adj.cli import adjust as command\n"
         "from factorgraph_adj.cli.main import main\n"
         "real = command.adjust\n"
         "def slow(network, *, progress, **options):\n"
         "    def wait(*figures):\n"
         "        print('ready', flush=True)\n"
-        "        time.sleep(60)\n"
+        "        sys.stdin.read()\n"
         "    return real(network, progress=wait, **options)\n"
         "command.adjust = slow\n"
         "sys.exit(main(sys.argv[1:]))\n"
     )
     command = [sys.executable, "-c", waits, "adjust", str(block), "--out", str(tmp_path / "out")]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, encoding="utf-8"
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
     ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=60)
+        out, err = process.communicate(timeout=HANGS)
     assert (process.returncode, out) == (130, "")
     assert err == "interrupted: nothing was written\n"
     assert not (tmp_path / "out").exists()

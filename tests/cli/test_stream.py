@@ -22,10 +22,9 @@ from factorgraph_adj.service.requests import LONGEST
 from tests.networks.projects import FILES, write
 from tests.networks.projects import POINTS as MEASURED
 from tests.networks.yard import ARRIVALS, POINTS, WRONG, YARD
+from tests.support.processes import HANGS
 
 POSIX = pytest.mark.skipif(os.name == "nt", reason="signals of another process need POSIX")
-SECONDS = 60
-"""After which a process that does not end has failed."""
 
 
 @pytest.fixture
@@ -105,7 +104,7 @@ def test_each_line_is_answered_before_the_next_one_is_written(yard):
         answer = p.ask({"do": "estimate", "point": "C"})
         assert (answer["line"], answer["ok"]) == (len(ARRIVALS) + 3, True)
         p.process.stdin.close()
-        assert p.process.wait(SECONDS) == 0
+        assert p.process.wait(HANGS) == 0
         assert (p.process.stdout.read(), p.process.stderr.read()) == (b"", b"")
 
 
@@ -113,7 +112,7 @@ def test_stop_ends_it_while_the_pipe_is_open(yard):
     with pipe(yard) as p:
         p.read()
         assert p.ask({"do": "stop"})["ok"] is True
-        assert p.process.wait(SECONDS) == 0
+        assert p.process.wait(HANGS) == 0
 
 
 @POSIX
@@ -123,7 +122,7 @@ def test_a_signal_ends_it_while_it_waits_for_a_line(yard, number, code):
         p.read()
         p.ask(ARRIVALS[0])
         p.process.send_signal(number)
-        assert p.process.wait(SECONDS) == code
+        assert p.process.wait(HANGS) == code
         assert (p.process.stdout.read(), p.process.stderr.read()) == (b"", b"")
 
 
@@ -147,7 +146,7 @@ def slow(*arguments: object, signals: str, lines: bytes) -> subprocess.Completed
         [sys.executable, "-c", SLOW, "stream", *map(str, arguments)],
         input=lines,
         capture_output=True,
-        timeout=SECONDS,
+        timeout=HANGS,
         check=False,
         env=os.environ | {"SIGNALS": signals},
     )
@@ -182,7 +181,7 @@ def test_a_reader_that_goes_away_ends_it_with_the_journal_written(yard, tmp_path
         p.process.stdout.close()
         p.process.stdin.write(lines_of(*ARRIVALS))
         p.process.stdin.close()
-        assert p.process.wait(SECONDS) == 0
+        assert p.process.wait(HANGS) == 0
         assert p.process.stderr.read() == b""
     assert len(IncrementalAdjustment.resume(journal)) == 1
 

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,15 +18,15 @@ from scipy import stats
 
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.experiment.blas import _libraries
+from factorgraph_adj.experiment.processes import AHEAD
 from factorgraph_adj.experiment.repetition import DIED, Outcome, Repetition, repeat
 from factorgraph_adj.experiment.results import Results
 from factorgraph_adj.experiment.runs import Experiment, run
 from tests.support import trials
 from tests.support.places import ROOT
+from tests.support.processes import HANGS
 
 SEED = 1981
-LONGEST = 60.0
-"""Seconds after which something hangs."""
 ROUNDING = 1e-12
 
 NORMAL = Experiment("normal", trials.normal, {"size": [1, 4]}, SEED)
@@ -64,9 +63,16 @@ def client() -> Iterator[object]:
     """A client of a cluster of two processes."""
     dask = pytest.importorskip("dask")
     distributed = pytest.importorskip("distributed")
-    # A worker's death is believed at once, or Dask would have each suspect kill four.
+    # A worker's death is believed at once, or Dask would have each suspect kill four; a worker
+    # that is slow on a busy machine is not taken for dead.
+    patient = {
+        "distributed.scheduler.allowed-failures": 0,
+        "distributed.scheduler.worker-ttl": None,
+        "distributed.comm.timeouts.connect": HANGS,
+        "distributed.comm.timeouts.tcp": HANGS,
+    }
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        dask.config.set(patient),
         distributed.LocalCluster(
             n_workers=2,
             threads_per_worker=1,
@@ -96,9 +102,23 @@ def test_two_processes_give_the_same_table_as_one(alone, tmp_path):
     results = run(EVERY, SEVERAL, out=out, processes=2)
     assert results.table() == alone.table()
     assert len(alone.rows) == 9 * SEVERAL and 0 < len(alone.failed) < 3 * SEVERAL
-    written = [(r["levels"]["kind"], r["repetition"]) for r in lines(out)[1:]]
-    assert written != [(r.levels["kind"], r.repetition) for r in alone.rows]  # by finishing
     assert run(EVERY, SEVERAL, out=out, processes=2).table() == alone.table()  # from the file
+
+
+def test_what_is_finished_first_is_written_first_and_stands_in_its_place(tmp_path):
+    """The first repetition ends after one of another process, whenever that one starts."""
+    out, marks = tmp_path / "study.jsonl", tmp_path / "marks"
+    marks.mkdir()
+    first = Experiment("seeds", trials.normal, seed=SEED).seed_of({}, 0)
+    experiment = Experiment(
+        "order", trials.waits_for_another, {"marks": [str(marks)], "first": [first]}, SEED
+    )
+    results = run(experiment, 4 * AHEAD, out=out, processes=2)
+    written = [r["repetition"] for r in lines(out)[1:]]
+    assert written[0] >= AHEAD  # the others of the first process wait behind the first repetition
+    assert sorted(written) == list(range(4 * AHEAD))
+    assert [r.repetition for r in results.rows] == list(range(4 * AHEAD))
+    assert not results.failed
 
 
 def test_a_dask_cluster_gives_the_same_table(alone, client, tmp_path):
@@ -191,8 +211,20 @@ import sys
 from tests.support import trials
 from factorgraph_adj.experiment.runs import Experiment, run
 
+def tell(done, total):
+    if done == 15:
+        print("well on its way", flush=True)
+    if done == 1000:
+        sys.stdin.read()  # a fast machine waits to be killed
+
 if __name__ == "__main__":
-    run(Experiment("waits", trials.waits, seed=3), 2000, out=sys.argv[1], processes=2)
+    run(
+        Experiment("waits", trials.waits, seed=3),
+        2000,
+        out=sys.argv[1],
+        processes=2,
+        progress=tell,
+    )
 """
 
 
@@ -200,15 +232,17 @@ def test_a_killed_run_resumes(tmp_path):
     out, script = tmp_path / "study.jsonl", tmp_path / "study.py"
     script.write_text(STUDY, encoding="utf-8")
     env = environment()
-    process = subprocess.Popen([sys.executable, str(script), str(out)], env=env)
-    try:
-        end = time.monotonic() + LONGEST
-        while not out.exists() or out.read_bytes().count(b"\n") < 15:
-            assert process.poll() is None and time.monotonic() < end
-            time.sleep(0.01)
-    finally:
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(out)],
+        env=env,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "well on its way\n"
         process.send_signal(signal.SIGKILL)
-        process.wait()
     kept = out.read_bytes().count(b"\n") - 1
     experiment = Experiment("waits", trials.waits, seed=3)
     calls: list[tuple[int, int]] = []
@@ -404,6 +438,10 @@ def test_a_trial_that_cannot_be_sent_is_refused():
             run(experiment, 1, processes=2)
 
 
+@pytest.mark.slow(
+    "what a user's script, started anew by each of its processes, is told; short tests "
+    "start their processes from here"
+)
 def test_a_trial_that_other_processes_do_not_find_is_refused_as_one_that_cannot_be_sent(tmp_path):
     """A function under the guard of a script is inside something too: processes skip that."""
     script = tmp_path / "study.py"
@@ -420,7 +458,7 @@ def test_a_trial_that_other_processes_do_not_find_is_refused_as_one_that_cannot_
         capture_output=True,
         text=True,
         check=False,
-        timeout=LONGEST,
+        timeout=HANGS,
     )
     last = ran.stderr.splitlines()[-1]
     assert "InputError: trial: cannot be sent to other processes" in last
@@ -432,6 +470,10 @@ def test_a_cluster_is_not_given_a_trial_that_cannot_be_sent(client):
         run(Experiment("x", lambda seed: {"x": 1.0}), 1, client=client)
 
 
+@pytest.mark.slow(
+    "what a user's script, started anew by each of its processes, is told; short tests "
+    "start their processes from here"
+)
 def test_a_script_without_its_guard_is_told_so(tmp_path):
     script = tmp_path / "study.py"
     script.write_text(
@@ -444,7 +486,7 @@ def test_a_script_without_its_guard_is_told_so(tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=LONGEST,
+        timeout=HANGS,
     )
     assert ran.returncode == 1
     last = ran.stderr.splitlines()[-1]
@@ -695,6 +737,7 @@ def test_a_trial_that_returns_nothing_is_named_in_the_summary():
 # -- a real one -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow("a whole study of adjustments; short tests repeat trials that only draw numbers")
 def test_distances_make_the_industry_block_more_precise():
     """Errors / σ are standard normal in both cells; bounds at 99.9 % for 4 figures."""
     experiment = Experiment("industry", trials.check_heights, {"distances": [40, 150]}, SEED)

@@ -25,6 +25,13 @@ from tests.loaders.aicon import SIGMA, read_aicon, rejected_image_points
 from tests.support.arrivals import bare
 from tests.support.places import data_dir
 
+pytestmark = [
+    pytest.mark.published,
+    pytest.mark.slow(
+        "115 real photos with real gross errors pass through the tests of arrivals and of the "
+        "evening; short tests have simulated errors in small networks"
+    ),
+]
 CRITICAL = 4.706214
 """Of the report's test of outliers, |v|/(S0 √r)."""
 S0 = 0.810728

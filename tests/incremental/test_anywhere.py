@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import (
     Azimuth,
@@ -26,6 +25,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
+from factorgraph_adj.simulation.simulate import measure
 from tests.support.arrivals import batch, difference
 
 AT = np.array([2.0, 9.0, 1.5])

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.incremental.cliques import cofactor_times, those_above, variances_of
 from factorgraph_adj.incremental.engine import Engine
 from factorgraph_adj.incremental.network_graph import MANY_KEYS
 from factorgraph_adj.incremental.recent import Recent, sparse_rows
+from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.types import Array
 from tests.benchmarks.grids import simulate_grid, simulate_mixed
-from tests.support.soak import plan
+from tests.networks.site import plan
 
 
 def site() -> fga.Network:

@@ -26,17 +26,30 @@ from factorgraph_adj.io.json_records import network_files
 from tests.support.arrivals import batch, difference
 from tests.support.places import ROOT
 from tests.support.playing import day, morning
+from tests.support.processes import HANGS
 
 SEED = 1986
 MOMENTS = 25
 """Processes that are killed on a day of their own; as many or more share one day."""
+A_FEW = 4
+SEVERAL = pytest.mark.parametrize(
+    "killed",
+    [
+        A_FEW,
+        pytest.param(
+            MOMENTS,
+            marks=pytest.mark.slow(
+                "kills so many processes that some die while they write, or between the record "
+                "and what it records; a few are mostly killed while they compute"
+            ),
+        ),
+    ],
+)
 WITHIN = 0.01
 """Promise of an adjustment that is not at rest, relative to σ."""
 AT_REST = 1e-6
 ROUNDING = 1e-9
 """Of figures of different runs, relative or absolute."""
-LONGEST = 100.0
-"""Seconds after which something hangs."""
 
 
 # -- states ---------------------------------------------------------------------------------------
@@ -232,7 +245,7 @@ class Player:
     def close(self) -> None:
         assert self.server.stdin is not None and self.server.stdout is not None
         self.server.stdin.close()
-        self.server.wait(LONGEST)
+        self.server.wait(HANGS)
         self.server.stdout.close()
 
 
@@ -246,13 +259,14 @@ def player() -> Iterator[Player]:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
-def test_a_process_killed_at_any_moment_has_lost_nothing_but_what_was_in_hand(tmp_path):
+@SEVERAL
+def test_a_process_killed_at_any_moment_has_lost_nothing_but_what_was_in_hand(tmp_path, killed):
     """Each is killed some steps and some milliseconds into a day of its own."""
     moments, _ = undisturbed()
     rng = np.random.default_rng(SEED)
     n = len(moments) - 1
-    lasted = rng.permutation(np.linspace(0, n - 3, MOMENTS).astype(int)).tolist()
-    delays = rng.uniform(0.0, 0.03, MOMENTS).tolist()
+    lasted = rng.permutation(np.linspace(0, n - 3, killed).astype(int)).tolist()
+    delays = rng.uniform(0.0, 0.03, killed).tolist()
     late = 0
     with player() as playing:
         for number, (steps, after) in enumerate(zip(lasted, delays, strict=True)):
@@ -266,11 +280,13 @@ def test_a_process_killed_at_any_moment_has_lost_nothing_but_what_was_in_hand(tm
             at = done + 1 if done < n and not same(state, moments[done].state) else done
             late += at > done
             assert_is(inc, moments[at])
-    assert late < MOMENTS  # most are killed while they think, some after the line was written
+    # Most are killed while they think, some after the line was written.
+    assert killed == A_FEW or late < killed
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
-def test_days_of_many_crashes_end_as_one_without(tmp_path):
+@SEVERAL
+def test_days_of_many_crashes_end_as_one_without(tmp_path, killed):
     """Each process goes on where the last one was killed, from the same journal.
 
     How many a day has depends on the machine: there are as many days as it takes.
@@ -279,7 +295,7 @@ def test_days_of_many_crashes_end_as_one_without(tmp_path):
     rng = np.random.default_rng(SEED + 1)
     crashes = 0
     with player() as playing:
-        while crashes < MOMENTS:
+        while crashes < killed:
             journal, first = tmp_path / f"{crashes}.jsonl", 0
             while first < len(moments) - 6:
                 steps = int(rng.integers(1, 6))
@@ -328,6 +344,9 @@ def ids_of_state(moment: Moment) -> tuple[tuple[str, ...], ...]:
 # -- without processes ----------------------------------------------------------------------------
 
 
+@pytest.mark.slow(
+    "resumes after every one of the steps, to the bit; short tests resume after some of them"
+)
 def test_every_step_of_the_day_is_resumed(tmp_path):
     """After arrivals, removals, replacements, other weights, decisions, snooping: all of them."""
     for number, (moment, data) in enumerate(zip(*undisturbed(), strict=True)):

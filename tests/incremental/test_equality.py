@@ -73,6 +73,12 @@ HARD = (
 """Networks in orders in which points stand for a while with next to nothing to say where they are,
 from two set-ups on the same pillar or along horizontal sights; or steps shrink by 5 % each, below
 what vᵀPv can tell."""
+QUICK = ("Comp3D, deflections", "combined block", "held photo", "local_3d")
+"""Those of the chosen ones that arrive in a few seconds; all that is not chosen is quicker."""
+LONG = pytest.mark.slow(
+    "networks with hundreds of rays, free blocks, own cameras and orders in which next to nothing "
+    "is determined for a while; the quick ones are surveys and small blocks"
+)
 WITHOUT: dict[str, str] = {}
 """Networks that have no batch adjustment to compare with at some moment, and why."""
 
@@ -91,7 +97,14 @@ def runs() -> Iterator[tuple[str, int | None, int]]:
         yield name, order, CASES[name].moments
 
 
-@pytest.mark.parametrize(("name", "order", "moments"), list(runs()))
+def marked() -> Iterator[object]:
+    """Return `runs`, long ones marked."""
+    for name, order, moments in runs():
+        quick = name not in SLOW or (name in QUICK and (name, order) not in HARD)
+        yield pytest.param(name, order, moments, marks=() if quick else LONG)
+
+
+@pytest.mark.parametrize(("name", "order", "moments"), list(marked()))
 def test_what_arrives_is_the_batch_adjustment_at_any_time(
     name: str, order: int | None, moments: int
 ) -> None:
@@ -105,6 +118,10 @@ def test_what_arrives_is_the_batch_adjustment_at_any_time(
     assert not found[-1].n_waiting
 
 
+@pytest.mark.slow(
+    "ninety iterations of a free block of photos whose steps hardly shrink; short "
+    "networks come to rest at once"
+)
 def test_a_minimum_that_takes_many_iterations_is_found_where_there_was_none() -> None:
     """Arrivals without a minimum leave everything where it was; the next one needs 93 iterations.
 

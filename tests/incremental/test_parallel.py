@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.incremental import adjustment, trial
 from factorgraph_adj.incremental.engine import Engine
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import ImagePoint
+from factorgraph_adj.simulation.simulate import measure
 from tests.support.arrivals import bare, batch, difference
 
 SHIFT = 0.006

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.incremental.engine import Engine
 from factorgraph_adj.observations import (
     Correlated,
@@ -20,6 +19,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     ZenithAngle,
 )
+from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.solve.tree import SingularError
 from factorgraph_adj.types import Array
 from tests.support.arrivals import bare, batch, difference, items

@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.simulate import look_at
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import (
     Direction,
@@ -28,6 +27,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.simulation.simulate import look_at
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.support.arrivals import compare, difference, variables

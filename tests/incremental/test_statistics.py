@@ -17,7 +17,6 @@ from scipy.stats import binom, chi2, kstest, norm
 
 import factorgraph_adj as fga
 from factorgraph_adj import IncrementalAdjustment, Network, Solution
-from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.incremental.verdicts import Verdict
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import (
@@ -35,6 +34,7 @@ from factorgraph_adj.observations import (
 from factorgraph_adj.quality.groups import noncentrality_of_group
 from factorgraph_adj.quality.prediction import Prediction, Predictor
 from factorgraph_adj.quality.reliability import noncentrality
+from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.networks.every_kind import GEOMETRIES, OBSERVED, sight_equations
@@ -139,6 +139,20 @@ def _photos() -> tuple[Network, list[AnyObservation]]:
 NETWORKS = {"terrestrial": _total_stations, "levelling": _levelling, "image": _photos}
 
 
+KINDS = [
+    pytest.param(
+        kind,
+        marks=()
+        if kind == "levelling"
+        else pytest.mark.slow(
+            "a thousand networks whose equations bend: that linear prediction is good enough for "
+            "tests of directions and rays; levelling is linear"
+        ),
+    )
+    for kind in NETWORKS
+]
+
+
 @cache
 def solved(kind: str, part: int) -> tuple[Network, Solution, tuple[AnyObservation, ...]]:
     """Return a hundred measured networks, their solution, and what arrives."""
@@ -168,7 +182,7 @@ def verdicts_of_good_ones(kind: str) -> tuple[Verdict, ...]:
     return tuple(v for part in found for v in part)
 
 
-@pytest.mark.parametrize("kind", NETWORKS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_good_observations_are_suspect_as_often_as_alpha_says(kind):
     found = verdicts_of_good_ones(kind)
     suspects = sum(v.verdict == "suspect" for v in found)
@@ -177,7 +191,7 @@ def test_good_observations_are_suspect_as_often_as_alpha_says(kind):
     assert suspects == sum(v.test > 1 for v in found)
 
 
-@pytest.mark.parametrize("kind", NETWORKS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_test_values_of_good_observations_have_the_distribution_that_is_claimed(kind):
     """So that false alarms are right for every α: T² is χ², every w normal."""
     found = verdicts_of_good_ones(kind)
@@ -208,7 +222,7 @@ def with_errors(kind: str, part: int) -> list[AnyObservation]:
     return wrong
 
 
-@pytest.mark.parametrize("kind", NETWORKS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_errors_of_the_smallest_detectable_size_are_caught_at_their_power(kind):
     """∇ = δ0 σ of the innovation; of two components ∇ᵀD⁻¹∇ = λ0, where D⁻¹ = Σ⁻¹ R.
 

@@ -7,8 +7,6 @@ import gzip
 from pathlib import Path
 
 import pytest
-from conftest import data_dir
-from projects import OBSERVATIONS, write
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
@@ -17,19 +15,16 @@ from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.io.project import AdjustOptions, read_project
 from factorgraph_adj.io.readers import READERS, Reader, Readers, network_alone
-from factorgraph_adj.io.write_project import network_files
 from factorgraph_adj.network.network import Network
+from tests.networks.projects import OBSERVATIONS, write
+from tests.support.places import data_dir
+from tests.support.same import assert_same_network
 
 BUNDLE = "problem-49-7776-pre-shrink-1800.txt"
 
 
 def messages(caught: pytest.ExceptionInfo[InputError]) -> list[str]:
     return [str(p) for p in caught.value.problems]
-
-
-def assert_same(found: Network, expected: Network) -> None:
-    """Two networks are the same if they are written alike; every float is written to the bit."""
-    assert network_files(found) == network_files(expected)
 
 
 # -- the formats ----------------------------------------------------------------------------------
@@ -39,18 +34,18 @@ def test_a_project_is_read_by_its_file_or_its_folder(tmp_path):
     path = write(tmp_path)
     expected = read_project(path)
     for given in (path, str(path), tmp_path, str(tmp_path)):
-        assert_same(fga.read(given), expected)
+        assert_same_network(fga.read(given), expected)
 
 
 def test_a_network_of_gama_is_read():
     path = data_dir("gama_3d_networks") / "local_3d.gkf"
-    assert_same(fga.read(path), read_gama(path))
+    assert_same_network(fga.read(path), read_gama(path))
 
 
 def test_a_bundle_is_read_plain_and_packed(tmp_path):
     path = data_dir("bal") / BUNDLE
     expected = read_bal(path)
-    assert_same(fga.read(path), expected)
+    assert_same_network(fga.read(path), expected)
     text = path.read_bytes()
     files = {"a.txt.bz2": bz2.compress(text, 1), "a.b.txt.gz": gzip.compress(text, 1)}
     for name, content in files.items():
@@ -58,7 +53,7 @@ def test_a_bundle_is_read_plain_and_packed(tmp_path):
         packed = fga.read(tmp_path / name)
         assert packed.name == expected.name.replace(BUNDLE, name)
         packed.name = expected.name
-        assert_same(packed, expected)
+        assert_same_network(packed, expected)
 
 
 def test_a_design_may_lack_readings_in_a_project_only(tmp_path):

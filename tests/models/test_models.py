@@ -43,10 +43,6 @@ from factorgraph_adj.observations import (
 from factorgraph_adj.rotation import omega_phi_kappa, world_R_camera, world_R_photogrammetric
 from factorgraph_adj.types import Array
 
-# The same examples everywhere, and no deadline: machines differ.
-settings.register_profile("laws", deadline=None, derandomize=True)
-settings.load_profile("laws")
-
 NANOMETRE = 1e-9
 ROUNDING = 1e-11
 """Angles of sights longer than 1 m among coordinates below 10 km, radians."""

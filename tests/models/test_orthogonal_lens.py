@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment.simulate import disturb, measure
 from factorgraph_adj.models.lens import BrownLens, Lens, NoDistortion
 from factorgraph_adj.models.orthogonal_lens import (
     EbnerLens,
@@ -22,6 +21,7 @@ from factorgraph_adj.models.orthogonal_lens import (
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ControlPoint, PhotoPosition
 from factorgraph_adj.rotation import world_R_camera
+from factorgraph_adj.simulation.simulate import disturb, measure
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.types import Array
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.network.network import Network
@@ -22,6 +21,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
     VerticalAngle,
 )
+from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.solve.batch import adjust
 from tests.networks.small_block import small_block
 from tests.support.same import contents

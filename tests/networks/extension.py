@@ -14,7 +14,6 @@ from typing import ClassVar
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.frames import Frame
 from factorgraph_adj.models.base import Linearised
 from factorgraph_adj.models.motions import Motions
@@ -36,6 +35,7 @@ from factorgraph_adj.observations import (
 from factorgraph_adj.observations.base import Sigma, checked_covariance
 from factorgraph_adj.observations.weights import LENGTHS
 from factorgraph_adj.rotation import exp_rotation, log_rotation, skew
+from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.types import Array, Index
 
 # -- a similarity ---------------------------------------------------------------------------------

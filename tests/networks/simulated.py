@@ -8,9 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.aerial_block import simulate_aerial_block
-from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
-from factorgraph_adj.experiment.industry_block import simulate_industry_block
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import (
     ControlPoint,
@@ -20,6 +17,9 @@ from factorgraph_adj.observations import (
     HeightDifference,
     SlopeDistance,
 )
+from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
+from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
+from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from tests.networks.small_block import small_block
 from tests.networks.total_station import total_station
 

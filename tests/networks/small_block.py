@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 
-from factorgraph_adj.experiment.simulate import disturb, look_at, measure
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
@@ -23,6 +22,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.simulation.simulate import disturb, look_at, measure
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.units import CC
 

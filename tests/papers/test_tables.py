@@ -3,7 +3,7 @@
 Figures beside printed ones: the scripts ``examples/table_*.py``. Neither paper prints coordinates;
 what a test asks is the tendency, and the size with the margin that it states. Tables 1 to 5 of
 1986 in detail: `test_tables_1986`; table 2 of 1981:
-`tests/experiment/test_industry_block.py`.
+`tests/simulation/test_industry_block.py`.
 """
 
 from __future__ import annotations

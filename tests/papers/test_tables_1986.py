@@ -13,12 +13,6 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.el_hakim_1986 import (
-    IN_STRIP,
-    STRIPS,
-    edge_lines,
-    simulate_close_range_1986,
-)
 from factorgraph_adj.papers.tables_1986 import (
     AERIAL,
     CLOSE_RANGE,
@@ -31,6 +25,12 @@ from factorgraph_adj.papers.tables_1986 import (
     image_figures,
 )
 from factorgraph_adj.quality.reliability import Reliability, reliability
+from factorgraph_adj.simulation.el_hakim_1986 import (
+    IN_STRIP,
+    STRIPS,
+    edge_lines,
+    simulate_close_range_1986,
+)
 from factorgraph_adj.types import Array
 from tests.support.differences import whitened_system
 

@@ -10,9 +10,6 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.el_hakim_1986 import aerial_1986_plan, close_range_1986_plan
-from factorgraph_adj.experiment.industry_block import industry_block_plan
-from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import (
@@ -39,6 +36,9 @@ from factorgraph_adj.planning.targets import (
 )
 from factorgraph_adj.quality.ellipses import confidence_factor
 from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.simulation.el_hakim_1986 import aerial_1986_plan, close_range_1986_plan
+from factorgraph_adj.simulation.industry_block import industry_block_plan
+from factorgraph_adj.simulation.simulate import look_at, measure
 from tests.networks.small_block import CENTRES, FOCAL, box
 
 TARGETS: tuple[Target, ...] = (

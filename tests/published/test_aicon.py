@@ -32,6 +32,8 @@ from tests.loaders.aicon import (
 )
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.published
+
 HALF_OF_PRINTED_MM = 0.5e-4 * MM
 """Half of the last digit of coordinates and their σ in .obc and .eor."""
 UNFINISHED = 1e-5

@@ -17,6 +17,8 @@ from tests.loaders import comp3d
 from tests.networks.comp3d import LATITUDE, ORIGIN, deflected, network_of_topo
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.published
+
 MICROMETRE = 1e-6
 AXES = ("x", "y", "z")
 

@@ -39,6 +39,8 @@ from tests.loaders.dbat import (
 from tests.support.attitude import covariance_of_angles
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.published
+
 LABELS = {
     "c": "Camera Constant",
     "x0": "px",

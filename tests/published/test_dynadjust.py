@@ -23,6 +23,8 @@ from tests.loaders.dynadjust import FRAME, Measurement, Station, read_dynaml, re
 from tests.support.differences import columns_of, whitened_system
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.published
+
 PRINTED = 0.5e-4
 """Half of the last printed digit, metres."""
 ROUNDED = 1e-4 / np.sqrt(12.0)

@@ -46,6 +46,8 @@ from tests.networks.gama import (
 from tests.support.dense import Dense
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.published
+
 TRUE_VTPV = {
     "2020-barta-phase_0-2TK": 35.830920,
     "2020-barta-phase_1-1TK": 106.72064,

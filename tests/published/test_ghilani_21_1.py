@@ -16,6 +16,8 @@ from factorgraph_adj.solve.batch import adjust
 from tests.support.dense import Dense
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.published
+
 POINTS_OF_ADJ = ("1", "2", "3", "4", "5", "6", "102", "103", "201", "202", "203")
 """Free points in the order of the .adj, which cuts their names."""
 

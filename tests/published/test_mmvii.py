@@ -18,6 +18,8 @@ from tests.loaders import mmvii
 from tests.networks.mmvii import MILLIMETRE, example_3
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.published
+
 
 def sigma0_of_mmvii(solution: Solution) -> float:
     survey = [r.residual / r.sigma for r in solution.observations if r.kind != "control"]

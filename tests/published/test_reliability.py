@@ -39,6 +39,8 @@ from tests.networks.gama import (
 from tests.support.dense import DenseReliability
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.published
+
 TWO_DECIMALS, THREE_DECIMALS = 0.5e-2, 0.5e-3
 """Half of the last printed digit."""
 

@@ -24,6 +24,8 @@ from tests.loaders.snap import FRAME, Row, dms, radius_in_azimuth
 from tests.support.differences import columns_of
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.published
+
 PRINTED_ANGLE = np.radians(0.5e-7)
 """Half the last digit of the listed observations, degrees with 7 decimals."""
 TENTH_MICROMETRE = 1e-7

@@ -17,6 +17,12 @@ from factorgraph_adj.solve.batch import adjust
 from tests.loaders.aicon import read_aicon, rejected_image_points
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.published
+LONG = pytest.mark.slow(
+    "58 gross errors among 10 030 real image points, one after the other; short tests have a few "
+    "in small networks"
+)
+
 # -- Ghilani, Adjustment Computations, example 21.1: two blunders planted ------------------------
 
 
@@ -127,6 +133,7 @@ def aicon(folder: Path) -> Snooping:
     return snoop(network, test="pope", alpha=2 * float(norm.sf(CRITICAL)))
 
 
+@LONG
 def test_most_of_what_aicon_rejected_is_found_and_nothing_else(
     aicon: Snooping, rejected: frozenset[str]
 ) -> None:
@@ -142,6 +149,7 @@ def test_most_of_what_aicon_rejected_is_found_and_nothing_else(
     assert not aicon.unresolved
 
 
+@LONG
 def test_s0_is_back_where_aicons_is(aicon: Snooping) -> None:
     """0.000406 mm as the reference's, 0.000405 without all 58."""
     assert aicon.rounds[0].sigma0 > 60.0
@@ -149,6 +157,7 @@ def test_s0_is_back_where_aicons_is(aicon: Snooping) -> None:
     assert aicon.critical == pytest.approx(CRITICAL, abs=0.002)  # τ of 18 814 is almost normal
 
 
+@LONG
 def test_what_stays_of_aicons_gross_errors_does_not_stand_out(
     aicon: Snooping, rejected: frozenset[str]
 ) -> None:

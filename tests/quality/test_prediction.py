@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.network.selection import without
@@ -21,6 +20,7 @@ from factorgraph_adj.observations import (
 )
 from factorgraph_adj.quality.prediction import Predictor, predict
 from factorgraph_adj.quality.reliability import reliability
+from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.solution import Solution
 from tests.networks.small_block import small_block

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import HeightDifference
@@ -20,6 +19,7 @@ from factorgraph_adj.quality.robust import (
     robust,
 )
 from factorgraph_adj.quality.snooping import snoop
+from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.solve.batch import adjust
 from tests.networks.small_block import small_block
 from tests.networks.trilateration import SIGMA, trilateration

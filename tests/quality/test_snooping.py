@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
-from factorgraph_adj.experiment.industry_block import simulate_industry_block
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.network.selection import without
@@ -19,6 +17,8 @@ from factorgraph_adj.quality.candidates import Units, choose
 from factorgraph_adj.quality.rejections import Round, Snooping
 from factorgraph_adj.quality.reliability import critical_tau, reliability
 from factorgraph_adj.quality.snooping import snoop
+from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
+from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.solve.batch import adjust
 from tests.networks.trilateration import SIGMA, trilateration
 from tests.support.same import contents

@@ -14,7 +14,6 @@ from scipy.stats import binom, norm
 from scipy.stats import t as student
 
 from factorgraph_adj.errors import AdjustmentError, InputError
-from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.models.lens import BrownLens, HarmonicLens, Lens
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import SlopeDistance, ZenithAngle
@@ -22,6 +21,7 @@ from factorgraph_adj.quality.datum_change import s_transform
 from factorgraph_adj.quality.exclusion import exclude_insignificant
 from factorgraph_adj.quality.systematic import Significance, significance
 from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.normal import NormalEquations
 from factorgraph_adj.solve.solution import Solution

@@ -18,8 +18,6 @@ import pytest
 from scipy import linalg, optimize, stats
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment.industry_block import MICROMETRE, simulate_industry_block
-from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.graph.build import build_graph
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.gama import read_gama
@@ -38,6 +36,8 @@ from factorgraph_adj.quality.variance_components import (
     VarianceComponents,
     variance_components,
 )
+from factorgraph_adj.simulation.industry_block import MICROMETRE, simulate_industry_block
+from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.observation_table import ObservationRecord
 from factorgraph_adj.types import Array

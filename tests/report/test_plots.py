@@ -14,9 +14,6 @@ import pytest
 from scipy.stats import norm
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.aerial_block import simulate_aerial_block
-from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
-from factorgraph_adj.experiment.industry_block import simulate_industry_block
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import (
     ControlPoint,
@@ -39,6 +36,9 @@ from factorgraph_adj.report.plots.marks import window
 from factorgraph_adj.report.plots.sights import lines_by_kinds
 from factorgraph_adj.report.plots.statistics import spread
 from factorgraph_adj.report.plots.style import exaggeration, length, readable
+from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
+from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
+from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.solve.tree import SingularError
 from tests.networks.simulated import NETWORKS, gnss, levelling

@@ -207,7 +207,7 @@ def test_refraction_verticals_and_meters_stand_together():
     for ident, found in list(network.observations.items()):
         if isinstance(found, o.SlopeDistance):
             network.observations[ident] = replace(found, instrument="EDM")
-    from factorgraph_adj.experiment.simulate import measure
+    from factorgraph_adj.simulation.simulate import measure
 
     s = adjust(measure(network, seed=3))
     rows = section(protocol(s), "Refraction, verticals, distance meters")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.simulate import measure
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import HorizontalDistance, ImagePoint
+from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.solve.extrapolation import Extrapolation
 
 

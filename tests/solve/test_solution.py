@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.aerial_block import simulate_aerial_block
 from factorgraph_adj.models.lens import BrownLens, Lens
 from factorgraph_adj.observations import (
     ControlPoint,
@@ -17,6 +16,7 @@ from factorgraph_adj.observations import (
     HeightDifference,
     SlopeDistance,
 )
+from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
 from factorgraph_adj.solve.normal import NormalEquations, Solver
 from tests.networks.total_station import MILLIMETRE, POINTS, total_station
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
+from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.solve.linear import LinearSystem
 from factorgraph_adj.solve.update import LIMITS, Solved, Update, statistics, whitener
 

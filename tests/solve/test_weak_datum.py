@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.simulate import look_at, measure
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import HeightDifference, ImagePoint
 from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.solve.datum import minimal_datum
 from factorgraph_adj.solve.factor import Factor
 from factorgraph_adj.solve.normal import ENLARGED, NormalEquations
@@ -134,7 +134,7 @@ def held_by_rays(solution: fga.Solution) -> Array:
     It looks at the diagonal of N alone: at what is known of a coordinate if all else is held.
     """
     assert solution.datum is not None
-    diagonal = solution.normal_at(solution.state).diagonal
+    diagonal = solution.normal().diagonal
     weighted = solution.datum.motions * np.sqrt(diagonal)[:, None]
     held = minimal_datum(weighted, solution.datum.columns)
     constraint = np.zeros(len(diagonal))
@@ -215,7 +215,7 @@ def test_the_covariance_is_a_reflexive_inverse_on_its_inner_constraints(seed):
 def test_a_well_chosen_minimal_datum_enlarges_no_standard_deviation_much(seed):
     solution = fga.adjust(weak_block(seed))
     poor = held_by_rays(solution)
-    normal, datum = solution.normal_at(solution.state), solution.datum
+    normal, datum = solution.normal(), solution.datum
     assert datum is not None
 
     def enlarged(constraint: Array) -> float:
@@ -270,7 +270,7 @@ def test_a_strong_block_is_exact():
 def test_poor_pivots_of_a_badly_held_datum_turn_to_qr():
     """Border (3e-10) and points (8e-5) pass their thresholds: only together they are too poor."""
     solution = fga.adjust(weak_block(100123))
-    normal = solution.normal_at(solution.state)
+    normal = solution.normal()
     columns = solution.equations.unknowns.columns
     number = solution.equations.unknowns["point"].number
     held = [

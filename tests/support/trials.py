@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import os
 import time
+from pathlib import Path
 
 import numpy as np
 
 from factorgraph_adj import adjust
 from factorgraph_adj.experiment.blas import _libraries
-from factorgraph_adj.experiment.industry_block import simulate_industry_block
+from factorgraph_adj.simulation.industry_block import simulate_industry_block
 
 NORMAL = {"bias": 0.3, "sigma": 2.0}
 """Mean and standard deviation of what `normal` draws."""
@@ -50,6 +51,16 @@ def sometimes_ends(seed: int, ends: int) -> dict[str, float]:
     if seed == ends:
         os._exit(7)
     return normal(seed)
+
+
+def waits_for_another(seed: int, marks: str, first: int) -> dict[str, float]:
+    """Leave a mark in a folder; with the first seed, wait until another process has left one."""
+    if seed == first:
+        while not any(Path(marks).iterdir()):
+            time.sleep(0.01)
+    else:
+        Path(marks, str(seed)).touch()
+    return {"nothing": 0.0}
 
 
 def waits(seed: int) -> dict[str, float]:

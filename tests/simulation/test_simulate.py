@@ -7,13 +7,13 @@ import pytest
 from scipy import stats
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment import aerial_block
-from factorgraph_adj.experiment.aerial_block import simulate_aerial_block
-from factorgraph_adj.experiment.geocentric_block import simulate_geocentric_block
-from factorgraph_adj.experiment.simulate import SimulatedNetwork, disturb, look_at, measure
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import GnssVector, SlopeDistance
+from factorgraph_adj.simulation import aerial_block
+from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
+from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
+from factorgraph_adj.simulation.simulate import SimulatedNetwork, disturb, look_at, measure
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.types import Array

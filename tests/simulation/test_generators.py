@@ -10,8 +10,11 @@ import pytest
 from scipy import stats
 
 import factorgraph_adj as fga
-from factorgraph_adj.experiment.determined import undetermined_points
-from factorgraph_adj.experiment.disturbances import (
+from factorgraph_adj.frames import LocalFrame, TopocentricFrame
+from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.observations import KINDS, ControlPoint, Direction, HeightDifference
+from factorgraph_adj.simulation.determined import undetermined_points
+from factorgraph_adj.simulation.disturbances import (
     DROPPED,
     GROSS,
     DropOut,
@@ -20,7 +23,7 @@ from factorgraph_adj.experiment.disturbances import (
     add_gross_errors,
     readings_of,
 )
-from factorgraph_adj.experiment.generate.additions import (
+from factorgraph_adj.simulation.generate.additions import (
     Additions,
     Astronomic,
     Azimuths,
@@ -29,39 +32,36 @@ from factorgraph_adj.experiment.generate.additions import (
     HeightDifferences,
     VerticalAngles,
 )
-from factorgraph_adj.experiment.generate.aerial import Aerial
-from factorgraph_adj.experiment.generate.close_range import CloseRange
-from factorgraph_adj.experiment.generate.control import Control
-from factorgraph_adj.experiment.generate.instruments import DistanceMeter, TotalStation
-from factorgraph_adj.experiment.generate.part import Part, Scene
-from factorgraph_adj.experiment.generate.patterns import (
+from factorgraph_adj.simulation.generate.aerial import Aerial
+from factorgraph_adj.simulation.generate.close_range import CloseRange
+from factorgraph_adj.simulation.generate.control import Control
+from factorgraph_adj.simulation.generate.instruments import DistanceMeter, TotalStation
+from factorgraph_adj.simulation.generate.part import Part, Scene
+from factorgraph_adj.simulation.generate.patterns import (
     corners,
     nearest_lines,
     perimeter,
     round_lines,
     spread,
 )
-from factorgraph_adj.experiment.generate.photos import Camera
-from factorgraph_adj.experiment.generate.published import (
+from factorgraph_adj.simulation.generate.photos import Camera
+from factorgraph_adj.simulation.generate.published import (
     Aerial1986,
     CloseRange1986,
     IndustryBlock,
     IspBlock,
 )
-from factorgraph_adj.experiment.generate.terrestrial import (
+from factorgraph_adj.simulation.generate.terrestrial import (
     LevellingLoops,
     Monitoring,
     Traverse,
     TriangulationGrid,
 )
-from factorgraph_adj.experiment.industry_block import simulate_industry_block
-from factorgraph_adj.experiment.parameters import kinds_of
-from factorgraph_adj.experiment.simulate import SimulatedNetwork
-from factorgraph_adj.experiment.spec import Approximate, Earth, Spec, design, simulate
-from factorgraph_adj.experiment.systematic import AffineFilm, LensDistortion, Refraction, Tape
-from factorgraph_adj.frames import LocalFrame, TopocentricFrame
-from factorgraph_adj.models.variables import UNKNOWNS
-from factorgraph_adj.observations import KINDS, ControlPoint, Direction, HeightDifference
+from factorgraph_adj.simulation.industry_block import simulate_industry_block
+from factorgraph_adj.simulation.parameters import kinds_of
+from factorgraph_adj.simulation.simulate import SimulatedNetwork
+from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, simulate
+from factorgraph_adj.simulation.systematic import AffineFilm, LensDistortion, Refraction, Tape
 
 CONFIDENCE = 0.999
 NEARLY = Approximate(points=0.1, centres=0.1, attitudes_deg=0.2)

@@ -1,8 +1,8 @@
 """The spec of a simulation: everything that a simulated network is made from.
 
 Example:
-    >>> from factorgraph_adj.experiment.generate.aerial import Aerial
-    >>> from factorgraph_adj.experiment.generate.control import Control
+    >>> from factorgraph_adj.simulation.generate.aerial import Aerial
+    >>> from factorgraph_adj.simulation.generate.control import Control
     >>> spec = Spec(parts=(Aerial(strips=2, photos_per_strip=4),), control=Control())
     >>> len(design(spec).photos)
     8

@@ -9,8 +9,10 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment.disturbances import DropOut, Errors, GrossError
-from factorgraph_adj.experiment.generate.additions import (
+from factorgraph_adj.network.entities import ImageTable
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.simulation.disturbances import DropOut, Errors, GrossError
+from factorgraph_adj.simulation.generate.additions import (
     Astronomic,
     Azimuths,
     Directions,
@@ -18,34 +20,32 @@ from factorgraph_adj.experiment.generate.additions import (
     HeightDifferences,
     VerticalAngles,
 )
-from factorgraph_adj.experiment.generate.aerial import Aerial
-from factorgraph_adj.experiment.generate.close_range import CloseRange
-from factorgraph_adj.experiment.generate.control import Control
-from factorgraph_adj.experiment.generate.instruments import DistanceMeter
-from factorgraph_adj.experiment.generate.photos import Camera
-from factorgraph_adj.experiment.generate.published import (
+from factorgraph_adj.simulation.generate.aerial import Aerial
+from factorgraph_adj.simulation.generate.close_range import CloseRange
+from factorgraph_adj.simulation.generate.control import Control
+from factorgraph_adj.simulation.generate.instruments import DistanceMeter
+from factorgraph_adj.simulation.generate.photos import Camera
+from factorgraph_adj.simulation.generate.published import (
     Aerial1986,
     CloseRange1986,
     IndustryBlock,
     IspBlock,
 )
-from factorgraph_adj.experiment.generate.terrestrial import (
+from factorgraph_adj.simulation.generate.terrestrial import (
     LevellingLoops,
     Monitoring,
     Traverse,
     TriangulationGrid,
 )
-from factorgraph_adj.experiment.spec import Approximate, Earth, Spec, design, simulate
-from factorgraph_adj.experiment.spec_toml import read_spec
-from factorgraph_adj.experiment.systematic import (
+from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, simulate
+from factorgraph_adj.simulation.spec_toml import read_spec
+from factorgraph_adj.simulation.systematic import (
     AffineFilm,
     LensDistortion,
     Refraction,
     Systematic,
     Tape,
 )
-from factorgraph_adj.network.entities import ImageTable
-from factorgraph_adj.network.network import Network
 
 SMALL = Aerial(strips=2, photos_per_strip=4, points_per_photo=12)
 EVERYTHING = Spec(

@@ -1,0 +1,1 @@
+"""Simulated networks: measure a plan with random errors, and blocks that do."""
