@@ -33,6 +33,7 @@ from ..errors import InputError
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
 from ..solve.solution import Solution
+from ..solve.start import Start
 from ..types import Array
 from .reliability import Reliability, reliability
 
@@ -86,7 +87,7 @@ def robust(
     estimator: Estimator = "huber",
     scale: Literal["a-priori", "median"] = "a-priori",
     datum: DatumChoice | None = None,
-    start: Solution | None = None,
+    start: Solution | Start | None = None,
     tolerance: float = 0.01,
     max_iterations: int = 50,
     progress: RobustProgress | None = None,
