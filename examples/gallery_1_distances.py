@@ -1,8 +1,9 @@
-"""Adjust a plane network of distances, and print what a surveyor wants to know.
+"""A distance network
+==================
 
-python examples/gallery_1_distances.py [--plot FILE]
-
-Two pillars are known, four points are new. The readings are simulated with σ = 2 mm + 2 ppm.
+Two pillars are known and four points are new. A plane network of distances is adjusted, and the
+script prints what a surveyor wants to know: coordinates with their error ellipses, residuals, test
+values and smallest detectable errors. The readings are simulated with σ = 2 mm + 2 ppm.
 """
 
 import argparse
@@ -20,10 +21,12 @@ B 1 386.4478   B 2 255.4433   B 3 282.6395   B 4 165.4061   1 2 285.8161
 1 4 229.7968   2 3 497.0253   2 4 229.9657   3 4 282.4764
 """
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the network with its error ellipses")
 options = parser.parse_args()
 
+# %%
+# The network, with two pillars that are held.
 network = fga.Network("six points, distances")
 for name, (east, north) in KNOWN.items():
     network.add_point(name, (east, north, 0.0), fixed="xyz")
@@ -38,6 +41,8 @@ rel = fga.reliability(solution)
 print(f"{solution.n_observations} distances, {solution.n_unknowns} unknown coordinates")
 print(f"σ̂0 {solution.sigma0:.3f} with a redundancy of {solution.redundancy}; {solution.reason}\n")
 
+# %%
+# Coordinates, their standard deviations and error ellipses of 95 %.
 print("point     east, m    north, m    σE, mm  σN, mm   95 % ellipse, mm   azimuth, gon")
 for name in ROUGH:
     (east, north, _), (se, sn, _) = solution.point(name), 1e3 * solution.standard_deviations(name)
@@ -48,6 +53,8 @@ for name in ROUGH:
         f"{ellipse.azimuth / GON:15.1f}"
     )
 
+# %%
+# What each distance can prove about itself.
 print("\nline      observed, m   v, mm   σ, mm     r    τ   smallest detectable error, mm")
 for row, o in enumerate(solution.observations):
     r, tau, least = rel.redundancy_numbers[row], rel.tau[row], 1e3 * rel.mdb[row]
@@ -57,6 +64,8 @@ for row, o in enumerate(solution.observations):
     )
 print(f"critical value of |τ| at {100 * rel.alpha:g} %: {rel.critical_tau:.2f}")
 
+# %%
+# The picture.
 if options.plot:
     from factorgraph_adj.report.plots import plot_network
 

@@ -1,10 +1,9 @@
-"""Directions in sets with their orientations, zenith angles with the refraction of the day.
+"""Directions in sets and refraction
+=================================
 
-python examples/gallery_2_directions.py [--plot FILE]
-
-A triangulation of 2 to 4 km with simulated readings: no distance is measured, scale comes from two
-known points. Each station turned its circle twice: two orientation unknowns. The coefficient of
-refraction is an unknown of the network.
+A triangulation of 2 to 4 km with simulated readings: no distance is measured, the scale comes from
+two known points. Each station turned its circle twice, so that it has two orientation unknowns. The
+coefficient of refraction of the day is an unknown of the network, found from zenith angles.
 """
 
 import argparse
@@ -23,7 +22,7 @@ POINTS |= {"Ridge": (2500.0, 2710.0, 801.0), "Tower": (310.0, 2390.0, 498.0)}
 POINTS |= {"Quarry": (1490.0, 1260.0, 447.0)}
 KNOWN, SETS = ("Church", "Hill"), ("1", "2")
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the network with its error ellipses")
 options = parser.parse_args()
 

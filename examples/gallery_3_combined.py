@@ -1,9 +1,9 @@
-"""Total station, level and photos of one object in one adjustment: what does each add?
+"""Total station, level and photos in one adjustment
+=================================================
 
-python examples/gallery_3_combined.py [--plot FILE]
-
-The industry block of El-Hakim & Faig (1981), simulated: 70 points on a floor of 15 × 15 m,
-those at the corners known. The same readings are adjusted three times, with more of them each time.
+What does each instrument add? The industry block of El-Hakim & Faig (1981), simulated: 70 points on
+a floor of 15 × 15 m, those at the corners known. The same readings are adjusted three times, with
+more of them each time.
 """
 
 import argparse
@@ -21,7 +21,7 @@ MM = 1e-3
 SIGHTS = {Direction: 3e-3 * GON, ZenithAngle: 3e-3 * GON, SlopeDistance: 1 * MM}
 STATIONS, CASES = ("P12", "P36"), ("total station", "and level", "and photos")
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the combined network")
 options = parser.parse_args()
 

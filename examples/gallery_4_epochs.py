@@ -1,10 +1,10 @@
-"""Monitor a wall: every epoch is adjusted as it arrives, and one point moves.
+"""Monitoring a wall, epoch by epoch
+=================================
 
-python examples/gallery_4_epochs.py [--plot FILE]
-
-Four pillars stand still. The points of the wall are new ones in each epoch (W3@2): their shifts d
-have a covariance D, and T² = dᵀ D⁻¹ d says whether one has moved (χ², 3 degrees of freedom, 0.1 %).
-W3 moves by 1.2 mm each time from epoch 3 on; a distance of epoch 4 is 8 mm wrong.
+Every epoch is adjusted as it arrives, and one point moves. Four pillars stand still. The points of
+the wall are new ones in each epoch (W3@2): their shifts d have a covariance D, and T² = dᵀ D⁻¹ d
+says whether one has moved (χ², 3 degrees of freedom, 0.1 %). W3 moves by 1.2 mm each time from
+epoch 3 on; a distance of epoch 4 is 8 mm wrong.
 """
 
 import argparse
@@ -14,7 +14,6 @@ import numpy as np
 from scipy.stats import chi2
 
 import factorgraph_adj as fga
-from factorgraph_adj.network.entities import Point
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
 from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.units import GON
@@ -24,7 +23,7 @@ PILLARS = {"A": (0, 0, 0), "B": (60, 5, 1), "C": (55, 40, 0), "D": (-4, 38, 2)}
 WALL = {f"W{i}": np.array([6.0 + 9 * i, 70.0, 3.0 + i % 3]) for i in range(1, 6)}
 STEP, EPOCHS, CRITICAL = np.array([0.2, -1.1, -0.4]) * MM, 6, chi2.ppf(0.999, 3)
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the shifts by epoch")
 options = parser.parse_args()
 
@@ -57,7 +56,7 @@ for epoch in range(1, EPOCHS + 1):
     if epoch == 4:
         good = today.observations["s4: B-W5@4"]
         today.observations["s4: B-W5@4"] = replace(good, value=good.value + 8 * MM)
-    new = [Point(f"{name}@{epoch}", tuple(xyz)) for name, xyz in WALL.items()]
+    new = [fga.network.entities.Point(f"{name}@{epoch}", tuple(xyz)) for name, xyz in WALL.items()]
     arrival = inc.add(list(today.observations.values()), points=new)
     cells = ""
     for name in WALL:

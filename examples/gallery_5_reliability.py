@@ -1,8 +1,8 @@
-"""What can a network prove about itself? Reliability, gross errors, data snooping.
+"""Reliability and gross errors of a traverse
+==========================================
 
-python examples/gallery_5_reliability.py [--plot FILE]
-
-A traverse with cross sights, simulated. Two readings are then made wrong, and found.
+What can a network prove about itself? A traverse with cross sights is simulated. Two readings are
+then made wrong, and data snooping finds them.
 """
 
 import argparse
@@ -22,7 +22,7 @@ POINTS |= {"4": (640, -20), "5": (760, 190)}
 REACH = 340.0
 WRONG = {"r 2-3": 12 * MGON, "s 3-5": -25 * MM}
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the redundancy numbers")
 options = parser.parse_args()
 

@@ -1,9 +1,9 @@
-"""Plan a measurement: what will the design give, what is missing, what is cheapest to add?
+"""Planning a measurement
+======================
 
-python examples/gallery_6_planning.py [--plot FILE]
-
-Twelve targets on a facade of 20 × 9 m, one total station and two photos; nothing is measured yet.
-The design is checked against targets, and additions are proposed, each with its cost in minutes.
+What will the design give, what is missing, what is cheapest to add? Twelve targets on a facade of
+20 × 9 m, one total station and two photos; nothing is measured yet. The design is checked against
+targets, and additions are proposed, each with its cost in minutes.
 """
 
 import argparse
@@ -29,7 +29,7 @@ SIGHTS = {Direction: MGON, ZenithAngle: MGON, SlopeDistance: 1 * MM}
 TARGETS = [targets.SemiAxis(1.5 * MM, points=("F*",), dimension=3)]
 TARGETS += [targets.RedundancyNumber(0.15), targets.UndetectedShift(3.0 * MM, points=("F*",))]
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the design as proposed")
 options = parser.parse_args()
 

@@ -1,9 +1,9 @@
-"""Repeat a simulation 40 times: what do more taped distances give?
+"""A simulation repeated 40 times
+==============================
 
-python examples/gallery_7_monte_carlo.py [--plot FILE] [--processes N]
-
-Every repetition simulates the block anew, adjusts it and returns figures. Repetition k has the
-same seed for all numbers of distances: the differences between them are paired.
+What do more taped distances give? Every repetition simulates the block anew, adjusts it and returns
+figures. Repetition k has the same seed for all numbers of distances: the differences between them
+are paired.
 """
 
 import argparse
@@ -33,7 +33,7 @@ def trial(seed: int, *, distances: int) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser()
     parser.add_argument("--plot", metavar="FILE", help="draw the errors against the distances")
     parser.add_argument("--processes", type=int, default=1, metavar="N", help="at once (1)")
     options = parser.parse_args()

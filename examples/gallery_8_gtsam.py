@@ -1,10 +1,10 @@
-"""The factor graph itself: GTSAM's own optimiser and marginals against `adjust`.
+"""The factor graph in GTSAM
+=========================
 
-python examples/gallery_8_gtsam.py
-
-Distances and zenith angles from three pillars to two new points, with two photos. `build_graph`
-gives a `gtsam.NonlinearFactorGraph` with values; whatever GTSAM can do with one, it can do with
-this. GTSAM calls back into Python for every factor, so this is for small networks.
+GTSAM's own optimiser and marginals are compared with ``adjust``: distances and zenith angles from
+three pillars to three new points, with two photos. ``build_graph`` gives a
+``gtsam.NonlinearFactorGraph`` with values, and GTSAM can do with it whatever it can do with any
+graph. GTSAM calls back into Python for every factor, so this is for small networks.
 """
 
 import gtsam
@@ -36,6 +36,7 @@ for name, at in CAMERAS.items():
     plan.add_image_points(name, [*PILLARS, *NEW], np.zeros((6, 2)), sigma=0.004)
 network = disturb(measure(plan, seed=4), seed=4, points=0.05, centres=0.1, attitudes=0.005)
 
+# %%
 # GTSAM alone.
 built = fga.build_graph(network)
 print(f"{built.graph.size()} factors, {built.values.size()} variables, ", end="")
@@ -47,7 +48,8 @@ optimiser = gtsam.LevenbergMarquardtOptimizer(built.graph, built.values, paramet
 values = optimiser.optimize()
 marginals = gtsam.Marginals(built.graph, values)
 
-# The library.
+# %%
+# The library, beside GTSAM.
 solution = fga.adjust(network)
 print(f"{'':12}{'GTSAM':>14}{'fga.adjust':>14}{'difference':>14}")
 print(f"{'iterations':12}{optimiser.iterations():14}{solution.iterations:14}")

@@ -1,7 +1,9 @@
-"""Adjust photos, taped distances and levelling together, with self-calibration.
+"""The industry block
+==================
 
-The industry block of El-Hakim & Faig (1981), simulated: 70 points in 15 × 15 m, 7 photos,
-150 distances and all heights with σ 0.5 mm.
+Photos, taped distances and levelling are adjusted together, with self-calibration. The industry
+block of El-Hakim & Faig (1981), simulated: 70 points in 15 × 15 m, 7 photos, 150 distances and all
+heights with σ 0.5 mm.
 """
 
 import numpy as np
@@ -23,6 +25,8 @@ x, y, z = solution.point("P35")
 sx, sy, sz = 1000 * solution.standard_deviations("P35")
 print(f"P35 {x:.4f} {y:.4f} {z:.4f} m ± {sx:.2f} {sy:.2f} {sz:.2f} mm")
 
+# %%
+# The same photos without tape and level.
 photos_alone = fga.adjust(simulate_industry_block(seed=2, terrestrial=False).network)
 for what, result in (("combined", solution), ("photos alone", photos_alone)):
     sigma = np.mean([result.standard_deviations(p) for p in result.network.points])

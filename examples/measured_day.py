@@ -1,10 +1,10 @@
-"""Play a measured day: every observation is tested as it arrives, with three gross errors.
+"""A measured day
+==============
 
-python examples/measured_day.py [--plot FILE]
-
-The industry block of `industry_block.py`, with directions from four total stations: levelling,
-stations, tape and photos one after the other. `--plot` (extra plot) draws the standard
-deviations of some points against the arrivals.
+Every observation is tested as it arrives, and three of them have gross errors. The network is the
+industry block of ``industry_block.py`` with directions from five total stations; levelling,
+stations, tape and photos arrive one after the other. The picture shows the standard deviations of
+some points against the arrivals.
 """
 
 import argparse
@@ -23,11 +23,12 @@ UNITS = {"direction": (MGON, "mgon"), "image": (1.0, "mm")}
 STATIONS, REACH = ("P36", "P12", "P19", "P52", "P59"), 10.5
 CHOSEN = ("P05", "P24", "P36", "P47", "P66")
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw σ of some points against the arrivals")
 options = parser.parse_args()
 
-# -- what will be measured today -----------------------------------------------------------------
+# %%
+# What will be measured today.
 
 simulated = simulate_industry_block(seed=2)
 block, truth = simulated.network, simulated.truth.points
@@ -64,7 +65,8 @@ print(" ", spoil("station P52", 10, value=60 * MGON), "60 mgon")
 print(" ", spoil("tape 2", 7, value=10 * MM), "10 mm")
 print(" ", spoil("photo 5", 20, x=0.08), "0.08 mm in x")
 
-# -- the day ---------------------------------------------------------------------------------------
+# %%
+# The day.
 
 inc = fga.IncrementalAdjustment(fga.Network("a measured day"), policy="reject")
 inc.add(points=block.points.values(), cameras=block.cameras.values())
@@ -88,7 +90,8 @@ for number, (name, observations) in enumerate(day.items()):
             caught[number] = f"{caught[number]}, {label}" if number in caught else label
 print(f"σ̂0 {inc.sigma0:.3f}, redundancy {inc.redundancy}")
 
-# -- what the batch would have said in the evening ---------------------------------------------
+# %%
+# What the batch would have said in the evening.
 
 evening = block.copy()
 evening.observations = {}

@@ -1,8 +1,9 @@
-"""El-Hakim & Faig (1981), table 1: terrestrial observations in the ISP block.
+"""El-Hakim & Faig (1981), table 1
+===============================
 
-The table is only a picture in the scan of the paper; its text says that the improvement over
-reduced control is significant and depends on number and distribution. Geometry: see
-factorgraph_adj.papers.tables_1981. With --plot FILE it is drawn (extra plot).
+Terrestrial observations replace control in the ISP block. The scan of the paper has the table only
+as a picture; its text says that the improvement over reduced control is significant and depends on
+number and distribution. ``factorgraph_adj.papers.tables_1981`` describes the geometry.
 """
 
 import argparse
@@ -11,7 +12,7 @@ from factorgraph_adj.experiment.runs import Experiment, run
 from factorgraph_adj.papers.comparison import Comparison, compared
 from factorgraph_adj.papers.tables_1981 import ISP_CASES, isp_trial
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the table into FILE")
 parser.add_argument("--repetitions", type=int, default=3, help="of each case (3)")
 options = parser.parse_args()

@@ -1,6 +1,8 @@
-"""El-Hakim & Faig (1981), table 2: accuracy of the adjustments of the industry block.
+"""El-Hakim & Faig (1981), table 2
+===============================
 
-Geometry: see factorgraph_adj.simulation.industry_block. With --plot FILE it is drawn (extra plot).
+Accuracy of the adjustments of the industry block.
+``factorgraph_adj.simulation.industry_block`` describes the geometry.
 """
 
 import argparse
@@ -22,7 +24,7 @@ WHAT = {
     "d": "d 7 photos",
 }
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the tables into FILE")
 options = parser.parse_args()
 

@@ -1,7 +1,10 @@
-"""El-Hakim (1986), tables 1 to 5: redundancy numbers and 100 µm errors of images.
+"""El-Hakim (1986), tables 1 to 5
+==============================
 
-``table_1986_1_to_5.py 2`` prints table 2, without a number all are; with --plot FILE they are drawn
-(extra plot). Geometry: see factorgraph_adj.simulation.el_hakim_1986 and tables_1986.
+Redundancy numbers, and the effect of errors of 100 µm in the images. ``table_1986_1_to_5.py 2``
+prints table 2; without a number all tables are printed.
+``factorgraph_adj.simulation.el_hakim_1986`` and ``factorgraph_adj.papers.tables_1986`` describe the
+geometry.
 """
 
 import argparse
@@ -82,7 +85,7 @@ def table_5():
 
 TABLES = dict(enumerate((table_1, table_2, table_3, table_4, table_5), start=1))
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("table", nargs="?", type=int, choices=TABLES, help="its number (all)")
 parser.add_argument("--plot", metavar="FILE", help="draw the tables into FILE")
 options = parser.parse_args()

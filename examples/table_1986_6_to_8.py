@@ -1,7 +1,9 @@
-"""El-Hakim (1986), tables 6 to 8: systematic errors left in the images of the 52-photo block.
+"""El-Hakim (1986), tables 6 to 8
+==============================
 
-``table_1986_6_to_8.py 6`` prints table 6, without a number all are; with --plot FILE they are drawn
-(extra plot). Geometry: see factorgraph_adj.papers.systematic_1986.
+Systematic errors that are left in the images of the 52-photo block. ``table_1986_6_to_8.py 6``
+prints table 6; without a number all tables are printed.
+``factorgraph_adj.papers.systematic_1986`` describes the geometry.
 """
 
 import argparse
@@ -49,7 +51,7 @@ def table_8():
 
 TABLES = dict(enumerate((table_6, table_7, table_8), start=6))
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser()
 parser.add_argument("table", nargs="?", type=int, choices=TABLES, help="its number (all)")
 parser.add_argument("--plot", metavar="FILE", help="draw the tables into FILE")
 options = parser.parse_args()

@@ -14,7 +14,7 @@ from ..io.readers import READERS
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..quality.unit_weight import global_test
-from ..quality.variance_components import VarianceComponents, variance_components
+from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.context import Report
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
@@ -109,7 +109,9 @@ def _solve(options: argparse.Namespace) -> Adjusted:
             )
             solution = found.solution
         if options.variance_components is not None:
-            weights = variance_components(solution.network, groups=options.variance_components)
+            weights = estimate_variance_components(
+                solution.network, groups=options.variance_components
+            )
             solution = replace(weights.solution, variance=variance)
     return Adjusted(project, solution, found, weights)
 

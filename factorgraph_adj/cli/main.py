@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem
-from ..report.text import program_version
+from ..version import __version__
 from .adjust import add_adjust
 from .check import add_check
 from .exit_codes import BAD_INPUT, FAULT, FINE, INTERRUPTED
@@ -62,7 +62,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="exit codes: 0 fine; 1 not converged, global test failed, or gross errors left; "
         "2 bad input",
     )
-    version = f"factorgraph-adj {program_version()}".strip()
+    version = f"factorgraph-adj {__version__}".strip()
     parser.add_argument("--version", action="version", version=version)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_adjust(commands)

@@ -74,7 +74,7 @@ class Spared:
         return "\n".join([*lines, *(f"  {i}" for i in self.ids)])
 
 
-def spare(
+def find_sparable(
     network: Network,
     targets: Sequence[Target] | Target,
     *,

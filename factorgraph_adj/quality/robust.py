@@ -81,7 +81,7 @@ class Robust:
     """Why it ended."""
 
 
-def robust(
+def robust_adjust(
     network: Network,
     *,
     estimator: Estimator = "huber",

@@ -18,8 +18,7 @@ from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..solve.start import Start
 from .rejections import Round, Snooping, Test
-from .robust import ESTIMATORS, Estimator
-from .robust import robust as robust_adjustment
+from .robust import ESTIMATORS, Estimator, robust_adjust
 from .snooping_search import SnoopingSearch
 
 
@@ -85,7 +84,7 @@ def snoop(
         values = None
     else:
         scale: Literal["a-priori", "median"] = "a-priori" if test == "baarda" else "median"
-        found = robust_adjustment(network, estimator=robust, scale=scale, datum=datum, start=start)
+        found = robust_adjust(network, estimator=robust, scale=scale, datum=datum, start=start)
         solution, values = found.solution, found.test_values / found.scale
     if sidak:
         alpha = float(1.0 - (1.0 - alpha) ** (1.0 / solution.equations.n_rows))

@@ -128,7 +128,7 @@ class VarianceComponents:
         return np.append([c.factor for c in self.components], 1.0)[self.groups.of_row]
 
 
-def variance_components(
+def estimate_variance_components(
     network: Network,
     *,
     groups: Groups = "kind",

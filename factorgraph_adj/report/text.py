@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from importlib.metadata import PackageNotFoundError, version
 from math import isfinite
 
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..quality.unit_weight import global_test
 from ..solve.solution import Solution
 from ..units import format_angle
+from ..version import __version__
 from .context import Report
 from .coordinates import check_points, photos, points
 from .layout import WIDTH, short, table, title
@@ -82,7 +82,7 @@ def _overview(report: Report) -> list[str]:
     out = [
         f"Adjustment of {network.name or 'a network without a name'}",
         "=" * WIDTH,
-        f"  program        factorgraph_adj {program_version()}",
+        f"  program        factorgraph_adj {__version__}",
         f"  frame          {_frame(network.frame)}",
         f"  points         {len(network.points)}" + (f" ({parts})" if parts else ""),
     ]
@@ -94,14 +94,6 @@ def _overview(report: Report) -> list[str]:
     if network.orientations:
         out += [f"  direction sets {len(network.orientations)}"]
     return out
-
-
-def program_version() -> str:
-    """Return the version of this package; empty where it is not installed."""
-    try:
-        return version("factorgraph_adj")
-    except PackageNotFoundError:  # run from a source tree that is not installed
-        return ""
 
 
 def _frame(frame: Frame) -> str:

@@ -23,7 +23,7 @@ from factorgraph_adj.quality.ellipses import error_ellipse, error_ellipsoid, hei
 from factorgraph_adj.quality.rejections import PointSetAside, Round, Unresolved
 from factorgraph_adj.quality.snooping import snoop
 from factorgraph_adj.quality.systematic import significance
-from factorgraph_adj.quality.variance_components import variance_components
+from factorgraph_adj.quality.variance_components import estimate_variance_components
 from factorgraph_adj.report import layout
 from factorgraph_adj.report.context import Report
 from factorgraph_adj.report.options import Provenance, ReportOptions
@@ -52,7 +52,7 @@ def snooped():
 
 @cache
 def weighted():
-    return variance_components(small_block())
+    return estimate_variance_components(small_block())
 
 
 def points_of(s) -> list[set[str]]:

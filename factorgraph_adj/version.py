@@ -1,0 +1,9 @@
+"""The version of this package; its one source is pyproject.toml."""
+
+from importlib.metadata import PackageNotFoundError, version
+
+try:
+    __version__ = version("factorgraph_adj")
+except PackageNotFoundError:
+    __version__ = ""
+"""Version of the installed package; empty in a source tree that is not installed."""
