@@ -78,7 +78,7 @@ class LocalFrame:
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Point at which the vertical is exactly Z, metres."""
     axes: Axes = "en"
-    """Directions of X and Y: letters e, n, w, s. Left-handed frames (``ne`` …) have no photos."""
+    """Directions of X and Y: letters e, n, w, s. Left-handed frames (``ne`` …) accept no photos."""
 
     def __post_init__(self) -> None:
         """Check the options."""
@@ -176,7 +176,7 @@ class GeocentricFrame:
 class TopocentricFrame:
     """East, north, up at an origin on an ellipsoid; verticals as rigorous as geocentric ones.
 
-    The same model as `GeocentricFrame` in turned and shifted coordinates:
+    The model is that of `GeocentricFrame` in turned and shifted coordinates:
     X_geocentric = X_origin + [e₀ n₀ u₀] (E, N, U)ᵀ.
     """
 

@@ -147,7 +147,7 @@ class Unknowns:
         return moved
 
     def columns(self, kind: VariableKind, number: int) -> Index:
-        """Return the columns of one variable; empty if it is held altogether."""
+        """Return the columns of one variable; empty for a completely held variable."""
         table = self.tables[kind]
         if table.offset[number] < 0:
             return np.zeros(0, dtype=np.intp)

@@ -8,7 +8,7 @@
                                    + centring_t² (1/D_ij² + 1/D_ik²)
 
 D are horizontal distances and S slope distances from the start coordinates; S of a length is the
-observed value. Each kind has a `Weight` in its record.
+observed value. The record of each kind holds the `Weight` of the kind, or None.
 """
 
 from __future__ import annotations
