@@ -17,7 +17,7 @@ from ..types import Array
 from .where import Sources, listed
 
 TINY = 5
-"""Smallest number of points and photos with which a free network must determine every point."""
+"""Free networks with fewer points and photos are exempt from the count for each point."""
 
 
 def _touching(equations: Equations, kind: VariableKind) -> tuple[Array, list[dict[str, int]]]:
