@@ -3,7 +3,7 @@
 import factorgraph_adj as fga
 solution = fga.adjust(fga.read("project.toml"))
 
-A public name is imported when it is first asked for, so that a program loads what it uses.
+A public name is imported at its first use, so that a program loads only the modules that it uses.
 """
 
 from importlib import import_module
@@ -202,10 +202,10 @@ _MODULES = {
 """Module of each public name; type checkers read the imports above."""
 
 
-if not TYPE_CHECKING:  # which would take any name for a public one
+if not TYPE_CHECKING:  # a type checker would then accept any name as public
 
     def __getattr__(name: str) -> Any:
-        """Import a public name, or a module of the package, when it is first asked for."""
+        """Import a public name, or a module of the package, at its first use."""
         if name in _MODULES:
             found = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
             globals()[name] = found

@@ -24,7 +24,7 @@ class Problem:
 
 
 class InputError(AdjustmentError):
-    """Everything that is wrong with an input, all problems at once."""
+    """An input has problems; the exception lists all of them."""
 
     def __init__(self, problems: str | Problem | Iterable[Problem]) -> None:
         if isinstance(problems, str):
@@ -38,8 +38,8 @@ class InputError(AdjustmentError):
 class DatumError(AdjustmentError):
     """The observations and priors do not determine every unknown.
 
-    ``defect`` is the number of missing conditions, ``names`` the unknowns concerned, as far as the
-    message lists them, ``unknowns`` kind and name of all of them.
+    ``defect`` is the number of missing conditions. ``names`` are the unknowns that the message
+    lists; ``unknowns`` are kind and name of all unknowns concerned.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class DatumError(AdjustmentError):
 
 
 class ApproximationError(AdjustmentError):
-    """Approximate values could not be found; ``problems`` says for what and why."""
+    """Approximate values could not be found; ``problems`` names the unknowns and the reasons."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems: tuple[Problem, ...] = tuple(problems)

@@ -8,9 +8,9 @@ the position X of the station and on its deflections (ξ, η) from the normal of
     n = (−sinΦ cosΛ, −sinΦ sinΛ, cosΦ)
     u = ( cosΦ cosΛ,  cosΦ sinΛ, sinΦ)
 
-Geocentric and topocentric: Φ₀, Λ₀ are geodetic latitude and longitude. Local: the frame is laid
-where Φ₀ = Λ₀ = 0, so that e, n, u are its axes, tilted by 1/R per metre where the curvature of the
-Earth is switched on; there is then no singularity and no convergence of meridians.
+Geocentric and topocentric: Φ₀, Λ₀ are geodetic latitude and longitude. Local: the frame is placed
+at Φ₀ = Λ₀ = 0, so that e, n, u are its axes, tilted by 1/R per metre if the curvature of the Earth
+is switched on. This place avoids a singularity and the convergence of meridians.
 A rotation of (e, n, u) with the station is part of the model, so that results do not
 depend on approximate coordinates.
 """
@@ -41,7 +41,7 @@ LEFT_HANDED_AXES = ("ne", "wn", "sw", "es")
 
 @dataclass(frozen=True, slots=True)
 class Basis:
-    """Astronomic frames of n stations and how they turn."""
+    """Astronomic frames of n stations and their partials."""
 
     enu: Array
     """Rows e, n, u of each station, (n, 3, 3)."""
@@ -72,13 +72,13 @@ class LocalFrame:
     """A local frame with Z up: flat, or with the curvature of the Earth."""
 
     curvature: bool = False
-    """Let the vertical tilt by 1/R per metre of distance from ``origin``."""
+    """Whether the vertical tilts by 1/R per metre of distance from ``origin``."""
     radius: float = MEAN_EARTH_RADIUS
     """R in curvature and refraction, metres."""
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Where the vertical is exactly Z, metres."""
+    """Point at which the vertical is exactly Z, metres."""
     axes: Axes = "en"
-    """Where X and Y point: letters of e, n, w, s. Left-handed ones (``ne`` …) take no photos."""
+    """Directions of X and Y: letters e, n, w, s. Left-handed frames (``ne`` …) accept no photos."""
 
     def __post_init__(self) -> None:
         """Check the options."""
@@ -138,7 +138,7 @@ class GeocentricFrame:
     """The ellipsoid."""
 
     def __post_init__(self) -> None:
-        """Look the ellipsoid up."""
+        """Find the ellipsoid by its name."""
         object.__setattr__(self, "ellipsoid", ellipsoid(self.ellipsoid_name))
 
     @property
@@ -176,7 +176,7 @@ class GeocentricFrame:
 class TopocentricFrame:
     """East, north, up at an origin on an ellipsoid; verticals as rigorous as geocentric ones.
 
-    The same model as `GeocentricFrame` in turned and shifted coordinates:
+    The model is that of `GeocentricFrame` in turned and shifted coordinates:
     X_geocentric = X_origin + [e₀ n₀ u₀] (E, N, U)ᵀ.
     """
 

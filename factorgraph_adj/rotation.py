@@ -2,8 +2,8 @@
 
 A pose in the graph is ``gtsam.Pose3`` = world_T_camera in the axes of GTSAM and OpenCV
 (x right, y down, z forward), so that GTSAM's own factors and other programs' poses fit in.
-Photogrammetric camera axes (x right, y up, z backwards) are the same turned by π about x;
-this module is the one place where the two meet.
+Photogrammetric camera axes (x right, y up, z backwards) are these axes turned by π about x.
+This module alone defines the turn between the two conventions.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ def omega_phi_kappa(rotation: Array) -> tuple[float, float, float]:
 def angles_by_rotation(rotation: Array) -> Array:
     """Return ∂(ω, φ, κ)/∂θ (3, 3) of world_R_camera, for R ← R Exp(θ), θ about the camera's axes.
 
-    In photogrammetric axes θ = R3ᵀR2ᵀe₁ dω + R3ᵀe₂ dφ + e₃ dκ. At φ = ±π/2 the angles are not
-    unique and their partials not finite: NaN.
+    In photogrammetric axes θ = R3ᵀR2ᵀe₁ dω + R3ᵀe₂ dφ + e₃ dκ. At φ = ±π/2 the angles are
+    ambiguous and the result is NaN.
     """
     _, phi, kappa = omega_phi_kappa(rotation)
     sp, cp = np.sin(phi), np.cos(phi)
@@ -117,8 +117,8 @@ def retract_poses(rotation: Array, position: Array, delta: Array) -> tuple[Array
     """Move poses by tangents [ω, δ]: R ← R Exp(ω), X₀ ← X₀ + δ.
 
     The tangent of this library has the shift in object axes, so that single coordinates of a
-    projection centre can be held and its covariance needs no turning. GTSAM's Pose3 tangent
-    [ω, v] has v = Rᵀ δ; `factorgraph_adj.graph.factors` is where they meet.
+    projection centre can be held and its covariance needs no rotation. GTSAM's Pose3 tangent
+    [ω, v] has v = Rᵀ δ; `factorgraph_adj.graph.keys` converts between the two tangents.
 
     Args:
         rotation: world_R_camera (n, 3, 3).

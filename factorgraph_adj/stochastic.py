@@ -1,4 +1,4 @@
-"""Standard deviations of observations from what makers and surveyors state."""
+"""Standard deviations of observations from the statements of makers and surveyors."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ class StandardDeviation:
     """Parts of the standard deviation of an observation.
 
     Lengths (S in metres):    σ² = (constant + ppm·10⁻⁶ S)² + centring_i² + centring_t²
-    Levelling (L in km):      σ² = constant² + (per_sqrt_km² L)
+    Levelling (L in km):      σ² = constant² + per_sqrt_km² L + centring_i² + centring_t²
     Directions, azimuths:     σ² = constant² + (centring_i² + centring_t²)/D²
     Vertical, zenith angles:  σ² = constant² + (centring_i² + centring_t²)/S²
     Angles j-i-k:             σ² = constant² + centring_i² D_jk²/(D_ij D_ik)²
                                    + centring_t² (1/D_ij² + 1/D_ik²)
 
-    D are horizontal distances, S slope distances, from the coordinates at the start.
+    D are horizontal distances and S slope distances from the start coordinates; S of a length is
+    the observed value.
     """
 
     constant: float = 0.0
@@ -29,14 +30,14 @@ class StandardDeviation:
     ppm: float = 0.0
     """Part proportional to a distance, millionths."""
     per_sqrt_km: float = 0.0
-    """Levelling: metres for one kilometre of line."""
+    """Standard deviation of one kilometre of levelled line, metres."""
     centring_instrument: float = 0.0
     """Standard deviation of the centring of the instrument, metres."""
     centring_target: float = 0.0
     """Standard deviation of the centring of the target, metres."""
 
     def __post_init__(self) -> None:
-        """Check that every part is finite and not negative, and one of them positive."""
+        """Check that every part is finite and ≥ 0, and that at least one part is > 0."""
         parts = np.array(
             [
                 self.constant,
@@ -53,7 +54,7 @@ class StandardDeviation:
             )
 
     def scaled(self, by: float) -> StandardDeviation:
-        """Return it with every part multiplied."""
+        """Return the standard deviation with every part multiplied by ``by``."""
         return StandardDeviation(*(by * getattr(self, f.name) for f in fields(self)))
 
 

@@ -1,4 +1,4 @@
-"""Names for array types; shapes stand in the docstrings."""
+"""Names for array types; the docstrings of the arrays state the shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The version of this package; its one source is pyproject.toml."""
+"""The version of this package, which only pyproject.toml defines."""
 
 from importlib.metadata import PackageNotFoundError, version
 

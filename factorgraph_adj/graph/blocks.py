@@ -20,18 +20,18 @@ from ..types import Array, Index
 from .variables import State
 
 Fixes: TypeAlias = Literal["nothing", "coordinates", "attitude", "place"]
-"""What observations say of the place of a network."""
+"""Information of observations about the position of a network."""
 
 
 @dataclass(frozen=True)
 class ObservationLabels:
-    """Readable names of observations, made when they are asked for."""
+    """Readable names of observations, made on demand."""
 
     observations: Sequence[Observation]
     """The observations."""
 
     def __call__(self, i: int) -> str:
-        """Return the name of one."""
+        """Return the name of observation i."""
         return self.observations[i].label()
 
 
@@ -42,10 +42,10 @@ class SomeLabels:
     labels: Callable[[int], str]
     """Names of all rows."""
     rows: Index
-    """The rows."""
+    """Numbers of the selected rows."""
 
     def __call__(self, i: int) -> str:
-        """Return the name of one of them."""
+        """Return the name of selected row i."""
         return self.labels(int(self.rows[i]))
 
 
@@ -70,9 +70,9 @@ class Block:
     labels: Callable[[int], str]
     """Readable name of row i, for messages."""
     whitener: Array | None = None
-    """W (n, d, d) with W Σ Wᵀ = I where components are correlated, else none."""
+    """W (n, d, d) with W Σ Wᵀ = I for correlated components, else None."""
     model: Callable[..., Linearised] | None = None
-    """The model; none for image coordinates."""
+    """The model; None for image coordinates."""
     lens: Lens | None = None
     """The lens model of image coordinates."""
     constants: dict[str, Array] = field(default_factory=dict)
@@ -80,15 +80,15 @@ class Block:
     prior: bool = False
     """Whether the observations are given values of weighted unknowns."""
     fixes: Fixes = "nothing"
-    """What the observations say of the place of the network; see `ObservationKind.fixes`, and
+    """Information about the position of the network, as in `ObservationKind.fixes`, or about
     attitudes of photos."""
     by_axis: bool = False
     """Whether several rows of the block may belong to one observation, one for each axis."""
     axes: Sequence[str] | None = None
-    """Name of the one component of each observation, where they are not all alike (n,)."""
+    """Name of the component of each row, (n,), for single components with different names."""
     widths: dict[int, int] = field(default_factory=dict)
-    """Components that the model gets of a variable, by its place, where sizes of the kind
-    differ."""
+    """Number of components that the model takes, by place of the variable, for kinds with
+    different sizes."""
     first_row: int = 0
     """Number of the first scalar row among all rows of the network."""
 
@@ -104,11 +104,11 @@ class Block:
 
     @property
     def rows(self) -> slice:
-        """The scalar rows of this block among all rows."""
+        """Scalar rows of this block among all rows of the network."""
         return slice(self.first_row, self.first_row + self.observed.size)
 
     def component(self, i: int, number: int) -> str:
-        """Return the name of a component of observation i; empty where it has no other."""
+        """Return the name of a component of observation i; empty for a scalar."""
         return self.components[number] if self.axes is None else self.axes[i]
 
     def select(self, rows: Index) -> Block:
@@ -130,7 +130,7 @@ class Block:
         """Return raw residuals (n, d) and partials.
 
         Raises:
-            InputError: names every observation whose geometry has no answer.
+            InputError: observations have degenerate geometry; the message names all of them.
         """
         values = [state[kind][index] for kind, index in self.variables]
         try:
@@ -164,5 +164,5 @@ class Block:
 
     @cached_property
     def equal_sigma(self) -> bool:
-        """Whether one standard deviation holds for all."""
+        """Whether all standard deviations are equal."""
         return bool(np.all(self.sigma == self.sigma[0, 0]))

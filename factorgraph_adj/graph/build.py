@@ -1,4 +1,4 @@
-"""A network as a GTSAM factor graph, to look at and to mix with factors of one's own."""
+"""A network as a GTSAM factor graph, for inspection and for combination with a user's factors."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Graph:
     keys: KeyMap
     """Names ↔ keys."""
     equations: Equations
-    """The same observation equations in arrays, with the weights of the start values."""
+    """The observation equations of the factors in arrays, with the weights of the start values."""
 
     @property
     def error(self) -> float:
@@ -41,9 +41,9 @@ class Graph:
 def build_graph(network: Network | Equations, *, state: State | None = None) -> Graph:
     """Return the factor graph of a network.
 
-    Its error is ½ vᵀPv. The factors are Python callbacks of the models, so drive an iteration
-    from Python with ``graph.linearize(values)``: GTSAM's own optimisers copy all values for
-    every callback. `adjust` does not use this graph but the same models on whole arrays.
+    The error of the graph is ½ vᵀPv. The factors are Python callbacks of the models, so iterate
+    in Python with ``graph.linearize(values)``: GTSAM's own optimisers copy all values for every
+    callback. `adjust` uses the same models on whole arrays and needs no graph.
 
     Args:
         network: the network, or its observation equations.
@@ -51,17 +51,17 @@ def build_graph(network: Network | Equations, *, state: State | None = None) -> 
             `factorgraph_adj.approximate.approximate`.
 
     Raises:
-        InputError: the network has nothing to adjust or an observation has no answer.
+        InputError: the network has nothing to adjust, or the geometry of a sight is degenerate.
         ApproximationError: start values are missing and cannot be found.
     """
     equations = network if isinstance(network, Equations) else compile_network(network)
     if state is None:
         state = equations.unknowns.start()
         if any(np.isnan(values).any() for values in state.values()):
-            from ..approximate import approximate  # which itself needs the equations
+            from ..approximate import approximate  # local, because `approximate` imports `graph`
 
             state = approximate(equations)
-    state = {kind: values.copy() for kind, values in state.items()}  # the factors keep it
+    state = {kind: values.copy() for kind, values in state.items()}  # the factors keep the state
     equations = equations.weighted_at(state)
     graph = gtsam.NonlinearFactorGraph()
     for part, noise in (*_single(equations), *_clustered(equations)):
@@ -77,7 +77,7 @@ def build_graph(network: Network | Equations, *, state: State | None = None) -> 
 
 
 def _single(equations: Equations) -> Iterator[tuple[list[Part], gtsam.noiseModel.Base]]:
-    """Observations that are correlated with no other."""
+    """Yield the observations without correlations to others."""
     for place, block in enumerate(equations.blocks):
         alone = np.ones(block.n, dtype=bool)
         alone[equations.in_cluster.get(place, slice(0))] = False
@@ -88,7 +88,7 @@ def _single(equations: Equations) -> Iterator[tuple[list[Part], gtsam.noiseModel
 
 
 def _clustered(equations: Equations) -> Iterator[tuple[list[Part], gtsam.noiseModel.Base]]:
-    """Observations with a joint covariance: one factor each."""
+    """Yield the clusters of observations with a joint covariance, one factor each."""
     for cluster in equations.clusters:
         yield _parts(equations.blocks, cluster), _gaussian(cluster.whitener)
 
@@ -111,7 +111,7 @@ def _parts(blocks: tuple[Block, ...], cluster: Cluster) -> list[Part]:
 
 
 def _noise_models(block: Block) -> Callable[[int], gtsam.noiseModel.Base]:
-    """Return a function that gives the noise model of an observation; equal ones are shared."""
+    """Return a function from observation number to noise model; equal models are shared."""
     whitener = block.whitener
     if whitener is not None:
         return lambda i: _gaussian(whitener[i])
@@ -129,7 +129,7 @@ def _noise_models(block: Block) -> Callable[[int], gtsam.noiseModel.Base]:
 def _gaussian(whitener: Array) -> gtsam.noiseModel.Base:
     """Return the noise model of covariance (WᵀW)⁻¹.
 
-    GTSAM reads only the upper triangle of a square root without a word; W is a lower one. Its
-    QR factor is the upper triangle with the same WᵀW.
+    GTSAM silently reads only the upper triangle of a square root, but W is lower triangular. The
+    factor R of W = QR is upper triangular and RᵀR = WᵀW.
     """
     return gtsam.noiseModel.Gaussian.SqrtInformation(np.linalg.qr(whitener, mode="r"))

@@ -20,7 +20,7 @@ from .weights import Cluster, clusters_of, weigh
 
 @dataclass(frozen=True)
 class Equations:
-    """Everything that an adjustment needs to know of a network, in arrays."""
+    """The observation equations of a network in arrays."""
 
     network: Network
     """The network."""
@@ -29,10 +29,10 @@ class Equations:
     blocks: tuple[Block, ...]
     """Observations by kind; image coordinates last, one block for each lens model."""
     clusters: tuple[Cluster, ...]
-    """Correlated rows across observations; their own standard deviations are those of the
-    covariance's diagonal."""
+    """Correlated rows across observations. The standard deviations of these rows in the blocks
+    come from the diagonal of the covariance."""
     in_cluster: dict[int, Index]
-    """For each block with clustered rows, by its place: the observations in clusters."""
+    """Numbers of the observations in clusters, by the place of their block in ``blocks``."""
 
     @property
     def n_rows(self) -> int:
@@ -75,9 +75,9 @@ class Equations:
 
     @cached_property
     def observation_of_row(self) -> Index:
-        """Number of the observation that each scalar row is a component of, (n_rows,).
+        """Number of the observation to which each scalar row belongs, (n_rows,).
 
-        The rows of an observation follow one another; a weighted unknown is one of its own.
+        The rows of an observation are consecutive; each weighted unknown is one observation.
         """
         out, first = [np.zeros(0, dtype=np.intp)], 0
         for block in self.blocks:
@@ -92,7 +92,7 @@ class Equations:
         return np.concatenate(out)
 
     def find(self, ids: Sequence[str]) -> list[Index]:
-        """Return the scalar rows of each of the ids, none where there is no such observation."""
+        """Return the scalar rows of each id; an id without observation has no rows."""
         out = [self._rows_of.get(ident, np.zeros(0, dtype=np.intp)) for ident in ids]
         for block in self.blocks:
             if isinstance(block.ids, ImageIds):
@@ -120,7 +120,7 @@ class Equations:
         return replace(self, blocks=tuple(weigh(self.network, b, state) for b in self.blocks))
 
     def weighs_as(self, other: Equations) -> bool:
-        """Return whether all standard deviations are those of another state, within 1e-7."""
+        """Return whether all standard deviations equal those of ``other`` within 1e-7."""
         pairs = zip(self.blocks, other.blocks, strict=True)
         return all(a is b or np.allclose(a.sigma, b.sigma, rtol=1e-7, atol=0) for a, b in pairs)
 
@@ -128,7 +128,8 @@ class Equations:
         """Return the equations with every weight multiplied by a factor.
 
         Correlated observations get bifactor equivalent weights (Yang, Song & Xu 2002): with
-        D = diag(γ), P' = √D P √D, hence W' = W √D and Σ' = D^(−½) Σ D^(−½): correlations stay.
+        D = diag(γ), P' = √D P √D, hence W' = W √D and Σ' = D^(−½) Σ D^(−½). The correlations
+        stay unchanged.
 
         Args:
             factors: γ > 0 of each scalar row, (n_rows,).
@@ -172,7 +173,7 @@ def compile_network(network: Network) -> Equations:
 
 
 def compile_rows(network: Network) -> Equations:
-    """Turn a network into arrays, whether there is something to adjust or not.
+    """Turn a network into arrays, even if the network has nothing to adjust.
 
     Raises:
         InputError: a point measured twice in one photo.

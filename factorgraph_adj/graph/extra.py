@@ -1,4 +1,4 @@
-"""Factors of a user's own over the keys of a network, in the columns of its unknowns."""
+"""Linearisation of a user's GTSAM factors in the columns of the unknowns of a network."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from .keys import KeyMap, from_gtsam, insert
 from .variables import State
 
 _NOISE = 1e-12
-"""Eigenvalues of a scaled information matrix below this part of the largest are rounding."""
+"""Eigenvalues of a scaled information matrix that are smaller than this fraction of the largest
+eigenvalue are rounding errors."""
 
 
 def linearise_extra(
@@ -26,17 +27,17 @@ def linearise_extra(
     The factors take the values that `factorgraph_adj.graph.keys.values_of` gives: poses as
     Pose3, everything else as vectors. A robust noise model enters with the weights that its
     residuals have at ``state``. A factor without a Jacobian (HessianFactor: smart factors,
-    marginalised priors) enters by a square root of its information, whose rows are then its
+    marginalised priors) enters by a square root of its information, whose rows serve as
     residuals.
 
     Returns:
         For each factor the columns (k,) of its variables among the unknowns, its whitened
-        partials A (m, k), zero for held components, and its whitened residuals r (m,):
-        r + A dx is linear, |r|² its part of vᵀPv = twice its error. No entry for a
-        factor that is not active.
+        partials A (m, k), zero for held components, and its whitened residuals r (m,). The
+        linear model is r + A dx; |r|² = twice the error is the factor's part of vᵀPv. Inactive
+        factors have no entry.
 
     Raises:
-        InputError: a key is not of the network, or its variable is held or of another type;
+        InputError: a key is unknown in the network, or its variable is held or of another type;
             a factor is a hard constraint, not finite, or has no square root.
     """
     keys = KeyMap(equations.unknowns)
@@ -49,7 +50,7 @@ def linearise_extra(
         try:
             linear = factor.linearize(values)
         except RuntimeError as error:
-            if "Attempting to" not in str(error):  # not GTSAM's word for a wrong type
+            if "Attempting to" not in str(error):  # is not GTSAM's message for a wrong type
                 raise
             raise InputError(Problem(f"cannot be linearised: {error}", where)) from error
         if linear is None:
@@ -81,7 +82,7 @@ def _square_root(linear: gtsam.GaussianFactor, where: str) -> tuple[Array, Array
     if isinstance(linear, gtsam.HessianFactor):
         return _root_of_hessian(np.array(linear.augmentedInformation()), where)
     try:
-        linear = gtsam.JacobianFactor(linear)  # expression factors come as their base class
+        linear = gtsam.JacobianFactor(linear)  # expression factors have the base type
     except (RuntimeError, ValueError):  # neither Jacobian nor Hessian: implicit Schur factors
         return _root_of_hessian(np.array(linear.augmentedInformation()), where)
     if linear.isConstrained():
@@ -103,7 +104,7 @@ def _root_of_hessian(augmented: Array, where: str) -> tuple[Array, Array]:
     """Return A, r of xᵀG x − 2 xᵀg + f, given [[G, g], [gᵀ, f]]: G = AᵀA, g = −Aᵀr, f = |r|².
 
     The rows of A are the eigenvectors of G, scaled to unit diagonal, whose eigenvalues are not
-    zero. A last row without partials carries what is left of f, if there is any.
+    zero. A last row without partials carries the remainder of f, if f has a remainder.
     """
     if not np.all(np.isfinite(augmented)):
         raise InputError(Problem("its information is not finite", where))
@@ -136,7 +137,7 @@ def _columns(
     a: Array,
     where: str,
 ) -> tuple[Index, Array]:
-    """Return the columns of the variables, and the partials by our tangents."""
+    """Return the columns of the variables, and the partials by the tangents of this library."""
     unknowns = equations.unknowns
     sizes = [int(unknowns[kind].size[number]) for kind, number in variables]
     if a.shape[1] != sum(sizes):

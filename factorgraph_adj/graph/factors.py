@@ -1,9 +1,9 @@
 """The only module that makes CustomFactors: observations as factors of GTSAM.
 
-GTSAM trusts what a callback writes: a Jacobian that is unset, not two-dimensional or of wrong
-rows ends the process, a NaN stops an optimiser without a word. So shapes and finiteness are
-checked here before anything is handed over. A callback knows its observations and keys but
-neither its factor nor its graph: such a reference would never be freed.
+GTSAM does not check the output of a callback: a Jacobian that is unset, not two-dimensional or of
+a wrong number of rows ends the process, and a NaN stops an optimiser without a message. Therefore
+this module checks shapes and finiteness first. A callback holds only its observations and keys,
+because a reference to its factor or graph would never be freed.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ def guarded(
     evaluate: Callable[[gtsam.Values, bool], Evaluation],
     label: Callable[[], str],
 ) -> gtsam.CustomFactor:
-    """Return a CustomFactor that hands nothing to GTSAM before it has been checked.
+    """Return a CustomFactor whose residuals and partials are checked before GTSAM gets them.
 
     Args:
         noise: noise model; its dimension is the number of residuals.
         keys: keys of the variables.
-        sizes: size of the tangent of each.
-        evaluate: (values, whether partials are wanted) → residuals and partials.
-        label: what to call the factor in an error.
+        sizes: size of the tangent of each variable.
+        evaluate: (values, whether to compute partials) → residuals and partials.
+        label: function that returns the name of the factor for an error.
     """
     rows = noise.dim()
 
@@ -69,14 +69,14 @@ def guarded(
 
 
 class Part(NamedTuple):
-    """Observations of one block that are, or share, a factor."""
+    """Observations of one block in a factor."""
 
     block: Block
     """The block, with all its observations."""
     chosen: Index
-    """Which of them, (n,)."""
+    """Numbers of the observations of the factor, (n,)."""
     rows: Index
-    """Which rows of the factor their components are, (n, d)."""
+    """Rows of the factor for the components of these observations, (n, d)."""
 
 
 def observation_factor(
@@ -88,7 +88,7 @@ def observation_factor(
 ) -> gtsam.CustomFactor:
     """Return the factor of one observation, or of observations with a joint covariance.
 
-    The residuals are those of the models, the same that every other caller uses.
+    The residuals come from the models that every other caller uses.
 
     Args:
         frame: frame of the network.
@@ -102,9 +102,9 @@ def observation_factor(
 
 
 class _Observations:
-    """Residuals and partials of a few observations, from arrays of just their variables.
+    """Residuals and partials of a few observations, from arrays of their variables only.
 
-    The arrays are made when they are first needed, so that a large graph is built quickly.
+    The arrays are made at the first evaluation, so that a large graph is built quickly.
     """
 
     __slots__ = ("_frame", "_given", "_local", "_parts", "_variables", "keys", "sizes")
@@ -163,19 +163,19 @@ class _Local(NamedTuple):
     """The variables of one factor as a state of their own."""
 
     blocks: list[Block]
-    """The chosen observations of each part, with variables numbered anew."""
+    """The chosen observations of each part, with renumbered variables."""
     state: State
-    """Values of these variables alone, constants among them."""
+    """Values of these variables and constants only."""
     variables: list[tuple[VariableKind, int]]
     """Kind and new number of the variable behind each key."""
     slots: dict[tuple[VariableKind, int], int]
-    """Place of the key of a variable; constants have none."""
+    """Place of the key of a variable; constants have no entry."""
 
     @staticmethod
     def of(
         state: State, parts: Sequence[Part], keyed: Sequence[tuple[VariableKind, int]]
     ) -> _Local:
-        """Number the variables of ``parts`` anew and copy their values."""
+        """Renumber the variables of ``parts`` and copy their values."""
         numbers: dict[VariableKind, dict[int, int]] = {}
         blocks = []
         for part in parts:

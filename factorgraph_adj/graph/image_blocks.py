@@ -14,7 +14,7 @@ from .variables import Unknowns, calibration_name
 
 
 class ImageIds:
-    """Ids of image points, made when they are asked for."""
+    """Ids of image points, made on demand."""
 
     def __init__(self, network: Network, rows: Index, photo: Index, point: Index) -> None:
         self._photos, self._points = tuple(network.photos), tuple(network.points)
@@ -29,17 +29,17 @@ class ImageIds:
         return own or f"{self._photos[self._photo[i]]}/{self._points[self._point[i]]}"
 
     def label(self, i: int) -> str:
-        """Return a readable name, with its source."""
+        """Return a readable name of image point i, with its source."""
         source = self.source(i)
         text = f"image {self._photos[self._photo[i]]} {self._points[self._point[i]]}"
         return f"{source}: {text}" if source else text
 
     def source(self, i: int) -> str:
-        """Return file and line of one, empty where it was not read from a file."""
+        """Return file and line of image point i; empty if it was not read from a file."""
         return self._sources.get(int(self._rows[i])) or ""
 
     def positions(self, ids: Sequence[str]) -> Index:
-        """Return where these ids are (n,), −1 where they are not."""
+        """Return the rows (n,) of the block with these ids, −1 for ids of no row."""
         place = {int(row): i for i, row in enumerate(self._rows)} if self._own else {}
         own = {name: place[row] for row, name in self._own.items() if row in place}
         return find_images(self._photo, self._point, self._photos, self._points, own, ids)
@@ -53,15 +53,15 @@ def find_images(
     own: Mapping[str, int],
     ids: Sequence[str],
 ) -> Index:
-    """Return the rows of image points by id, (n,); −1 where there is none.
+    """Return the rows of image points by id, (n,); −1 for ids of no row.
 
     Args:
         photo: number of the photo of each row.
         point: number of the point of each row.
         photos: names of all photos.
         points: names of all points.
-        own: rows that have an id of their own, by id.
-        ids: what is looked for: own ids, or photo/point.
+        own: rows with an id of their own, by id.
+        ids: ids to find: own ids, or photo/point.
     """
     code = photo * len(points) + point
     order = np.argsort(code, kind="stable")
@@ -70,7 +70,7 @@ def find_images(
     out = np.array([own.get(ident, -1) for ident in ids], dtype=np.intp)
     wanted: list[tuple[int, int]] = []
     for i in np.flatnonzero(out < 0).tolist():
-        # Names may have a slash in them.
+        # Names may contain a slash.
         at = ids[i].find("/")
         while at >= 0:
             f, p = photo_number.get(ids[i][:at]), point_number.get(ids[i][at + 1 :])
@@ -87,7 +87,7 @@ def find_images(
 
 
 def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
-    """Image coordinates, photo by photo within a lens model."""
+    """Yield the image coordinates, one block for each lens model, photo by photo."""
     photo, point, xy, sigma = network.images.columns()
     if not len(photo):
         return
@@ -103,7 +103,7 @@ def image_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
         rows = np.flatnonzero(lens_of_photo[photo] == number)
         if not len(rows):
             continue
-        # Photo by photo: what is summed for each photo then lies together.
+        # Rows of a photo are adjacent, because sums are formed for each photo.
         rows = rows[np.argsort(photo[rows], kind="stable")]
         ids = ImageIds(network, rows, photo[rows], point[rows])
         yield Block(

@@ -1,13 +1,14 @@
-"""How the unknowns of a network appear in GTSAM: keys, values and tangents.
+"""The unknowns of a network in GTSAM: keys, values and tangents.
 
 A key is ``gtsam.symbol(char, number)``: the character tells the kind, the number counts the
-variables of that kind in the order in which the network got them. Variables that are held
-altogether are constants of the factors and have no key.
+variables of that kind in the order in which the network got them. Completely held variables are
+constants of the factors and have no key.
 
 A rotation with a shift is a ``gtsam.Pose3``, every other unknown is a vector of its given values;
-one that rotates begins with its rotation vector. Two tangents differ. Of a pose ours is [ω, δ]:
-R ← R Exp(ω), X₀ ← X₀ + δ in object axes; GTSAM's is [ω, v] with v = Rᵀ δ to first order. Of a
-rotation vector r ours is ω = J_r(r) dr, GTSAM's is dr.
+the vector of an unknown with a rotation begins with the rotation vector. The tangents of this
+library and of GTSAM differ for two types. For a pose, this library has [ω, δ]: R ← R Exp(ω),
+X₀ ← X₀ + δ in object axes; GTSAM has [ω, v] with v = Rᵀ δ to first order. For a rotation vector r,
+this library has ω = J_r(r) dr; GTSAM has dr.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from .equations import Equations
 from .variables import State, Unknowns
 
 _SHIFT = 56
-"""A gtsam.Symbol keeps its character in the highest of eight bytes."""
+"""Bits below the character of a gtsam.Symbol, which is the highest of eight bytes."""
 _NUMBER = (1 << _SHIFT) - 1
 
 
@@ -41,12 +42,12 @@ class KeyMap:
 
         Args:
             kind: a kind of unknowns, such as point, pose, calibration, orientation or edm.
-            name: of the point, photo (its pose), camera (``camera@photo`` where each photo has a
-                calibration of its own), set (``station/set``), refraction group, station
+            name: name of the point, photo (for its pose), camera (``camera@photo`` if each photo
+                has a calibration of its own), set (``station/set``), refraction group, station
                 or distance meter.
 
         Raises:
-            InputError: the network has no such variable, or it is held altogether.
+            InputError: the network has no such variable, or the variable is completely held.
         """
         if kind not in UNKNOWNS:
             raise InputError(f"unknown kind of variable {kind!r}; valid: {', '.join(UNKNOWNS)}")
@@ -61,19 +62,19 @@ class KeyMap:
         return self.of(kind, number)
 
     def name(self, key: int) -> str:
-        """Return the name of the variable with this key; InputError if there is none."""
+        """Return the name of the variable with this key; InputError for an unknown key."""
         kind, number = self.variable(key)
         return self.unknowns[kind].names[number]
 
     def kind(self, key: int) -> VariableKind:
-        """Return the kind of the variable with this key; InputError if there is none."""
+        """Return the kind of the variable with this key; InputError for an unknown key."""
         return self.variable(key)[0]
 
     def variable(self, key: int) -> tuple[VariableKind, int]:
         """Return kind and number of the variable with this key.
 
         Raises:
-            InputError: no variable of the network has the key, or it is held altogether.
+            InputError: no variable of the network has the key, or the variable is completely held.
         """
         kind = next((k.name for k in UNKNOWNS.values() if ord(k.letter) == key >> _SHIFT), None)
         number = key & _NUMBER
@@ -141,10 +142,10 @@ def values_of(equations: Equations, state: State) -> gtsam.Values:
 
 
 def state_of(equations: Equations, values: gtsam.Values) -> State:
-    """Return the state that ``values`` describe; held variables keep what the network gives.
+    """Return the state that ``values`` describe; held variables keep their given values.
 
     Raises:
-        InputError: ``values`` lack a variable; all that are missing are named.
+        InputError: ``values`` lack variables; the message names all of them.
     """
     unknowns = equations.unknowns
     missing = [
@@ -163,7 +164,7 @@ def state_of(equations: Equations, values: gtsam.Values) -> State:
 
 
 def pose_rows(poses: Sequence[gtsam.Pose3]) -> Array:
-    """Return poses as rows of 9 of rotation and 3 of centre, (n, 12)."""
+    """Return poses as rows (n, 12): 9 elements of the rotation, 3 of the centre."""
     out = np.empty((len(poses), 12))
     for i, pose in enumerate(poses):
         out[i, :9] = pose.rotation().matrix().ravel()
@@ -172,7 +173,7 @@ def pose_rows(poses: Sequence[gtsam.Pose3]) -> Array:
 
 
 def from_gtsam(kind: VariableKind, jacobian: Array, row: Array) -> Array:
-    """Return partials (m, k) by our tangent of those by GTSAM's, at the stored value ``row``."""
+    """Convert partials (m, k) by GTSAM's tangent to ours, at the stored value ``row``."""
     if is_pose(kind):
         return np.hstack([jacobian[:, :3], jacobian[:, 3:] @ row[:9].reshape(3, 3).T])
     if UNKNOWNS[kind].rotates:
@@ -181,7 +182,7 @@ def from_gtsam(kind: VariableKind, jacobian: Array, row: Array) -> Array:
 
 
 def to_gtsam(kind: VariableKind, jacobian: Array, row: Array) -> Array:
-    """Return partials (m, k) by GTSAM's tangent of those by ours, at the stored value ``row``."""
+    """Convert partials (m, k) by our tangent to GTSAM's, at the stored value ``row``."""
     if is_pose(kind):
         return np.hstack([jacobian[:, :3], jacobian[:, 3:] @ row[:9].reshape(3, 3)])
     if UNKNOWNS[kind].rotates:

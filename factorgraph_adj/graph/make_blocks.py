@@ -20,7 +20,7 @@ from .weights import constant_sigma, vector_weights
 
 
 def variable_name(network: Network, kind: VariableKind, attribute: str, o: Observation) -> str:
-    """Return the name of the variable of a kind that an attribute of an observation names."""
+    """Return the name of the variable to which an attribute of an observation refers."""
     if kind == "calibration":
         return calibration_name(network, getattr(o, attribute))
     if kind in ENTITIES:
@@ -40,7 +40,7 @@ def _by_kind(network: Network) -> dict[str, list[tuple[str, Observation]]]:
 
 
 def plain_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
-    """Observations of the kinds that have a model of their own."""
+    """Yield the blocks of the kinds that have a model function."""
     for name, group in _by_kind(network).items():
         kind = observation_kind(name)
         if kind.model is not None:
@@ -53,7 +53,7 @@ def _plain_blocks(
     kind: ObservationKind,
     group: Sequence[tuple[str, Observation]],
 ) -> Iterable[Block]:
-    """One block; several where unknowns of a kind differ in size."""
+    """Yield the block of a kind, or several blocks if unknowns of a kind differ in size."""
     index = [
         np.array(
             [unknowns[what].number[variable_name(network, what, attribute, o)] for _, o in group],
@@ -108,7 +108,7 @@ def _plain_block(
 
 
 def control_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
-    """Control points, GNSS positions: each known coordinate is a row."""
+    """Yield control points and GNSS positions, one row for each known coordinate."""
     groups = _by_kind(network)
     for name in (k.name for k in KINDS.values() if k.by_axis):
         rows: list[tuple[int, Array, Array, float, float]] = []
@@ -164,7 +164,7 @@ def _coordinate_block(
 
 
 def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
-    """Weighted unknowns: their given values are observations."""
+    """Yield the given values of weighted unknowns as observations."""
     for kind, table in unknowns.tables.items():
         weighted = np.isfinite(table.sigma) & table.free
         record = UNKNOWNS[kind]
@@ -198,7 +198,7 @@ def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
                 prior=True,
             )
             continue
-        # Variables of one size at a time: calibrations of different lens models are not alike.
+        # One block for each size, because calibrations of different lens models differ in size.
         for size in np.unique(table.size[numbers]):
             at = np.flatnonzero(table.size[numbers] == size)
             chosen, named = [ids[i] for i in at], [components[i] for i in at]
@@ -225,7 +225,7 @@ def unit_of(kind: UnknownKind) -> Unit:
 
 
 def _weighted_rotations(kind: UnknownKind, table: Variables, weighted: Mask) -> Iterable[Block]:
-    """Weighted attitudes, each as a whole: its three rotations do not commute."""
+    """Yield weighted attitudes, each as a whole, because the three rotations do not commute."""
     rows = np.flatnonzero(weighted[:, :3].any(axis=1))
     if not len(rows):
         return
@@ -249,7 +249,7 @@ def _weighted_rotations(kind: UnknownKind, table: Variables, weighted: Mask) -> 
 
 
 def _weighted_centres(table: Variables, weighted: Mask) -> Iterable[Block]:
-    """Weighted projection centres, coordinate by coordinate."""
+    """Yield weighted projection centres, coordinate by coordinate."""
     rows, axes = np.nonzero(weighted[:, 3:])
     if not len(rows):
         return

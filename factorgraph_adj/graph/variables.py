@@ -1,8 +1,8 @@
 """The unknowns of a network as arrays, and their places in the vector of unknowns.
 
-Every variable that has a free component owns consecutive columns; held components keep
-their column, which is then masked: its partials are zero and its step is zero. Variables
-that are held altogether own no columns and are constants of the observations.
+Every variable that has a free component owns consecutive columns. A held component keeps its
+column, whose partials and step are zero. Completely held variables own no columns and are
+constants of the observations.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from ..network.network import Network
 from ..types import Array, Index, Mask
 
 State: TypeAlias = dict[VariableKind, Array]
-"""Values of all variables: (n, width) for each kind; poses are 9 of rotation and 3 of centre."""
+"""Values of all variables, (n, width) for each kind; a pose has 9 of rotation and 3 of centre."""
 MaskState: TypeAlias = dict[VariableKind, Mask]
-"""Which of them; arrays like those of a state."""
+"""Flags of the values of a state, with the shapes of the state."""
 
 
 @dataclass(frozen=True)
@@ -40,18 +40,18 @@ class Variables:
     size: Index
     """Number of components of the tangent, (n,)."""
     free: Mask
-    """Free components (n, most components)."""
+    """Flags of free components, (n, largest size)."""
     sigma: Array
-    """Standard deviations of weighted components, infinite elsewhere, like ``free``."""
+    """Standard deviations of weighted components, infinite for others, (n, largest size)."""
     offset: Index
-    """First column of each variable, −1 where it has none."""
+    """First column of each variable, −1 for variables without columns."""
 
 
 class Unknowns:
     """All variables of a network and their columns."""
 
     def __init__(self, network: Network) -> None:
-        """Lay the variables of ``network`` out."""
+        """Arrange the variables of ``network`` in tables and columns."""
         self.network = network
         tables: dict[VariableKind, Variables] = {}
         first = 0
@@ -100,10 +100,10 @@ class Unknowns:
         """Return a state with the values of another network's state, by name.
 
         Args:
-            into: the state that is filled; it stays as it is.
+            into: state with the values of all other variables; this state is not changed.
             source: the other network's unknowns.
-            values: their values.
-            where: which values are taken over, arrays like those of ``into``; none: all.
+            values: the other network's state.
+            where: flags of the values to take, with the shapes of ``into``; None: all.
         """
         out = dict(into)
         for kind, table in self.tables.items():
@@ -147,7 +147,7 @@ class Unknowns:
         return moved
 
     def columns(self, kind: VariableKind, number: int) -> Index:
-        """Return the columns of one variable; empty if it is held altogether."""
+        """Return the columns of one variable; empty for a completely held variable."""
         table = self.tables[kind]
         if table.offset[number] < 0:
             return np.zeros(0, dtype=np.intp)
@@ -162,7 +162,7 @@ class Unknowns:
         return UNKNOWNS[kind].names(int(self.tables[kind].size[number]))
 
     def given(self, state: State, kind: VariableKind, number: int) -> Array:
-        """Return the values of one variable in the form in which they are given, (size,)."""
+        """Return the values of one variable in the form of a network's input, (size,)."""
         stored = state[kind][number][None]
         return UNKNOWNS[kind].given(stored)[0, : self.tables[kind].size[number]].copy()
 
@@ -191,7 +191,7 @@ _Raw: TypeAlias = tuple[list[str], Array, Index, Mask, Array]
 
 
 def _of_columns(table: Variables) -> Mask:
-    """Return which columns of the variables of one kind are free, in their order."""
+    """Return flags of the free columns of one kind, in column order."""
     has_column = np.arange(table.free.shape[1]) < table.size[:, None]
     return table.free[has_column & (table.offset >= 0)[:, None]]
 
@@ -254,7 +254,7 @@ def _calibrations(network: Network) -> _Raw:
 
 
 def _parameters(network: Network, kind: UnknownKind) -> _Raw:
-    """Lay out the unknowns that a network states as parameters, the default first."""
+    """Arrange the parameters of one kind, the default first."""
     stated = network.parameters.get(kind.name, {})
     entries = {parameter_name(key): p for key, p in stated.items()}
     if kind.default is not None:
@@ -274,7 +274,7 @@ def _parameters(network: Network, kind: UnknownKind) -> _Raw:
 
 
 DEFAULT = ""
-"""Name of the constant of a kind that observations use which name no unknown of that kind."""
+"""Name of the constant of a kind, for observations that name no unknown of that kind."""
 
 
 _ENTITIES = {"point": _points, "pose": _poses, "calibration": _calibrations}

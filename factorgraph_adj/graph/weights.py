@@ -23,13 +23,13 @@ class Cluster:
     """Scalar rows that share a covariance."""
 
     rows: Index
-    """Their numbers among all rows."""
+    """Numbers of the rows among all rows of the network."""
     whitener: Array
     """W = L⁻¹ of the covariance L Lᵀ."""
 
 
 def constant_sigma(o: Observation) -> float:
-    """Return the constant part of the standard deviation (any positive value stands in)."""
+    """Return the constant part of the standard deviation; 1 stands for 0 until `weigh`."""
     sigma = o.sigma  # type: ignore[attr-defined]
     if isinstance(sigma, StandardDeviation):
         return sigma.constant or 1.0
@@ -37,7 +37,7 @@ def constant_sigma(o: Observation) -> float:
 
 
 def vector_weights(observations: Sequence[Observation]) -> tuple[Array, Array | None]:
-    """Return σ (n, d) and, where covariances are given, W (n, d, d)."""
+    """Return σ (n, d) and, for given covariances, W (n, d, d)."""
     given = [getattr(o, "covariance", None) for o in observations]
     covariances = [
         np.diag(np.square(o.sigma)) if c is None else np.asarray(c)  # type: ignore[attr-defined]
@@ -51,7 +51,7 @@ def vector_weights(observations: Sequence[Observation]) -> tuple[Array, Array | 
 
 @dataclass(frozen=True)
 class _Geometry:
-    """What the variances of some observations of a block depend on."""
+    """Quantities on which the variances of some observations of a block depend."""
 
     network: Network
     block: Block
@@ -80,13 +80,13 @@ class _Geometry:
         ).q
 
     def number(self, attribute: str) -> Array:
-        """Return a number of each observation, (n,); NaN where it has none."""
+        """Return a numeric attribute of each observation, (n,); NaN where the value is None."""
         found = [getattr(o, attribute, None) for o in self.observations]
         return np.array([np.nan if v is None else v for v in found], dtype=float)
 
 
 def weigh(network: Network, block: Block, state: State) -> Block:
-    """Return the block with standard deviations that depend on lengths evaluated."""
+    """Return the block with the standard deviations for the lengths at ``state``."""
     if block.prior or block.lens is not None:
         return block
     weight = observation_kind(block.kind).weight
@@ -153,7 +153,7 @@ def clusters_of(
             for number, i in place[ident]:
                 members.setdefault(number, []).append(i)
     for number in members:
-        # A clustered observation is weighted by its cluster; σ for reports is the diagonal's.
+        # The cluster weights the observation; the diagonal gives σ for reports.
         block = blocks[number]
         sigma = block.sigma.copy()
         for c, (_, covariance) in zip(clusters, groups, strict=True):

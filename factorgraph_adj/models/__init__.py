@@ -1,1 +1,1 @@
-"""Observation models: the only place where each formula stands; numpy only."""
+"""Observation models: the single definition of each formula, in numpy only."""

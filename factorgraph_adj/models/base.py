@@ -1,4 +1,4 @@
-"""What every model returns, and how it reports geometry that has no answer."""
+"""The result of every model, and the error for degenerate geometry."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class Linearised(NamedTuple):
     residual: Array
     """v = computed − observed, (n, d)."""
     jacobians: tuple[Array, ...]
-    """One (n, d, k) array for each variable, tangent k; empty where not asked for."""
+    """One array (n, d, k) for each variable with k tangent components; empty if not requested."""
 
 
 class DegenerateError(AdjustmentError):
-    """Rows of a model whose geometry has no answer (S = 0, a vertical azimuth …)."""
+    """Rows of a model have degenerate geometry (S = 0, the azimuth of a vertical sight …)."""
 
     def __init__(self, rows: Index, why: str) -> None:
         self.rows = rows

@@ -1,8 +1,8 @@
 """Image coordinates: the collinearity equations with a lens model (eq. 1).
 
 With the pose world_T_camera in the axes of GTSAM (x right, y down, z forward),
-p = Rᵀ (X − X₀), the tangents of the ray are t_x = p_x/p_z, t_y = −p_y/p_z: the same as
-−q1/q3, −q2/q3 in photogrammetric axes.
+p = Rᵀ (X − X₀), the tangents of the ray are t_x = p_x/p_z and t_y = −p_y/p_z. They equal
+−q1/q3 and −q2/q3 in photogrammetric axes.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ def image(
         point: object points, (n, 3), metres.
         observed: measured coordinates, (n, 2).
         lens: the lens model.
-        jacobians: whether partials are wanted: by the pose's tangent [ω, δX₀] (n, 2, 6), the
+        jacobians: whether to compute partials by the pose's tangent [ω, δX₀] (n, 2, 6), the
             calibration (n, 2, k) and the point (n, 2, 3).
 
     Raises:
-        DegenerateError: a point lies in the focal plane. Points behind the camera are computed
-            (an iteration may pass there); `depth` tells.
+        DegenerateError: a point lies in the focal plane. Points behind the camera are computed,
+            because an iteration may pass there; `depth` finds such points.
     """
     _, centre = split_pose(pose)
     d = point - centre

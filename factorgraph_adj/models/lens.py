@@ -1,4 +1,4 @@
-"""Lens models: how a camera turns rays into image coordinates, and its parameters.
+"""Lens models: image coordinates as functions of rays and calibration parameters.
 
 A ray has tangents (t_x, t_y) = (−q1/q3, −q2/q3) in photogrammetric camera axes (eq. 1).
 Every model gives the residual v = computed − observed of image coordinates (x, y), x right,
@@ -23,12 +23,12 @@ from ..errors import InputError
 from ..types import Array
 
 LensResult: TypeAlias = tuple[Array, Array | None, Array | None]
-"""v (n, 2); ∂v/∂t (n, 2, 2) and ∂v/∂K (n, 2, k), or None where not asked for."""
+"""v (n, 2); ∂v/∂t (n, 2, 2) and ∂v/∂K (n, 2, k), or None if not requested."""
 
 
 @dataclass(frozen=True)
 class Lens:
-    """Base of the lens models; itself the pinhole with c, x0, y0."""
+    """Base of the lens models, and the pinhole model with c, x0, y0."""
 
     kind: ClassVar[str] = "none"
 
@@ -43,11 +43,11 @@ class Lens:
         """Return v and its partials.
 
         Args:
-            tx: tangents of the rays, (n,).
-            ty: the same across, (n,).
+            tx: tangents t_x of the rays, (n,).
+            ty: tangents t_y of the rays, (n,).
             xy: measured coordinates, (n, 2).
             k: calibration parameters, (n, number of names) or (1, ...).
-            jacobians: whether to compute them.
+            jacobians: whether to compute the partials.
         """
         c = k[:, 0]
         ax, ay = xy[:, 0] - k[:, 1], xy[:, 1] - k[:, 2]
@@ -71,7 +71,7 @@ class Lens:
     def _correction(
         self, x: Array, y: Array, k: Array, partials: bool
     ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
-        """Return dV_x, dV_y, their partials by x̄, ȳ, and those by the additional parameters."""
+        """Return dV_x, dV_y and their partials by x̄, ȳ and by the additional parameters."""
         zero = np.zeros_like(x)
         return zero, zero, (zero, zero, zero, zero), []
 
@@ -83,7 +83,7 @@ NoDistortion = Lens
 def _brown(
     x: Array, y: Array, k: tuple[Array, ...], radius: float, partials: bool
 ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
-    """Radial and decentring terms, k = (k1, k2, k3, p1, p2).
+    """Return radial and decentring terms and partials, k = (k1, k2, k3, p1, p2).
 
     dx = x Σ k_i (r^2i − R^2i) + p1 (r² + 2x²) + 2 p2 x y
     dy = y Σ k_i (r^2i − R^2i) + p2 (r² + 2y²) + 2 p1 x y
@@ -112,8 +112,8 @@ def _brown(
 class BrownLens(Lens):
     """Brown, measured → ideal: radial k1..k3, decentring p1, p2, affinity b1, shear b2.
 
-    With a = (x̄, ȳ): corrected = a + brown(a), and the affinity (x, y) → (x(1 + b1) + b2 y, y)
-    before or after it. Units: k_i in 1/unit^2i, p in 1/unit.
+    With a = (x̄, ȳ): corrected = a + brown(a). The affinity (x, y) → (x(1 + b1) + b2 y, y) acts
+    before or after this correction. Units: k_i in 1/unit^2i, p in 1/unit.
     """
 
     kind: ClassVar[str] = "brown"
@@ -189,7 +189,7 @@ class ForwardLens(Lens):
         dxx, dxy, dyx, dyy = d
         by_a = np.stack([1.0 + dxx, dxy, dyx, 1.0 + dyy], 1).reshape(n, 2, 2)
         by_k = np.zeros((n, 2, k.shape[1]))
-        # c moves a, and the unit of the correction where that is c itself.
+        # c changes a, and also the unit of the correction in models with the unit c.
         moves = self._by_c(tx, ty, by_a, dx, dy)
         by_k[:, 0, 0], by_k[:, 1, 0] = moves
         by_k[:, 0, 1] = 1.0
@@ -213,8 +213,8 @@ class ForwardLens(Lens):
 class BrownForwardLens(ForwardLens):
     """Brown, ideal → measured: the corrections are subtracted from the ideal coordinates.
 
-    F = −brown(a), a = c t in image units; k_i in 1/unit^2i. Same signs of the parameters
-    as `BrownLens`.
+    F = −brown(a), a = c t in image units; k_i in 1/unit^2i. The parameters have the signs of
+    `BrownLens`.
     """
 
     kind: ClassVar[str] = "brown_forward"
@@ -236,8 +236,8 @@ class BrownForwardLens(ForwardLens):
 class NormalisedLens(ForwardLens):
     """Radial-tangential in normalised coordinates, as in OpenCV and Bundle Adjustment in the Large.
 
-    v = (x0, y0) + c (t + brown(t)) − (x, y), dimensionless k1..k3, p1, p2; y points up, so that
-    p1, p2 stand as in `BrownLens` (OpenCV's p1 is −p2 here, its p2 is p1).
+    v = (x0, y0) + c (t + brown(t)) − (x, y), dimensionless k1..k3, p1, p2. Since y points up,
+    p1, p2 are those of `BrownLens` (OpenCV's p1 is −p2 here, OpenCV's p2 is p1).
     """
 
     kind: ClassVar[str] = "normalised"
@@ -316,13 +316,13 @@ class HarmonicLens(Lens):
     T = a00 + a11 cosλ + b11 sinλ + a20 ρ + a22 ρ cos2λ + b22 ρ sin2λ + a31 ρ² cosλ
         + b31 ρ² sinλ + a33 ρ² cos3λ + b33 ρ² sin3λ,  ρ = r/reference_radius, λ = atan2(ȳ, x̄).
 
-    All coefficients are dimensionless and of one order. At r = 0, where λ is undefined, the
-    correction is zero and so are its partials by a11 and b11.
+    All coefficients are dimensionless and of one order of magnitude. At r = 0, where λ is
+    undefined, the correction and its partials by a11 and b11 are zero.
     """
 
     kind: ClassVar[str] = "harmonic"
     reference_radius: float = 1.0
-    """Radius that r is divided by, image units."""
+    """Radius by which r is divided, image units."""
 
     def __post_init__(self) -> None:
         """Check the option."""

@@ -1,8 +1,8 @@
-"""How unknowns follow a motion of the whole object: the seven that a datum may leave open.
+"""Changes of the unknowns in the seven motions of the object that a datum may leave open.
 
-The seven motions are shifts along x, y, z (1 m), rotations about axes through a centre, and scale
-about it (1 m at the mean distance of the points). Each function returns G (n, k, 7), the change of
-the k components of n unknowns with the seven motions.
+The seven motions are three shifts along x, y, z (1 m), three rotations about axes through a centre
+and a scale about this centre (1 m at the mean distance of the points). Each function returns
+G (n, k, 7), the change of the k components of n unknowns with the seven motions.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..types import Array, Index, Mask
 
 @dataclass(frozen=True, eq=False)
 class Motions:
-    """Seven motions of an object about a centre, and what stands at its points."""
+    """Seven motions of an object about a centre, with the data of its points."""
 
     centre: Array
     """Centre of rotations and scale, (3,) metres."""
@@ -71,12 +71,12 @@ class Motions:
 
 @dataclass(frozen=True, eq=False)
 class _Stations:
-    """Motions of what stands at stations."""
+    """Motions of deflections and orientation unknowns at stations."""
 
     deflections: Array
-    """Of (ξ, η), (n, 2, 7)."""
+    """Motions of (ξ, η), (n, 2, 7)."""
     orientation: Array
-    """Of the orientation unknown, (n, 7)."""
+    """Motions of the orientation unknown, (n, 7)."""
 
 
 def of_points(motions: Motions, values: Array, at: Index) -> Array:
@@ -94,20 +94,20 @@ def of_poses(motions: Motions, values: Array, at: Index) -> Array:
 
 
 def of_scales(motions: Motions, values: Array, at: Index) -> Array:
-    """Return the motions of distance meters: the scale 1 + m of a meter shrinks as lengths grow."""
+    """Return the motions of distance meters, whose 1 + m decreases as lengths increase."""
     out = np.zeros((len(values), 2, 7))
     out[:, 0, 6] = -(1.0 + values[:, 0]) / motions.size
     return out
 
 
 def of_verticals(motions: Motions, values: Array, at: Index) -> Array:
-    """Return the motions of deflections of the vertical, which keep the plumb lines in the object.
+    """Return the motions of deflections of the vertical, for plumb lines fixed in the object.
 
-    Up turns with the object; the normal of the frame turns with the place only.
+    The plumb line turns with the object; the normal of the frame depends on the position only.
     """
     return motions.at_stations(at).deflections
 
 
 def of_orientations(motions: Motions, values: Array, at: Index) -> Array:
-    """Return the motions of orientation unknowns, which keep the circle in the object."""
+    """Return the motions of orientation unknowns, for horizontal circles fixed in the object."""
     return motions.at_stations(at).orientation[:, None, :]

@@ -1,11 +1,11 @@
 """Orthogonal polynomials as additional parameters of aerial blocks: Ebner's 12, Grün's 44.
 
 A vertical photo of flat ground, with image points on a square grid of m + 1 by m + 1 places
-from −b to b, can tell (m + 1)² corrections in x and as many in y. Six of their combinations
-are those of the exterior orientation and the principal distance; what is left are parameters
-whose effects are orthogonal over the grid to one another and to these six: as little correlated
-as additional parameters can be. They have no physical meaning: together they take any smooth
-deformation of the image.
+from −b to b, determines (m + 1)² corrections in x and (m + 1)² in y. Six combinations of these
+corrections are the effects of exterior orientation and principal distance. The remaining
+combinations are the additional parameters: their effects are orthogonal over the grid to one
+another and to the six, so that correlations are as small as possible. The parameters have no
+physical meaning; together they describe any smooth deformation of the image.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ class Product(NamedTuple):
     j: int
     """Degree in y."""
     factor: float
-    """What it is multiplied by."""
+    """Factor of the product."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """What one parameter does, in coordinates divided by b."""
+    """Effect of one parameter, in coordinates divided by b."""
 
     in_x: tuple[Product, ...]
-    """Its correction of x."""
+    """Correction of x."""
     in_y: tuple[Product, ...]
-    """Its correction of y."""
+    """Correction of y."""
 
     @property
     def degree(self) -> int:
-        """Degree of its polynomials, the same in x and in y."""
+        """Degree of the polynomials, equal for both corrections."""
         return max(p.i + p.j for p in (*self.in_x, *self.in_y))
 
 
@@ -76,9 +76,9 @@ def gram_polynomials(t: Array, m: int) -> tuple[Array, Array]:
 def orthogonal_terms(m: int) -> dict[str, Term]:
     """Return the orthogonal parameters of the grid of (m + 1)² points by name, in order of degree.
 
-    a_rs corrects x and b_rs corrects y by p_{s−1}(x) p_{r−1}(y): r counts powers of y, s those
-    of x. Of the lower ones only these are left beside exterior orientation and principal
-    distance, two of them in both coordinates:
+    a_rs corrects x and b_rs corrects y by p_{s−1}(x) p_{r−1}(y), of degree s − 1 in x and r − 1
+    in y. Exterior orientation and principal distance leave only these parameters of low degree,
+    four of them in both coordinates:
 
         a12 (x, −y)    a21 (y, x)    a22 (xy, −α p2(y))    b22 (−α p2(x), xy)
         a31 (p2(y), 0)    b13 (0, p2(x))
@@ -115,10 +115,10 @@ def _renamed(m: int, names: Mapping[str, str]) -> dict[str, Term]:
 class OrthogonalLens(Lens):
     """Base of the orthogonal sets, measured → ideal: dV = Σ a_k (t_kx, t_ky)(x̄/b, ȳ/b).
 
-    Terms t are dimensionless, so that every parameter a is in image units. Coefficients as
-    published, of the same polynomials in x̄ and ȳ, are these divided by b^d with the degree d of
-    the term, `degree_of`. At the points of the grid a term is 1 at most; it is smaller the higher
-    its degree, and grows quickly outside the grid.
+    Terms t are dimensionless, so that every parameter a is in image units. A published
+    coefficient, of the same polynomial in x̄ and ȳ, is the parameter divided by b^d with the
+    degree d of the term, `degree_of`. At the grid points a term is at most 1, and smaller for
+    higher degrees; outside the grid the terms grow quickly.
     """
 
     grid: ClassVar[int] = 2
@@ -126,9 +126,9 @@ class OrthogonalLens(Lens):
     terms: ClassVar[Mapping[str, Term]] = {}
     """Term of each parameter."""
     image_base: float = 1.0
-    """b: distance of the outer points of the grid from its middle, image units: the image base
-    where tie points lie at the places of von Gruber, about half the side of the image if they
-    lie all over it."""
+    """b: distance of the outer grid points from the middle of the grid, image units. b is the image
+    base for tie points at the von Gruber positions, and about half the side of the image for tie
+    points all over the image."""
 
     def __post_init__(self) -> None:
         """Check the option."""
@@ -214,7 +214,7 @@ class GruenLens(OrthogonalLens):
     """Grün's 44 additional parameters, measured → ideal, over 5 × 5 points. Grün (1978).
 
     With x = x̄/b, y = ȳ/b, k = x² − 1/2, l = y² − 1/2, p = x³ − 17/20 x, q = y³ − 17/20 y,
-    r = x⁴ − 31/28 x² + 9/70, s likewise of y, and all parameters in image units:
+    r = x⁴ − 31/28 x² + 9/70, s = y⁴ − 31/28 y² + 9/70, and all parameters in image units:
 
         dVx =  a12 x + a21 y + a22 xy − 10/7 b22 k + a31 l + a14 p + a23 y k + a32 x l + a41 q
              + a15 r + a24 y p + a33 k l + a42 x q + a51 s + … + a55 r s
@@ -222,7 +222,7 @@ class GruenLens(OrthogonalLens):
              + b15 r + b24 y p + b33 k l + b42 x q + b51 s + … + b55 r s
 
     The first index of a parameter is the degree in y and the second that in x, each plus one.
-    Published coefficients are these divided by b^d, d the sum of both degrees. Source: A. Grün,
+    A published coefficient is the parameter divided by b^d, d the sum of both degrees. A. Grün,
     Progress in photogrammetric point determination by compensation of systematic errors and
     detection of gross errors, Nachrichten aus dem Karten- und Vermessungswesen II/36 (1978),
     113–140.

@@ -39,17 +39,17 @@ def gnss_vector(
     """Compute (X_j + h_t u_j) − (X_i + h_i u_i) − observed, metres, (n, 3)."""
     a, a_x, a_v = _raised(frame, station, station_vertical, instrument_height)
     b, b_x, b_v = _raised(frame, target, target_vertical, target_height)
-    # Differences of coordinates first, which lose no digits, see `sight`.
+    # Differences of coordinates come first because they lose no digits, see `sight`.
     return Linearised((target - station - observed) + (b - a), (-a_x, -a_v, b_x, b_v))
 
 
 def coordinate(
     frame: Frame, point: Array, *, observed: Array, reference: Array, axis: Array
 ) -> Linearised:
-    """Compute axis · (X − reference) − observed, metres: one known coordinate a row.
+    """Compute axis · (X − reference) − observed, metres, one row for each known coordinate.
 
     Args:
-        frame: not used; every model has it.
+        frame: not used; every model has this argument.
         point: X, (n, 3).
         observed: (n, 1).
         reference: (n, 3).
@@ -74,7 +74,7 @@ def photo_position(frame: Frame, pose: Array, *, observed: Array, lever_arm: Arr
 
 
 def photo_coordinate(frame: Frame, pose: Array, *, observed: Array, axis: Array) -> Linearised:
-    """Compute axis · X₀ − observed, metres, (n, 1): one known coordinate of a photo a row.
+    """Compute axis · X₀ − observed, metres, (n, 1), one row for each known coordinate.
 
     Args:
         frame: not used.
@@ -116,7 +116,7 @@ def component(
         observed: (n, 1).
         which: the component of the tangent, (n,).
         size: number of components of the tangent; stored values may be wider.
-        shift: by how much a component stands later among the stored numbers: 6 behind a rotation.
+        shift: stored index minus tangent index of the component: 6 behind a rotation.
     """
     one = np.zeros((len(value), 1, size))
     rows = np.arange(len(value))

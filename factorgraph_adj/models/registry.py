@@ -1,4 +1,4 @@
-"""The lens models by name. A new one is a class and a call of `register_lens`."""
+"""The lens models by name; `register_lens` adds a new class."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .lens import (
 from .orthogonal_lens import EbnerLens, GruenLens
 
 LENSES: dict[str, type[Lens]] = {}
-"""Lens models by name."""
+"""Registered lens models by name."""
 
 
 def register_lens(lens: type[Lens]) -> type[Lens]:
-    """Add a lens model; it can be used as a decorator of the class.
+    """Add a lens model; the function can be used as a decorator of the class.
 
     Args:
         lens: the class, a frozen dataclass derived from `factorgraph_adj.models.lens.Lens`.
@@ -28,7 +28,7 @@ def register_lens(lens: type[Lens]) -> type[Lens]:
         The class.
 
     Raises:
-        InputError: it is no lens, has no name, or another lens has its name.
+        InputError: the class is no lens model or has no name, or another model has its name.
     """
     name = getattr(lens, "kind", None)
     where = f"lens model {name!r}"

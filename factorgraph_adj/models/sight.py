@@ -1,9 +1,9 @@
-"""The line of sight in the horizon of its station, and how it moves with the variables.
+"""The line of sight in the horizon of its station, and its partials by the variables.
 
     d = (X_j + h_t u_j) − (X_i + h_i u_i)          q = (e·d, n·d, u·d)
 
-Every terrestrial observation is a small function of q; here is the one place where q and
-its partials by X_i, V_i, X_j, V_j stand. A change of (Φ, Λ) turns the basis:
+Every terrestrial observation is a small function of q. Only this module defines q and its
+partials by X_i, V_i, X_j, V_j. A change of (Φ, Λ) turns the basis:
 
     ∂q/∂Φ = (0, −q_u, q_n)      ∂q/∂Λ = (sinΦ q_n − cosΦ q_u, −sinΦ q_e, cosΦ q_e)
     ∂u/∂Φ = n                   ∂u/∂Λ = cosΦ e
@@ -77,14 +77,14 @@ def sight(
     at_i = frame.basis(station, station_vertical)
     at_j = frame.basis(target, target_vertical)
     hi, ht = instrument_height[:, None], target_height[:, None]
-    # The marks' difference first: of geocentric coordinates a sum would lose a nanometre, and vᵀPv
-    # could not tell steps of 1e-3 σ any more.
+    # The difference of the marks comes first. A sum with geocentric coordinates would lose a
+    # nanometre, and vᵀPv would no longer resolve steps of 1e-3 σ.
     d = (target - station) + (ht * at_j.enu[:, 2] - hi * at_i.enu[:, 2])
     basis = at_j if reverse else at_i
     rotation = basis.enu
     q = np.einsum("nij,nj->ni", rotation, d)
 
-    # d and the basis turn with the angles; the angles with position and deflections.
+    # d and the basis depend on the angles; the angles depend on position and deflections.
     from_i = -hi[:, :, None] * (rotation @ up_by_angles(at_i))
     from_j = ht[:, :, None] * (rotation @ up_by_angles(at_j))
     turned = _q_by_angles(q, basis)

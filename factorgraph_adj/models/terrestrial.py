@@ -16,9 +16,9 @@ from .sight import Sights, sight
 NO_LENGTH = "station and target coincide: the sight has no length"
 NO_AZIMUTH = "the sight is vertical: it has no azimuth"
 _SHORTEST = 1e-9
-"""Metres below which a sight has no length."""
+"""Smallest length of a sight, metres; shorter sights are degenerate."""
 _STEEPEST = 1e-9
-"""Horizontal part of a sight, relative to its length, below which it has no azimuth."""
+"""Smallest ratio of horizontal part to length at which a sight has an azimuth."""
 
 
 def _length(q: Array) -> Array:
@@ -42,7 +42,7 @@ def _azimuth(q: Array) -> tuple[Array, Array]:
 
 
 def _meter(length: Array, edm: Array) -> Array:
-    """Return what a distance meter shows, (1 + m) S + zero."""
+    """Return the reading of a distance meter, (1 + m) S + zero."""
     return (1.0 + edm[:, 0]) * length + edm[:, 1]
 
 
@@ -275,7 +275,7 @@ def height_difference(
 ) -> Linearised:
     """Compute ½ (u_i + u_j)·d − observed, metres: the exact counterpart of eq. 10.
 
-    Eq. 10's ½ S (β_ij − β_ji) is a small-angle form of it.
+    Eq. 10's ½ S (β_ij − β_ji) is the approximation for small angles.
     """
     arguments = (
         frame,

@@ -1,14 +1,14 @@
-"""Kinds of unknowns: one record says everything that the package knows of a kind.
+"""Kinds of unknowns: one record holds everything that the package knows about a kind.
 
-Components and their units, stored form and tangent, how the unknown follows a motion of the whole
-object, its key in the graph, its place in the elimination, its table in a project and its name in
-messages: all of these are fields of `UnknownKind`. `register_unknown` adds a kind; the batch
-adjustment, the free network, covariances, reliability, the incremental adjustment, projects and
-reports then take it as any other.
+The fields of `UnknownKind` are the components and their units, stored form and tangent, the change
+in a motion of the whole object, the key in the graph, the place in the elimination, the table in a
+project and the name in messages. `register_unknown` adds a kind. The batch adjustment, the free
+network, covariances, reliability, the incremental adjustment, projects and reports then treat the
+new kind like a built-in kind.
 
 A stored value is a vector of its components. Where ``rotates`` is true the first three components
-are a rotation R, stored as its nine matrix elements in rows; its tangent is R ← R Exp(ω), and its
-given values are the rotation vector Log R. All other components are added.
+are a rotation R, stored as nine matrix elements in rows; the tangent of R is R ← R Exp(ω), and the
+given values of R are the rotation vector Log R. Steps of all other components are added.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from . import motions
 VariableKind: TypeAlias = str
 """Name of a kind of unknowns: a key of `UNKNOWNS`."""
 Quantity: TypeAlias = Literal["length", "angle", "ppm", "number"]
-"""What a component measures: metres, radians, a ratio shown in millionths, a plain number."""
+"""Quantity of a component: metres, radians, a ratio shown in millionths, or a plain number."""
 MoveBy: TypeAlias = Callable[["motions.Motions", Array, Index], Array]
-"""(motions, stored values (n, s), numbers of the points they stand at (n,)) → G (n, k, 7)."""
+"""(motions, stored values (n, s), numbers (n,) of the points of the unknowns) → G (n, k, 7)."""
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 ROTATION = 9
-"""Numbers in which a rotation is stored."""
+"""Number of stored values of a rotation, the elements of its matrix."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +44,15 @@ class Component:
     name: str
     """Name, as in results: ``scale``."""
     quantity: Quantity = "number"
-    """What it measures."""
+    """Quantity of the component."""
     start: float = 0.0
-    """Value that it has where none is given, SI; NaN where the adjustment finds one."""
+    """Start value if none is given, SI; NaN if the start value is computed."""
     sign: str = ""
-    """How reports write it; its name where this is empty."""
+    """Symbol in reports; if empty, the name."""
     column: str = ""
-    """Its column in the table of the project; its name where this is empty."""
+    """Column in the table of the project; if empty, the name."""
     plain: bool = False
-    """Whether its column has no unit in its name, and is in the unit of the project."""
+    """Whether the column has a name without unit and values in the unit of the project."""
 
 
 @dataclass(frozen=True)
@@ -62,59 +62,58 @@ class UnknownTable:
     file: str
     """Name of the table: ``distance_meters`` for the file distance_meters.csv."""
     keys: tuple[str, ...] = ("name",)
-    """Columns that name an unknown. The last one is what an observation refers to."""
+    """Columns that name an unknown. An observation refers to the last column."""
     key_default: str = ""
-    """What an empty last key means where there are several keys."""
+    """Value of an empty last key in a table with several keys."""
     held_unless_free: bool = False
     """True: a column ``free`` lists the free components. False: ``fixed`` lists the held ones."""
 
 
 @dataclass(frozen=True)
 class UnknownKind:
-    """What the package knows of a kind of unknowns."""
+    """Record of a kind of unknowns."""
 
     name: str
     """Name of the kind: lower-case letters, digits and underscores."""
     noun: str
-    """What messages put before the name of an unknown of this kind: ``distance meter``."""
+    """Noun before the name of an unknown in messages: ``distance meter``."""
     letter: str
-    """Character of its keys in a GTSAM graph; each kind has its own."""
+    """Character of the keys in a GTSAM graph; each kind has its own."""
     components: tuple[Component, ...] = ()
-    """Components of the tangent. A calibration has none here: its lens model names them."""
+    """Components of the tangent; empty for calibrations, whose lens models name the components."""
     short: str = ""
-    """The noun in the tables of the protocol; the noun itself where this is empty."""
+    """Short noun for the tables of the protocol; if empty, ``noun``."""
     rotates: bool = False
     """Whether the first three components are a rotation."""
     variable_size: bool = False
-    """Whether an unknown may have fewer components than are listed: the first ones."""
+    """Whether an unknown may have only the first few of the listed components."""
     motions: MoveBy | None = None
-    """How its components follow a motion of the whole object; none: they do not."""
+    """Change of the components in a motion of the whole object; None: no change."""
     connects: bool = False
     """Whether observations of one unknown of this kind belong to one connected part."""
     late: int = 0
     """Place in the elimination: 0 with the points, 1 after them, 2 last; many observations
     touch an unknown that is eliminated late."""
     table: UnknownTable | None = None
-    """Its table in a project; none for points, photos and cameras, which have tables of their
-    own form."""
+    """Table in a project; None for points, photos and cameras, whose tables have special forms."""
     default: tuple[float, ...] | None = None
-    """Values of the held constant that observations use which name no unknown of this kind; none
-    where every such observation names one."""
+    """Values of the held constant for observations that name no unknown of this kind; None if
+    every observation must name an unknown."""
     absent: Literal["refused", "default", "found"] = "refused"
-    """What happens to a name that the network does not state: it is refused, it means the
-    default, or a free unknown is made whose start value is found."""
+    """Treatment of a name that the network does not state: the name is refused, means the default,
+    or creates a free unknown whose start value is computed."""
     at_point: bool = False
-    """Whether the first key is the name of a point, at which the unknown stands."""
+    """Whether the unknown belongs to a point, whose name is the first key."""
     additional: bool = False
-    """Whether its components are additional parameters, which are tested for significance."""
+    """Whether the components are additional parameters, which are tested for significance."""
     reference: Literal["zero", "given"] = "zero"
-    """What a test of significance compares a free component with."""
+    """Value with which a test of significance compares a free component."""
     instrument: bool = False
-    """Whether it belongs to an instrument, by which variance components may group."""
+    """Whether the unknown belongs to an instrument, for groups of variance components."""
 
     @property
     def title(self) -> str:
-        """The noun in the tables of the protocol."""
+        """Noun in the tables of the protocol."""
         return self.short or self.noun
 
     @property
@@ -124,11 +123,11 @@ class UnknownKind:
 
     @property
     def stored(self) -> int:
-        """Numbers of a stored value of that size."""
+        """Length of the stored value of an unknown with all components."""
         return self.size + (ROTATION - 3 if self.rotates else 0)
 
     def names(self, size: int | None = None) -> tuple[str, ...]:
-        """Return the names of the first ``size`` components, all by default."""
+        """Return the names of the first ``size`` components; None: of all components."""
         return tuple(c.name for c in self.components[:size])
 
     def store(self, values: Array) -> Array:
@@ -170,7 +169,7 @@ class UnknownKind:
         return np.repeat(components, repeats, axis=1)
 
     def problems(self) -> list[str]:
-        """Return what is wrong with the record itself."""
+        """Return all errors in the record itself."""
         found = []
         if not _NAME.fullmatch(self.name):
             found.append(f"its name must be lower-case letters, digits and _, not {self.name!r}")
@@ -199,24 +198,24 @@ class UnknownKind:
 
 
 ENTITIES = ("point", "pose", "calibration")
-"""Kinds whose unknowns are those of points, photos and cameras of a network."""
+"""Kinds of the unknowns that belong to the points, photos and cameras of a network."""
 
 UNKNOWNS: dict[str, UnknownKind] = {}
-"""The kinds of unknowns by name, in the order of their columns."""
+"""Registered kinds of unknowns by name, in the order of their columns."""
 
 
 def register_unknown(kind: UnknownKind) -> UnknownKind:
     """Add a kind of unknowns.
 
     Args:
-        kind: its record.
+        kind: record of the kind.
 
     Returns:
         The record.
 
     Raises:
-        InputError: names everything that is wrong with the record, or that another kind has
-            already: name, letter, table.
+        InputError: the record has errors, or another kind has its name, letter or table; all
+            are listed.
     """
     found = kind.problems()
     if kind.name in UNKNOWNS:
@@ -236,7 +235,7 @@ def register_unknown(kind: UnknownKind) -> UnknownKind:
 
 
 def unknown_kind(name: str) -> UnknownKind:
-    """Return the record of a kind; InputError where there is none of this name."""
+    """Return the record of a kind; InputError if no kind has this name."""
     found = UNKNOWNS.get(name)
     if found is None:
         raise InputError(f"unknown kind of unknowns {name!r}; valid: {known(UNKNOWNS)}")

@@ -1,1 +1,1 @@
-"""What is measured and what is asked for: the network, its entities, and changes of both."""
+"""The network: its points, cameras, photos, other unknowns and observations, and their changes."""

@@ -1,4 +1,4 @@
-"""Points, photos and cameras that are added to a network as they are, checked as any others."""
+"""Addition of finished points, photos and cameras to a network, with the usual checks."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def add_entities(
     photos: Sequence[Photo],
     cameras: Sequence[Camera],
 ) -> list[Problem]:
-    """Add entities to a network; return everything that is wrong with them.
+    """Add entities to a network; return all problems.
 
-    Where something is wrong, the others are in the network all the same.
+    Entities without a problem are added even if other entities have problems.
     """
     problems: list[Problem] = []
     adders: tuple[tuple[Callable[[Network, Any], None], Sequence[Any]], ...] = (

@@ -1,4 +1,4 @@
-"""Points, cameras, photos and image points, checked as they are made."""
+"""Construction of points, cameras, photos and image points from checked arguments."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def checked_photo(
         ):
             raise InputError(Problem("rotation must be a 3 × 3 rotation matrix", where))
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-14:
-            # Given with few digits: the nearest rotation. Others stay as they are, to the bit.
+            # A matrix with few digits becomes the nearest rotation; others stay bit-identical.
             u, _, vt = np.linalg.svd(rotation)
             rotation = u @ vt
     held = (bool(fixed),) * 6 if isinstance(fixed, bool) else tuple(map(bool, fixed))

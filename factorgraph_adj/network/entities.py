@@ -1,6 +1,6 @@
-"""Points, cameras, photos and small unknowns: what they are, and how they are checked.
+"""Points, cameras, photos and parameters: their classes, and the checks of parameters.
 
-A `Network` holds them by name; names that refer to another entity are checked there.
+A `Network` holds these entities by name and checks the names by which they refer to others.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..models.variables import UnknownKind
 from ..types import Array, Index, Mask
 
 REFRACTION_OF_THE_NETWORK = ""
-"""Name of the refraction group of observations that name none."""
+"""Name of the refraction group for observations without a named group."""
 
 
 @dataclass(frozen=True)
@@ -29,18 +29,18 @@ class Point:
     coordinates: tuple[float, float, float]
     """Given or approximate coordinates, metres; NaN where unknown."""
     fixed: tuple[bool, bool, bool] = (False, False, False)
-    """Which components are held."""
+    """Whether each component is held."""
     sigma: tuple[float, float, float] | None = None
-    """Standard deviations of weighted components, metres; infinite for free ones."""
+    """Standard deviations of weighted components, metres; infinite for free components."""
     datum: bool = False
     """Whether the point carries the datum of a free network."""
     check: tuple[float, float, float] | None = None
-    """Coordinates known from elsewhere and not used, for comparison; NaN where unknown."""
+    """Reference coordinates of a check point, metres, for comparison only; NaN where unknown."""
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera: lens model, calibration values and what is asked of them."""
+    """A camera: lens model, calibration values, and which values are estimated."""
 
     name: str
     """Name."""
@@ -49,9 +49,9 @@ class Camera:
     values: tuple[float, ...]
     """Calibration parameters in the order of ``lens.names``, image units."""
     fixed: tuple[bool, ...]
-    """Which are held."""
+    """Whether each parameter is held."""
     sigma: tuple[float, ...]
-    """Standard deviations of weighted ones; infinite for free ones."""
+    """Standard deviations of weighted parameters, image units; infinite for free parameters."""
     unit: str = "mm"
     """Unit of image coordinates, for reports: mm, px …"""
     per_photo: bool = False
@@ -71,7 +71,7 @@ class Photo:
     rotation: Array | None = None
     """world_R_camera (3, 3), axes of the camera x right, y down, z forward."""
     fixed: tuple[bool, ...] = (False,) * 6
-    """Held: the three rotations (together), and X, Y, Z of the centre (each by itself)."""
+    """Six flags of held components: three rotations (all or none), X, Y, Z of the centre."""
     sigma_position: tuple[float, float, float] | None = None
     """Standard deviations of a weighted projection centre, metres."""
     sigma_attitude: float | None = None
@@ -80,24 +80,24 @@ class Photo:
 
 @dataclass(frozen=True)
 class Parameter:
-    """An unknown that is no point, photo or camera, such as a coefficient of refraction."""
+    """An unknown besides points, photos and cameras, such as a coefficient of refraction."""
 
     values: tuple[float, ...]
     """Start or given values of the components, SI; NaN where unknown."""
     fixed: tuple[bool, ...]
-    """Which are held."""
+    """Whether each component is held."""
     sigma: tuple[float, ...]
-    """Standard deviations of weighted components; infinite for free ones."""
+    """Standard deviations of weighted components, SI; infinite for free components."""
 
 
 @dataclass
 class ImageTable:
-    """Image coordinates in columns: many of them are the rule."""
+    """Image coordinates in columns, because networks have many of them."""
 
     photo: list[Index] = field(default_factory=list)
-    """Number of the photo."""
+    """Number of the photo of each row, (n,)."""
     point: list[Index] = field(default_factory=list)
-    """Number of the point."""
+    """Number of the point of each row, (n,)."""
     xy: list[Array] = field(default_factory=list)
     """Measured coordinates (n, 2)."""
     sigma: list[Array] = field(default_factory=list)
@@ -110,7 +110,7 @@ class ImageTable:
     """Number of rows."""
 
     def copy(self) -> ImageTable:
-        """Return a table of its own; the arrays of rows are shared, nothing writes into them."""
+        """Return an independent table; both share the arrays of rows, which never change."""
         return replace(
             self,
             photo=list(self.photo),
@@ -165,7 +165,7 @@ def triple(value: Any, what: str, where: str) -> tuple[float, float, float]:
 
 
 def sigmas(value: Any, size: int, where: str) -> tuple[float, ...]:
-    """Return ``size`` standard deviations > 0; infinite: no weight."""
+    """Return ``size`` standard deviations > 0; infinity means no weight."""
     if value is None:
         return (np.inf,) * size
     given = np.asarray(value if np.ndim(value) else [value] * size, dtype=float)
@@ -177,19 +177,19 @@ def sigmas(value: Any, size: int, where: str) -> tuple[float, ...]:
 
 
 Key: TypeAlias = str | tuple[str, ...]
-"""What names an unknown in a network: a name, or several, such as station and set."""
+"""Key of an unknown in a network: one name, or several names such as station and set."""
 
 
 def parameter_name(key: Key) -> str:
-    """Return the name of an unknown among all of its kind: several names joined by ``/``."""
+    """Return the key of an unknown as one name; several names are joined by ``/``."""
     return key if isinstance(key, str) else "/".join(key)
 
 
 def parameter_key(kind: UnknownKind, attribute: str, observation: object) -> Key:
-    """Return what an observation calls an unknown that is stated as a parameter.
+    """Return the key by which an observation refers to a parameter.
 
-    The text is empty where it names none. Further keys, such as the station of a set of
-    directions, are attributes of the observation by the same name.
+    The name is empty if the observation names no parameter. Further names of the key, such as
+    the station of a set of directions, are the attributes of the observation with these names.
     """
     name: str = getattr(observation, attribute) or ""
     if kind.table is None or len(kind.table.keys) == 1:
@@ -204,15 +204,15 @@ def parameter(
     sigma: float | Sequence[float] | Mapping[str, float] | None,
     where: str,
 ) -> Parameter:
-    """Check and return an unknown of a kind, each of its components free, weighted or held.
+    """Return a checked unknown of a kind, with free, weighted and held components.
 
     Args:
         kind: record of the kind.
         values: values of the components, SI.
-        fixed: whether all components are held, or the names of those that are.
+        fixed: whether all components are held, or the names of the held components.
         sigma: standard deviations of weighted components: one for all, one for each (infinite:
             no weight), or some by name.
-        where: what to call the unknown in messages.
+        where: name of the unknown in messages.
     """
     given = tuple(float(v) for v in values)
     size = len(given)
@@ -257,4 +257,4 @@ def _refuse_unknown(given: Iterable[str], names: Sequence[str], what: str, where
 
 
 FREE_ORIENTATION = Parameter((np.nan,), (False,), (np.inf,))
-"""An orientation unknown that is found from its directions."""
+"""Free orientation unknown, whose start value is computed from the directions."""

@@ -1,7 +1,7 @@
-"""What is measured and what is asked for: points, cameras, photos, observations.
+"""The network: points, cameras, photos, other unknowns and observations.
 
-A `Network` is a description: it holds no solution and is not changed by an adjustment.
-Names are checked as they are added, so that an error stands where it was made.
+A `Network` is a description without a solution; an adjustment leaves the network unchanged.
+Each call that adds something checks the names, so that the error is raised where it was made.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .entities import (
 from .of_kind import OfKind
 
 DatumChoice: TypeAlias = Literal["given", "free"]
-"""Datum from what is given (control, fixed, weighted), or a free network."""
+"""Datum from control points and from held and weighted unknowns (given), or a free network."""
 
 
 class Network(Shown):
@@ -95,7 +95,8 @@ class Network(Shown):
                 a levelling network x and y.
             sigma: standard deviations, metres, of weighted coordinates (infinite: free). They
                 enter as observations of the given coordinates.
-            datum: carries the datum of a free network. Where no point does, all do.
+            datum: whether the point carries the datum of a free network. If no point does, all
+                points carry the datum.
             check: coordinates for comparison only, metres.
 
         Raises:
@@ -138,12 +139,13 @@ class Network(Shown):
         Args:
             name: its name.
             lens: the lens model, see `factorgraph_adj.models.lens`.
-            values: calibration, by name (absent: 0) or in the order of ``lens.names``;
+            values: calibration parameters by name (absent: 0) or in the order of ``lens.names``;
                 image units.
-            free: parameters to estimate without a prior; the others are held, but for
-            sigma: standard deviations of weighted ones, which are estimated too.
+            free: names of parameters to estimate without a prior.
+            sigma: standard deviations, by name, of weighted parameters, which are estimated with
+                a prior. Parameters that are neither free nor weighted are held.
             unit: unit of its image coordinates, for reports.
-            per_photo: every photo gets a calibration of its own.
+            per_photo: whether every photo has a calibration of its own.
         """
         self._new(name, self.cameras, "camera")
         self.cameras[name] = checked_camera(
@@ -167,10 +169,11 @@ class Network(Shown):
         Args:
             name: its name.
             camera: name of its camera.
-            position: projection centre, metres; none: found by resection.
+            position: projection centre, metres; None: computed by resection.
             omega_phi_kappa: ω, φ, κ, radians, R = R1(ω) R2(φ) R3(κ) photogrammetric → object.
-            rotation: instead, world_R_camera (3, 3) with x right, y down, z forward.
-            fixed: hold all of it, or six flags (the three rotations together, X, Y, Z).
+            rotation: world_R_camera (3, 3) instead of angles; x right, y down, z forward.
+            fixed: whether the whole pose is held, or six flags (three equal ones for the
+                rotations, then X, Y, Z).
             sigma_position: standard deviation of a weighted centre, metres.
             sigma_attitude: standard deviation of a weighted attitude, radians.
         """
@@ -208,15 +211,15 @@ class Network(Shown):
 
         Args:
             kind: name of the kind, see `factorgraph_adj.models.variables.UNKNOWNS`.
-            key: name of the unknown, or several, such as station and set.
-            values: values of the components, SI; none: the start values of the kind.
-            fixed: hold all components, or those that are named.
+            key: name of the unknown, or several names such as station and set.
+            values: values of the components, SI; None: the start values of the kind.
+            fixed: whether all components are held, or the names of the held components.
             sigma: standard deviations of weighted components, SI: one for all, one for each, or
                 some by name.
 
         Raises:
-            InputError: an unknown kind or point, values that are not finite or not as many as
-                there are components, a component that is held and weighted.
+            InputError: an unknown kind or point, a value that is not finite, a wrong number of
+                values, or a component that is both held and weighted.
         """
         record = unknown_kind(kind)
         if record.table is None:
@@ -246,7 +249,7 @@ class Network(Shown):
     ) -> None:
         """State the orientation unknown of a set of directions, radians.
 
-        Without this call it is free and found from the directions.
+        Without this call the unknown is free; its start value is computed from the directions.
         """
         self.set_unknown("orientation", (station, set), (value,), fixed=fixed, sigma=sigma)
 
@@ -260,7 +263,8 @@ class Network(Shown):
     ) -> None:
         """State the coefficient of refraction κ of a group; free unless held or weighted.
 
-        The group of observations that name none is the network's, held at 0 until this call.
+        Observations without a named group belong to the group of the network, whose κ is held
+        at 0 unless this call states it.
         """
         self.set_unknown("refraction", group, (value,), fixed=fixed, sigma=sigma)
 
@@ -280,7 +284,7 @@ class Network(Shown):
             xi: ξ = Φ − φ, radians, north positive.
             eta: η = (Λ − λ) cosφ, radians, east positive.
             sigma: standard deviations, radians.
-            fixed: hold it. Stations without this call have ξ = η = 0, held.
+            fixed: whether ξ and η are held. A station without this call has ξ = η = 0, held.
         """
         self.set_unknown("vertical", station, (xi, eta), fixed=fixed, sigma=sigma)
 
@@ -302,7 +306,8 @@ class Network(Shown):
             zero: additive constant, metres.
             sigma_scale: standard deviation of a weighted scale.
             sigma_zero: standard deviation of a weighted constant, metres.
-            free: which are unknown without a prior; the others are held.
+            free: components to estimate without a prior. Components that are neither free nor
+                weighted are held.
         """
         asked = set(free)
         if not asked <= {"scale", "zero"}:
@@ -328,7 +333,8 @@ class Network(Shown):
         """Add observations; return their ids.
 
         Raises:
-            InputError: every unknown or duplicate name among them, all at once; nothing is added.
+            InputError: names are unknown or duplicate. The message lists all of them, and no
+                observation is added.
         """
         problems: list[Problem] = []
         flat: list[Observation] = []
@@ -403,7 +409,7 @@ class Network(Shown):
         self.images = self.images.kept(keep)
 
     def copy(self) -> Network:
-        """Return a network of its own with the same entities, which are frozen and shared."""
+        """Return an independent network that shares the frozen entities of this network."""
         other = copy(self)
         for name, value in vars(self).items():
             if isinstance(value, dict | list):

@@ -1,4 +1,4 @@
-"""A network without some of its observations: for snooping, planning, and what-if."""
+"""Networks without some of their observations, for data snooping, planning and comparisons."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from .network import Network
 Stated: TypeAlias = tuple[VariableKind, Key]
 """A parameter: its kind and its key in the network."""
 Weighted: TypeAlias = tuple[VariableKind, str, int]
-"""Kind, name and component of a weighted unknown; component −1: a whole attitude."""
+"""Kind, name and component of a weighted unknown; component −1 means a whole attitude."""
 
 
 def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ()) -> Network:
-    """Return a network of its own without some observations; ``network`` is not changed.
+    """Return a new network without some observations; ``network`` stays unchanged.
 
-    What remains of a correlated group keeps its part of the covariance. Orientation unknowns of
-    direction sets, refraction groups, verticals and distance meters that lose their last
-    observation go too where they are free; held and weighted ones stay. A weighted unknown is
-    an observation of its given value: without that it is free.
+    The remaining observations of a correlated group keep their part of the covariance. A free
+    orientation unknown, refraction group, vertical or distance meter is removed together with
+    its last observation; held and weighted parameters stay. A weighted unknown is an observation
+    of its given value; without this observation the unknown is free.
 
     Args:
-        network: where to take them from.
+        network: network with the observations.
         ids: ids of observations, as in ``solution.observations``: image points by photo/point or
             their own id, weighted unknowns by names such as ``"point P1 x"``.
-        points: points that go too, with all observations of them, whatever their ids.
+        points: points to remove together with all their observations.
 
     Raises:
-        InputError: every id and point that the network does not have, all at once.
+        InputError: the network lacks ids or points; the message lists all of them.
     """
     ids, points = ([x] if isinstance(x, str) else x for x in (ids, points))
     wanted, lost = list(dict.fromkeys(ids)), dict.fromkeys(points)
@@ -113,7 +113,7 @@ def parameters_of(o: Observation) -> Iterator[Stated]:
 
 
 def _images(network: Network, ids: list[str]) -> tuple[Mask, set[str]]:
-    """Return which rows of the table of images stay, and which ids are those of others."""
+    """Return flags of the rows of the image table that stay, and the ids of the other rows."""
     photo, point, *_ = network.images.columns()
     keep = np.ones(len(photo), dtype=bool)
     if not len(photo):
@@ -127,7 +127,7 @@ def _images(network: Network, ids: list[str]) -> tuple[Mask, set[str]]:
 def _remaining(
     network: Network, group: tuple[tuple[str, ...], Array], gone: set[str]
 ) -> tuple[tuple[str, ...], Array] | None:
-    """Return a correlated group without those gone; none where nobody is left."""
+    """Return a correlated group without the ids ``gone``; None if no observation is left."""
     ids, covariance = group
     if gone.isdisjoint(ids):
         return group
@@ -141,7 +141,7 @@ def _remaining(
 
 
 def _drop_unobserved(network: Network, gone: list[Observation]) -> None:
-    """Take out the free parameters that only the observations ``gone`` depended on."""
+    """Remove the free parameters on which only the observations ``gone`` depended."""
     loose = {
         (kind, key)
         for o in gone
@@ -160,7 +160,7 @@ def _is_free(p: Parameter) -> bool:
 
 
 def _free(network: Network, weighted: Weighted) -> None:
-    """Take the weight of an unknown."""
+    """Remove the weight of a weighted unknown."""
     kind, name, component = weighted
     if kind == "point":
         point = network.points[name]
@@ -202,7 +202,7 @@ def _infinite(sigma: tuple[float, ...], component: int) -> tuple[float, ...]:
 
 
 def _drop_points(network: Network, lost: Iterable[str]) -> None:
-    """Take points out, with their image points and what was stated of them as stations."""
+    """Remove points, their image points, and the parameters stated for them as stations."""
     stays = np.array([name not in set(lost) for name in network.points], dtype=bool)
     network.image_mask(stays[network.images.columns()[1]])
     number = np.cumsum(stays) - 1

@@ -1,12 +1,12 @@
-"""What is measured: one frozen dataclass for each kind of observation.
+"""Observations: one frozen dataclass for each kind.
 
-Inside, lengths are metres, angles radians, image coordinates the units of the camera.
-``sigma`` is a standard deviation in the same unit, or a `StandardDeviation` of several parts.
-``id`` names the observation in every report; where none is given the network numbers it.
-``source`` says where it came from (file and line) and appears in error messages.
+Lengths are in metres, angles in radians, image coordinates in the units of the camera.
+``sigma`` is a standard deviation in the unit of the value, or a `StandardDeviation` of several
+parts. ``id`` names the observation in every report; the network numbers observations without id.
+``source`` is the file and line of the observation, for error messages.
 
-`register_observation` adds a kind of one's own. Points, photos, cameras and other unknowns, which
-observations refer to by name, stand here too.
+`register_observation` adds a user's own kind. This package also exports the classes of points,
+photos, cameras and other unknowns, to which observations refer by name.
 """
 
 from ..network.entities import Camera, Parameter, Photo, Point

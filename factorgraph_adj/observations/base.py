@@ -1,4 +1,4 @@
-"""Bases of the classes of observations, and the checks that all of them share."""
+"""Base classes of observations, and the checks that all kinds share."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Sigma: TypeAlias = "float | StandardDeviation"
 
 
 def _finite(value: Any) -> bool:
-    """Return whether all are finite numbers; quick for the scalars of most observations."""
+    """Return whether all numbers are finite; scalars, the usual case, need no array."""
     if isinstance(value, float | int):
         return math.isfinite(value)
     try:
@@ -30,14 +30,14 @@ def _finite(value: Any) -> bool:
 
 
 def _positive(value: Any) -> bool:
-    """Return whether no number is ≤ 0."""
+    """Return whether all numbers are > 0; `_finite` checks for NaN."""
     if isinstance(value, float | int):
         return not value <= 0
     return not np.any(np.asarray(value, dtype=float) <= 0)
 
 
 def _is_text(f: Field[Any]) -> bool:
-    """Return whether a field is text: annotations are text themselves where they are postponed."""
+    """Return whether a field holds text; postponed annotations are compared as strings."""
     return f.type in (str, "str", "str | None") or str(f.type) == "str | None"
 
 
@@ -53,13 +53,13 @@ class Observation:
     kind: ClassVar[str] = ""
     """Name of the kind, as in the ``kind`` column of tables."""
     components: ClassVar[tuple[str, ...]] = ("",)
-    """Names of the scalar components; of kinds whose observations differ, those of none."""
+    """Names of the scalar components; `component_names` gives those of one observation."""
     nonnegative: ClassVar[bool] = False
-    """Whether a value below zero is refused."""
+    """Whether a negative value is refused."""
 
     @property
     def record(self) -> ObservationKind:
-        """The record of its kind; InputError where the kind is not registered."""
+        """Record of the kind; InputError if the kind is not registered."""
         return observation_kind(self.kind)
 
     def names(self) -> tuple[str, ...]:
@@ -71,7 +71,7 @@ class Observation:
         return tuple(getattr(self, a) for a in self.record.points)
 
     def component_names(self) -> tuple[str, ...]:
-        """Return the names of its scalar components; one empty name where it is a scalar."""
+        """Return the names of the scalar components; a scalar has one empty name."""
         return self.components
 
     def with_reading(self, values: Sequence[float], frame: Frame) -> Observation:
@@ -88,7 +88,7 @@ class Observation:
         return replace(self, value=value)  # type: ignore[call-arg]
 
     def label(self) -> str:
-        """Return a readable name for messages: where, id, kind and points."""
+        """Return a readable name for messages: source, kind, points and id."""
         ident, source = getattr(self, "id", None), getattr(self, "source", None)
         text = _name(self) if ident is None else f"{_name(self)} (id {ident})"
         return f"{source}: {text}" if source else text
@@ -120,13 +120,13 @@ class Observation:
             self._fail("an observation cannot join a point to itself")
 
     def __post_init__(self) -> None:
-        """Check the observation; InputError names it."""
+        """Check the observation; InputError names the observation."""
         self._check()
 
 
 @dataclass(frozen=True)
 class Sight(Observation):
-    """Base of what is observed from a station to a target."""
+    """Base of observations from a station to a target."""
 
     station: str
     """Point of the instrument, i."""
@@ -136,7 +136,7 @@ class Sight(Observation):
     """Observed value, metres or radians."""
     _: KW_ONLY
     sigma: Sigma
-    """Standard deviation."""
+    """Standard deviation, unit of the value."""
     instrument_height: float = 0.0
     """Height of the instrument above its point along the vertical, metres."""
     target_height: float = 0.0
@@ -144,7 +144,7 @@ class Sight(Observation):
     id: str | None = None
     """Name of the observation."""
     source: str | None = None
-    """Where it was read from."""
+    """File and line from which the observation was read."""
 
 
 def checked_covariance(observation: Observation, size: int) -> Array | None:

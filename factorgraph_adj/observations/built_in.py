@@ -1,4 +1,4 @@
-"""The kinds of observations that the package knows from the start."""
+"""The built-in kinds of observations."""
 
 from __future__ import annotations
 
@@ -117,4 +117,4 @@ for _kind in _BUILT_IN:
     register_observation(_kind)
 
 BUILT_IN = tuple(KINDS)
-"""Names of these kinds, in order."""
+"""Names of the built-in kinds, in order."""

@@ -19,9 +19,9 @@ class Correlated:
     """Observations with one joint covariance (GNSS clusters, control with covariance)."""
 
     observations: tuple[Observation, ...]
-    """The observations; image coordinates are not among them."""
+    """Observations of any kinds except image coordinates."""
     covariance: Array
-    """Covariance over all their scalar components in order, units of the observations."""
+    """Covariance of all scalar components in the order of ``observations``, in their units."""
 
     def __post_init__(self) -> None:
         """Check sizes and that the covariance is positive definite."""
@@ -42,4 +42,4 @@ class Correlated:
 
 
 AnyObservation: TypeAlias = "Observation | Correlated"
-"""An observation, or several with a joint covariance."""
+"""An observation, or several observations with a joint covariance."""

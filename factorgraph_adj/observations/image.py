@@ -19,13 +19,13 @@ class ImagePoint(Observation):
     point: str
     """The point."""
     x: float
-    """Measured x."""
+    """Measured x, image units."""
     y: float
-    """Measured y."""
+    """Measured y, image units."""
     _: KW_ONLY
     sigma: tuple[float, float] | float
-    """Standard deviations of x and y, or one for both."""
+    """Standard deviations of x and y, or one for both, image units."""
     id: str | None = None
     """Name of the observation."""
     source: str | None = None
-    """Where it was read from."""
+    """File and line from which the observation was read."""

@@ -20,16 +20,16 @@ class GnssVector(Observation):
     kind: ClassVar[str] = "gnss_vector"
     components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     station: str
-    """From, i."""
+    """Start point of the vector, i."""
     target: str
-    """To, j."""
+    """End point of the vector, j."""
     value: tuple[float, float, float]
     """X_j − X_i between the antennas, metres."""
     _: KW_ONLY
     sigma: tuple[float, float, float] | None = None
-    """Standard deviations, metres, or"""
+    """Standard deviations of the components, metres; None if ``covariance`` is given."""
     covariance: Array | None = None
-    """covariance (3, 3), metres²."""
+    """Covariance (3, 3) of the components, metres²; None if ``sigma`` is given."""
     instrument_height: float = 0.0
     """Height of the antenna at i, metres."""
     target_height: float = 0.0
@@ -37,7 +37,7 @@ class GnssVector(Observation):
     id: str | None = None
     """Name of the observation."""
     source: str | None = None
-    """Where it was read from."""
+    """File and line from which the observation was read."""
 
     def __post_init__(self) -> None:
         """Check the observation."""
@@ -51,25 +51,25 @@ class GnssVector(Observation):
 class ControlPoint(Observation):
     """Known coordinates of a point with their precision: 3-D, plan or height.
 
-    In a geocentric frame x, y, z are the axes, and e, n, u the horizon of the given position.
+    x, y, z are the axes of the frame; e, n, u are the axes of the horizon at the given position.
     """
 
     kind: ClassVar[str] = "control"
     point: str
     """The point."""
     value: tuple[float, ...]
-    """Coordinates; for e, n, u all three of X, Y, Z; otherwise those of ``axes``, metres."""
+    """Known coordinates, metres: those of ``axes`` for x, y, z; all of X, Y, Z for e, n, u."""
     _: KW_ONLY
     axes: str = "xyz"
-    """Which components are known: any of x, y, z, or any of e, n, u."""
+    """Known components: any of x, y, z, or any of e, n, u."""
     sigma: tuple[float, ...] | None = None
-    """Standard deviations of the components, metres, or"""
+    """Standard deviations of the components, metres; None if ``covariance`` is given."""
     covariance: Array | None = None
-    """their covariance, metres²."""
+    """Covariance of the components, metres²; None if ``sigma`` is given."""
     id: str | None = None
     """Name of the observation."""
     source: str | None = None
-    """Where it was read from."""
+    """File and line from which the observation was read."""
 
     def __post_init__(self) -> None:
         """Check the observation."""
@@ -87,15 +87,15 @@ class ControlPoint(Observation):
 
     @property
     def local(self) -> bool:
-        """Whether the known components are east, north, up: the whole of x, y, z is given then."""
+        """Whether the known components are some of east, north, up; ``value`` is then X, Y, Z."""
         return set(self.axes) <= set("enu")
 
     def component_names(self) -> tuple[str, ...]:
-        """Return the axes that are known."""
+        """Return the known axes."""
         return tuple(self.axes)
 
     def with_reading(self, values: Sequence[float], frame: Frame) -> ControlPoint:
-        """Return the point with other known coordinates; in e, n, u it is moved by the values."""
+        """Return the control point with new coordinates; values in e, n, u are shifts."""
         if not self.local:
             return replace(self, value=tuple(values))
         at = np.array(self.value, dtype=float)
@@ -127,15 +127,15 @@ class PhotoPosition(Observation):
     """Observed position, metres."""
     _: KW_ONLY
     sigma: tuple[float, float, float] | None = None
-    """Standard deviations, metres, or"""
+    """Standard deviations of the components, metres; None if ``covariance`` is given."""
     covariance: Array | None = None
-    """covariance (3, 3), metres²."""
+    """Covariance (3, 3) of the components, metres²; None if ``sigma`` is given."""
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """From the projection centre to the antenna, metres."""
+    """Vector a from the projection centre to the antenna, metres."""
     id: str | None = None
     """Name of the observation."""
     source: str | None = None
-    """Where it was read from."""
+    """File and line from which the observation was read."""
 
     def __post_init__(self) -> None:
         """Check the observation."""

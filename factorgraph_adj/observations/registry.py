@@ -1,9 +1,9 @@
-"""Kinds of observations: one record says everything that the package knows of a kind.
+"""Kinds of observations: one record holds everything that the package knows about a kind.
 
-A kind is a frozen dataclass (what was observed), a model function (what it is computed from) and
-the record `ObservationKind` that joins the two. `register_observation` adds a kind; the batch
+A kind consists of a frozen dataclass (the observed values), a model function (the computed values)
+and the record `ObservationKind` that joins the two. `register_observation` adds a kind. The batch
 adjustment, the graph, reliability, the incremental adjustment, tables, records, plans and
-simulations then take it as any other.
+simulations then treat the new kind like a built-in kind.
 """
 
 from __future__ import annotations
@@ -20,37 +20,37 @@ from ..models.variables import ENTITIES, UNKNOWNS
 from .weights import PARTS, Weight
 
 Unit: TypeAlias = Literal["m", "rad", "image", "mixed"]
-"""Unit of observed values: metres, radians, image units, or those of several components."""
+"""Unit of observed values: metres, radians, image units, or a unit for each component (mixed)."""
 
 
 @dataclass(frozen=True)
 class ObservationKind:
-    """What the package knows of a kind of observation."""
+    """Record of a kind of observation."""
 
     observation: type[Any]
-    """The class, derived from `Observation`: its ``kind`` is the name of the kind, its fields are
-    the columns of tables."""
+    """Class derived from `Observation`. Its ``kind`` is the name of the kind; its fields are the
+    columns of tables."""
     variables: tuple[tuple[str, str], ...]
-    """Kind of each unknown that the model takes, and the attribute that names it, in order."""
+    """Kind of each unknown of the model, and the attribute that names the unknown, in order."""
     model: Callable[..., Linearised] | None
-    """(frame, *variables, observed=…, constants…) → residuals and partials; none where the graph
-    makes rows of its own, as for image coordinates and for single coordinates of a point."""
+    """(frame, *variables, observed=…, constants…) → residuals and partials; None for image
+    coordinates and for single coordinates of a point, whose rows the graph builds itself."""
     constants: tuple[str, ...] = ()
     """Attributes of the observation that the model takes as arrays."""
     unit: Unit = "m"
-    """Unit of its value."""
+    """Unit of the observed value."""
     weight: Weight | None = None
-    """How the parts of a `StandardDeviation` make a variance; none where the class takes no
-    parts."""
+    """Variance as a function of the parts of a `StandardDeviation`; None if the class takes plain
+    numbers only."""
     linear: bool = False
-    """Whether its partials are the same wherever its ends are."""
+    """Whether the partials are independent of the positions of the points."""
     circular: bool = False
-    """Whether its value is an angle of the whole circle, read from 0 to 2π."""
+    """Whether the value is an angle of the full circle, from 0 to 2π."""
     fixes: Literal["nothing", "coordinates", "place"] = "nothing"
-    """What it says of the place of the network: nothing, coordinates in the frame of the network,
-    or otherwise where on the Earth it is."""
+    """Information about the position of the network: nothing, coordinates in the frame of the
+    network, or a place on the Earth (astronomic latitude, longitude)."""
     by_axis: bool = False
-    """Whether each known coordinate is a row of its own, so that rows are as many as axes."""
+    """Whether an observation has one row for each of its known coordinates, ``axes``."""
 
     @property
     def name(self) -> str:
@@ -75,12 +75,12 @@ class ObservationKind:
 
     @cached_property
     def parameters(self) -> tuple[tuple[str, str], ...]:
-        """Kind and attribute of the other unknowns, which the network states as parameters."""
+        """Kind and attribute of the unknowns that a network states as parameters."""
         return tuple((k, a) for k, a in self.variables if k not in ENTITIES)
 
     @cached_property
     def texts(self) -> tuple[str, ...]:
-        """Attributes that name such parameters and no point, such as ``set``."""
+        """Attributes that name only parameters, such as ``set``, each once."""
         return tuple(dict.fromkeys(a for _, a in self.parameters if a not in self.named))
 
     @cached_property
@@ -99,7 +99,7 @@ class ObservationKind:
 
     @property
     def curved(self) -> bool:
-        """Whether it is a sight whose partials change with the place of its ends."""
+        """Whether the kind joins several points and the partials depend on their positions."""
         return not self.linear and sum(kind == "point" for kind, _ in self.variables) > 1
 
     @property
@@ -110,7 +110,7 @@ class ObservationKind:
         return "Sigma" in text or "StandardDeviation" in text
 
     def problems(self) -> list[str]:
-        """Return what is wrong with the record itself."""
+        """Return all errors in the record itself."""
         if not is_dataclass(self.observation) or not hasattr(self.observation, "components"):
             return ["its class must be a frozen dataclass derived from Observation"]
         found = [*self._problems_of_attributes(), *self._problems_of_model()]
@@ -180,20 +180,20 @@ class ObservationKind:
 
 
 KINDS: dict[str, ObservationKind] = {}
-"""The kinds of observations by name."""
+"""Registered kinds of observations by name."""
 
 
 def register_observation(kind: ObservationKind) -> ObservationKind:
     """Add a kind of observation.
 
     Args:
-        kind: its record.
+        kind: record of the kind.
 
     Returns:
         The record.
 
     Raises:
-        InputError: names everything that is wrong with the record, or a kind of the same name.
+        InputError: the record has errors, or the name is registered already; all are listed.
     """
     found = kind.problems()
     name: Any = getattr(kind.observation, "kind", kind.observation)
@@ -206,7 +206,7 @@ def register_observation(kind: ObservationKind) -> ObservationKind:
 
 
 def observation_kind(name: str) -> ObservationKind:
-    """Return the record of a kind; InputError where there is none of this name."""
+    """Return the record of a kind; InputError if no kind has this name."""
     found = KINDS.get(name)
     if found is None:
         raise InputError(f"unknown kind of observation {name!r}; valid: {known(KINDS, most=30)}")

@@ -1,4 +1,4 @@
-"""Observations of total stations, tapes and levels, and astronomic ones."""
+"""Observations with total stations, tapes and levels, and astronomic observations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class SlopeDistance(Sight):
     nonnegative: ClassVar[bool] = True
     _: KW_ONLY
     instrument: str | None = None
-    """Distance meter with its scale and zero constant; none: 1 and 0."""
+    """Name of the distance meter, which has m and the zero constant; None: both are 0."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class VerticalAngle(Sight):
     kind: ClassVar[str] = "vertical_angle"
     _: KW_ONLY
     refraction: str | None = None
-    """Refraction group; none: the coefficient of the whole network."""
+    """Name of the refraction group; None: the group of the whole network."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Direction(Sight):
     kind: ClassVar[str] = "direction"
     _: KW_ONLY
     set: str = "1"
-    """Set of directions of the station: one orientation unknown each."""
+    """Set of directions at the station; each set has one orientation unknown."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class HorizontalAngle(Observation):
     id: str | None = None
     """Name of the observation."""
     source: str | None = None
-    """Where it was read from."""
+    """File and line from which the observation was read."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class HeightDifference(Sight):
     kind: ClassVar[str] = "height_difference"
     _: KW_ONLY
     length_km: float | None = None
-    """Length of the levelled line, km, for `StandardDeviation.per_sqrt_km`; none: the
+    """Length of the levelled line, km, for `StandardDeviation.per_sqrt_km`; None: the
     horizontal distance."""
 
 
@@ -114,7 +114,7 @@ class AstronomicLatitude(Observation):
     id: str | None = None
     """Name of the observation."""
     source: str | None = None
-    """Where it was read from."""
+    """File and line from which the observation was read."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""How the parts of a standard deviation make the variance of an observation, kind by kind.
+"""Variance of an observation from the parts of its standard deviation, for each kind.
 
     Lengths (S in metres):    σ² = (constant + ppm·10⁻⁶ S)² + centring_i² + centring_t²
     Levelling (L in km):      σ² = constant² + per_sqrt_km² L + centring_i² + centring_t²
@@ -7,8 +7,8 @@
     Angles j-i-k:             σ² = constant² + centring_i² D_jk²/(D_ij D_ik)²
                                    + centring_t² (1/D_ij² + 1/D_ik²)
 
-D are horizontal distances, S slope distances, from the coordinates at the start. A `Weight`
-belongs to the record of a kind, so that a kind cannot be weighed as another one.
+D are horizontal distances and S slope distances from the start coordinates; S of a length is the
+observed value. The record of each kind holds the `Weight` of the kind, or None.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ import numpy as np
 from ..types import Array
 
 PARTS = ("ppm", "per_sqrt_km", "centring_instrument", "centring_target")
-"""Parts of a standard deviation besides the constant one: attributes of `StandardDeviation`."""
+"""Attributes of `StandardDeviation` for the parts that are not constant."""
 CENTRING = ("centring_instrument", "centring_target")
-"""Parts that are centrings."""
+"""Parts for the centring of instrument and target."""
 
 
 class Geometry(Protocol):
-    """What a variance may depend on."""
+    """Quantities on which a variance may depend."""
 
     @property
     def observed(self) -> Array:
@@ -41,7 +41,7 @@ class Geometry(Protocol):
         """
 
     def number(self, attribute: str) -> Array:
-        """Return a number of each observation, (n,); NaN where it has none."""
+        """Return a numeric attribute of each observation, (n,); NaN where the value is None."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Parts:
     ppm: Array
     """Part proportional to a distance, millionths."""
     per_sqrt_km: Array
-    """Metres for one kilometre of a levelled line."""
+    """Standard deviation of one kilometre of levelled line, metres."""
     centring_instrument: Array
     """Standard deviation of the centring of the instrument, metres."""
     centring_target: Array
@@ -62,12 +62,12 @@ class Parts:
 
 @dataclass(frozen=True)
 class Weight:
-    """How a kind of observation weighs."""
+    """Variance of a kind of observation as a function of parts and geometry."""
 
     variance: Callable[[Parts, Geometry], Array]
     """(parts, geometry) → σ², (n,)."""
     parts: tuple[str, ...] = CENTRING
-    """Which parts it uses besides the constant one; the others have no column in tables."""
+    """Parts that ``variance`` uses besides the constant one; only these have columns in tables."""
 
 
 def _of_lengths(p: Parts, geometry: Geometry) -> Array:
@@ -116,12 +116,12 @@ def _level(q: Array) -> Array:
 
 
 LENGTHS = Weight(_of_lengths, ("ppm", *CENTRING))
-"""Of distances."""
+"""Variance of distances."""
 LEVELLING = Weight(_of_levelling, ("per_sqrt_km", *CENTRING))
-"""Of levelled height differences."""
+"""Variance of levelled height differences."""
 INCLINATIONS = Weight(_of_inclinations)
-"""Of vertical and zenith angles."""
+"""Variance of vertical and zenith angles."""
 DIRECTIONS = Weight(_of_directions)
-"""Of horizontal directions and azimuths."""
+"""Variance of horizontal directions and azimuths."""
 ANGLES = Weight(_of_angles)
-"""Of horizontal angles between two targets."""
+"""Variance of horizontal angles between two targets."""

@@ -1,1 +1,1 @@
-"""What is wrong with a network before it is adjusted."""
+"""Checks of a network before the adjustment."""

@@ -1,7 +1,7 @@
-"""What is wrong with a network before it is adjusted: structure, and geometry where given.
+"""Checks of a network before the adjustment: its structure and its given geometry.
 
-The checks need no solution and find all they can at once. They are necessary, not
-sufficient: what only the numbers tell (a rank, a poor start) is left to the adjustment.
+The checks need no solution and report all problems at once. A network that passes can still fail
+in the adjustment, because of its rank or of poor start values.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from .where import Sources
 
 
 def check(network: Network, *, sources: Sources | None = None) -> tuple[Problem, ...]:
-    """Return everything that is found wrong with a network, nothing if it seems fit.
+    """Return all problems that the checks find in a network.
 
-    Nothing to adjust; points without observations or with too few; photos with too few points;
-    unconnected parts; no datum without a free network asked for; and, from the given
-    approximate values where there are any: sights without length, vertical sights with an
-    azimuth, points behind a camera or in its focal plane.
+    The problems are: nothing to adjust; points without observations or with too few; photos with
+    too few points; unconnected parts; a missing datum in a network that is not free; and, for
+    given approximate values: sights without length, vertical sights with an azimuth, points
+    behind a camera or in its focal plane.
 
     Args:
-        network: what is to be adjusted.
+        network: the network.
         sources: file and line of points and photos, by ("point" or "photo", name).
     """
     at = sources or {}

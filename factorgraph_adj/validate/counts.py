@@ -1,6 +1,6 @@
-"""Checks that count: unknowns that nothing observes, or too few observations.
+"""Checks of counts: unknowns without observations or with too few observations.
 
-The counts are necessary for a solution, not sufficient: only the rank tells the rest.
+Sufficient counts are necessary for a solution; only the rank shows that a solution exists.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from ..types import Array
 from .where import Sources, listed
 
 TINY = 5
-"""Smallest number of points and photos with which a free network must determine every point."""
+"""Free networks with fewer points and photos are exempt from the count for each point."""
 
 
 def _touching(equations: Equations, kind: VariableKind) -> tuple[Array, list[dict[str, int]]]:
-    """Return scalar observations of each variable, and observations of each by kind."""
+    """Return numbers of scalar observations of each variable, and of observations by kind."""
     n = len(equations.unknowns.tables[kind].names)
     rows = np.zeros(n)
     counts: list[dict[str, int]] = [{} for _ in range(n)]
@@ -38,7 +38,7 @@ def _touching(equations: Equations, kind: VariableKind) -> tuple[Array, list[dic
 
 
 def point_problems(equations: Equations, at: Sources) -> Iterator[Problem]:
-    """Find points that nothing observes, or whose observations are fewer than their unknowns."""
+    """Find points without observations or with fewer observations than unknowns."""
     network, table = equations.network, equations.unknowns["point"]
     rows, counts = _touching(equations, "point")
     free = table.free.sum(axis=1)
@@ -68,7 +68,7 @@ def _counted(counts: dict[str, int]) -> str:
 
 
 def photo_problems(equations: Equations, at: Sources) -> Iterator[Problem]:
-    """Find photos whose image points are fewer than their unknowns need."""
+    """Find photos with fewer image points than their unknowns need."""
     network, table = equations.network, equations.unknowns["pose"]
     rows, counts = _touching(equations, "pose")
     calibrations = equations.unknowns["calibration"]
@@ -88,10 +88,10 @@ def photo_problems(equations: Equations, at: Sources) -> Iterator[Problem]:
 
 
 def other_problems(equations: Equations) -> Iterator[Problem]:
-    """Find unknowns besides points and photos that no observation depends on."""
+    """Find unknowns without observations, other than points and photos."""
     for kind, table in equations.unknowns.tables.items():
         if kind in ("point", "pose"):
-            continue  # they have checks of their own
+            continue  # these kinds have their own checks
         rows, _ = _touching(equations, kind)
         for i in np.flatnonzero((rows == 0) & table.free.any(axis=1)):
             yield Problem(

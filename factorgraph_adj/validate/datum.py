@@ -1,4 +1,4 @@
-"""Checks of the datum: parts of a network that nothing holds in place."""
+"""Checks of the datum: connected parts of a network that can shift."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AXES = ("x", "y", "z")
 
 
 def _label_of(table: Variables, label: Index, numbers: Index) -> Index:
-    """Return the part of variables by number, −1 where held or unobserved."""
+    """Return the connected part of each variable, −1 for held or unobserved variables."""
     offset = table.offset[numbers]
     return np.where(offset >= 0, label[np.maximum(offset, 0)], -1)
 
@@ -29,7 +29,7 @@ class _Held:
         self.normal = np.zeros((n, 3, 3))
 
     def add(self, part: Index, direction: Array) -> None:
-        """Hold parts (m,) along directions (m, 3); −1 is none."""
+        """Hold parts (m,) along directions (m, 3); part −1 is skipped."""
         on = part >= 0
         d = direction[on]
         np.add.at(self.normal, part[on], d[:, :, None] * d[:, None, :])
@@ -50,7 +50,7 @@ class _Held:
 
 
 def datum_problems(equations: Equations) -> Iterator[Problem]:
-    """Find parts that nothing holds in place."""
+    """Find connected parts that can shift."""
     unknowns, network = equations.unknowns, equations.network
     label = parts(equations)
     held = _Held(int(label.max(initial=-1)) + 1)
@@ -99,7 +99,7 @@ def _hold(
     tables: list[tuple[Variables, Index, str]],
     held: _Held,
 ) -> None:
-    """Note in which directions the observations of a block hold their parts."""
+    """Add the directions in which the observations of a block hold their parts."""
     n = block.n
     everything = np.ones((n, 3), dtype=bool)
     if "axis" in block.constants:

@@ -1,4 +1,4 @@
-"""Checks of the given approximate values: what no observation can have measured from there."""
+"""Checks of the given approximate values for geometry that no observation can have."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ..network.network import Network
 from .where import Sources, listed
 
 LEAST_RADIUS = 6_300_000.0
-"""Metres from the centre of the Earth, deeper than any point that is measured."""
+"""Smallest distance from the centre of the Earth, metres; measured points are farther away."""
 
 
 def inside_the_earth(network: Network, at: Sources) -> Iterator[Problem]:
-    """Find local coordinates in a geocentric frame: they have no latitude there."""
+    """Find local coordinates in a geocentric frame, where such coordinates have no latitude."""
     if not isinstance(network.frame, GeocentricFrame):
         return
     for p in network.points.values():
@@ -35,8 +35,8 @@ def geometry_problems(equations: Equations) -> Iterator[Problem]:
     """Compute the observations whose points and photos have given values.
 
     Yields:
-        What a model refuses (a sight without length, an azimuth of a vertical sight), and image
-        points of object points behind the camera.
+        Problems of geometry that a model refuses (a sight without length, an azimuth of a vertical
+        sight), and of image points whose object points lie behind the camera.
     """
     state = equations.unknowns.start()
     filled = {

@@ -1,4 +1,4 @@
-"""Where a problem of a network stands: file and line of its source, and the names it concerns."""
+"""Location of a problem of a network: file and line of the source, and the names concerned."""
 
 from __future__ import annotations
 
