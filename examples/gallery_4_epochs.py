@@ -13,7 +13,6 @@ import numpy as np
 from scipy.stats import chi2
 
 import factorgraph_adj as fga
-from factorgraph_adj.network.entities import Point
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
 from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.units import GON
@@ -56,7 +55,7 @@ for epoch in range(1, EPOCHS + 1):
     if epoch == 4:
         good = today.observations["s4: B-W5@4"]
         today.observations["s4: B-W5@4"] = replace(good, value=good.value + 8 * MM)
-    new = [Point(f"{name}@{epoch}", tuple(xyz)) for name, xyz in WALL.items()]
+    new = [fga.network.entities.Point(f"{name}@{epoch}", tuple(xyz)) for name, xyz in WALL.items()]
     arrival = inc.add(list(today.observations.values()), points=new)
     cells = ""
     for name in WALL:

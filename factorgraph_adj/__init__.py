@@ -20,12 +20,32 @@ if TYPE_CHECKING:
     from .io.project import read_project
     from .io.readers import read
     from .io.write_project import write_project
+    from .models.registry import register_lens
+    from .models.variables import UnknownKind, register_unknown
+    from .network.entities import Camera, Parameter, Photo, Point
     from .network.network import Network
     from .network.selection import without
+    from .observations.base import Observation
+    from .observations.correlated import Correlated
+    from .observations.image import ImagePoint
+    from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
+    from .observations.registry import ObservationKind, register_observation
+    from .observations.terrestrial import (
+        AstronomicLatitude,
+        AstronomicLongitude,
+        Azimuth,
+        Direction,
+        HeightDifference,
+        HorizontalAngle,
+        HorizontalDistance,
+        SlopeDistance,
+        VerticalAngle,
+        ZenithAngle,
+    )
     from .planning.candidates import Candidate
     from .planning.plan import plan
     from .planning.propose import propose
-    from .planning.spare import spare
+    from .planning.spare import find_sparable
     from .quality.check_points import check_points
     from .quality.datum_change import s_transform
     from .quality.ellipses import error_ellipse, error_ellipsoid
@@ -33,10 +53,11 @@ if TYPE_CHECKING:
     from .quality.prediction import predict
     from .quality.relative import distance_precision
     from .quality.reliability import reliability
-    from .quality.robust import robust
+    from .quality.robust import robust_adjust
     from .quality.snooping import snoop
     from .quality.systematic import significance
-    from .quality.variance_components import variance_components
+    from .quality.variance_components import estimate_variance_components
+    from .report.options import Provenance, ReportOptions
     from .report.text import protocol
     from .solve.batch import adjust
     from .solve.solution import Solution
@@ -46,16 +67,41 @@ if TYPE_CHECKING:
 __all__ = [
     "AdjustmentError",
     "ApproximationError",
+    "AstronomicLatitude",
+    "AstronomicLongitude",
+    "Azimuth",
+    "Camera",
     "Candidate",
+    "ControlPoint",
+    "Correlated",
     "DatumError",
+    "Direction",
     "GeocentricFrame",
+    "GnssPosition",
+    "GnssVector",
+    "HeightDifference",
+    "HorizontalAngle",
+    "HorizontalDistance",
+    "ImagePoint",
     "IncrementalAdjustment",
     "InputError",
     "LocalFrame",
     "Network",
+    "Observation",
+    "ObservationKind",
+    "Parameter",
+    "Photo",
+    "PhotoPosition",
+    "Point",
+    "Provenance",
+    "ReportOptions",
+    "SlopeDistance",
     "Solution",
     "StandardDeviation",
     "TopocentricFrame",
+    "UnknownKind",
+    "VerticalAngle",
+    "ZenithAngle",
     "__version__",
     "adjust",
     "build_graph",
@@ -63,7 +109,9 @@ __all__ = [
     "distance_precision",
     "error_ellipse",
     "error_ellipsoid",
+    "estimate_variance_components",
     "exclude_insignificant",
+    "find_sparable",
     "plan",
     "predict",
     "propose",
@@ -72,13 +120,14 @@ __all__ = [
     "read_bal",
     "read_gama",
     "read_project",
+    "register_lens",
+    "register_observation",
+    "register_unknown",
     "reliability",
-    "robust",
+    "robust_adjust",
     "s_transform",
     "significance",
     "snoop",
-    "spare",
-    "variance_components",
     "without",
     "write_project",
 ]
@@ -86,16 +135,41 @@ __all__ = [
 _MODULES = {
     "AdjustmentError": "errors",
     "ApproximationError": "errors",
+    "AstronomicLatitude": "observations.terrestrial",
+    "AstronomicLongitude": "observations.terrestrial",
+    "Azimuth": "observations.terrestrial",
+    "Camera": "network.entities",
     "Candidate": "planning.candidates",
+    "ControlPoint": "observations.positions",
+    "Correlated": "observations.correlated",
     "DatumError": "errors",
+    "Direction": "observations.terrestrial",
     "GeocentricFrame": "frames",
+    "GnssPosition": "observations.positions",
+    "GnssVector": "observations.positions",
+    "HeightDifference": "observations.terrestrial",
+    "HorizontalAngle": "observations.terrestrial",
+    "HorizontalDistance": "observations.terrestrial",
+    "ImagePoint": "observations.image",
     "IncrementalAdjustment": "incremental.adjustment",
     "InputError": "errors",
     "LocalFrame": "frames",
     "Network": "network.network",
+    "Observation": "observations.base",
+    "ObservationKind": "observations.registry",
+    "Parameter": "network.entities",
+    "Photo": "network.entities",
+    "PhotoPosition": "observations.positions",
+    "Point": "network.entities",
+    "Provenance": "report.options",
+    "ReportOptions": "report.options",
+    "SlopeDistance": "observations.terrestrial",
     "Solution": "solve.solution",
     "StandardDeviation": "stochastic",
     "TopocentricFrame": "frames",
+    "UnknownKind": "models.variables",
+    "VerticalAngle": "observations.terrestrial",
+    "ZenithAngle": "observations.terrestrial",
     "__version__": "version",
     "adjust": "solve.batch",
     "build_graph": "graph.build",
@@ -103,7 +177,9 @@ _MODULES = {
     "distance_precision": "quality.relative",
     "error_ellipse": "quality.ellipses",
     "error_ellipsoid": "quality.ellipses",
+    "estimate_variance_components": "quality.variance_components",
     "exclude_insignificant": "quality.exclusion",
+    "find_sparable": "planning.spare",
     "plan": "planning.plan",
     "predict": "quality.prediction",
     "propose": "planning.propose",
@@ -112,13 +188,14 @@ _MODULES = {
     "read_bal": "io.bal",
     "read_gama": "io.gama",
     "read_project": "io.project",
+    "register_lens": "models.registry",
+    "register_observation": "observations.registry",
+    "register_unknown": "models.variables",
     "reliability": "quality.reliability",
-    "robust": "quality.robust",
+    "robust_adjust": "quality.robust",
     "s_transform": "quality.datum_change",
     "significance": "quality.systematic",
     "snoop": "quality.snooping",
-    "spare": "planning.spare",
-    "variance_components": "quality.variance_components",
     "without": "network.selection",
     "write_project": "io.write_project",
 }

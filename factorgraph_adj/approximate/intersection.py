@@ -7,7 +7,7 @@ from collections import defaultdict
 import numpy as np
 
 from ..types import Array
-from .loci import CAP, NOISE, SURE, Candidate, Loci, candidates
+from .loci import CAP, NOISE, SURE, Crossing, Loci, crossings
 from .polar import rays
 from .progress import Progress
 
@@ -63,7 +63,7 @@ def figure_size(own: Loci) -> float:
     return max(spread, reach, 1e-6)
 
 
-def choose(own: Loci, found: list[Candidate]) -> Candidate | None:
+def choose(own: Loci, found: list[Crossing]) -> Crossing | None:
     """Return the best candidate if it is clearly the best."""
     if not found:
         return None
@@ -87,7 +87,7 @@ def intersect(progress: Progress, *, crossing: float) -> bool:
     for p, own in gather(progress).items():
         if own.count < 2:
             continue
-        best = choose(own, candidates(own, figure_size(own)))
+        best = choose(own, crossings(own, figure_size(own)))
         if best is not None and best.crossing >= crossing:
             led_on |= progress.set_plan(np.array([p]), best.plan[None])
     return led_on
@@ -99,7 +99,7 @@ def doubtful(progress: Progress) -> list[tuple[int, list[Array]]]:
     for p, own in gather(progress).items():
         if own.count < 2:
             continue
-        found = [c for c in candidates(own, figure_size(own)) if c.crossing >= LEAST_CROSSING]
+        found = [c for c in crossings(own, figure_size(own)) if c.crossing >= LEAST_CROSSING]
         if not found:
             continue
         limit = SURE * found[0].misfit + NOISE
@@ -114,6 +114,6 @@ def contradictions(progress: Progress) -> Array:
     found = []
     for own in gather(progress).values():
         if own.count >= 3:
-            options = candidates(own, figure_size(own))
+            options = crossings(own, figure_size(own))
             found.append(options[0].misfit if options else CAP)
     return np.array(found)

@@ -54,7 +54,7 @@ class Loci:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Crossing:
     """A position that two loci allow."""
 
     plan: Array
@@ -65,7 +65,7 @@ class Candidate:
     """Sine of the angle at which the loci cross."""
 
 
-def candidates(loci: Loci, size: float) -> list[Candidate]:
+def crossings(loci: Loci, size: float) -> list[Crossing]:
     """Return the positions where two loci meet, the best fitting first, each once.
 
     Args:
@@ -81,15 +81,15 @@ def candidates(loci: Loci, size: float) -> list[Candidate]:
     plan = np.array([p for p, _ in found])
     misfit = misfits(loci, plan, size)
     listed = sorted(
-        (Candidate(p, float(m), c) for (p, c), m in zip(found, misfit, strict=True)),
+        (Crossing(p, float(m), c) for (p, c), m in zip(found, misfit, strict=True)),
         key=lambda c: (round(c.misfit, 9), -c.crossing),
     )
-    distinct: list[Candidate] = []
+    distinct: list[Crossing] = []
     for c in listed:
         for i, d in enumerate(distinct):
             if np.hypot(*(c.plan - d.plan)) <= SAME * size:
                 if c.misfit <= SURE * d.misfit + NOISE and c.crossing > d.crossing:
-                    distinct[i] = Candidate(d.plan, d.misfit, c.crossing)
+                    distinct[i] = Crossing(d.plan, d.misfit, c.crossing)
                 break
         else:
             distinct.append(c)

@@ -14,8 +14,9 @@ from ..io.readers import READERS
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..quality.unit_weight import global_test
-from ..quality.variance_components import VarianceComponents, variance_components
+from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.context import Report
+from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
 from ..report.text import render
 from ..solve.batch import adjust
@@ -24,9 +25,6 @@ from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
 from .messages import iteration, progress
 from .options import add_adjustment, add_project, count, probability
-
-SUSPECTS = 15
-"""Number of suspects that the protocol lists where --rows is not given."""
 
 
 def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -38,7 +36,8 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--rows",
         type=count,
         metavar="N",
-        help=f"rows of a list in the protocol (60, and {SUSPECTS} suspects)",
+        help=f"rows of a list in the protocol ({ReportOptions.most}, and "
+        f"{ReportOptions.n_suspects} suspects)",
     )
     run.add_argument("--quiet", action="store_true", help="print no protocol")
     run.add_argument(
@@ -110,7 +109,9 @@ def _solve(options: argparse.Namespace) -> Adjusted:
             )
             solution = found.solution
         if options.variance_components is not None:
-            weights = variance_components(solution.network, groups=options.variance_components)
+            weights = estimate_variance_components(
+                solution.network, groups=options.variance_components
+            )
             solution = replace(weights.solution, variance=variance)
     return Adjusted(project, solution, found, weights)
 
@@ -139,17 +140,17 @@ def _adjust(options: argparse.Namespace) -> int:
     found = _solve(options)
     report = Report(
         found.solution,
-        found.project.units,
-        options.rows or 60,
-        options.out or "",
-        n_suspects=options.rows or SUSPECTS,
-        alpha=options.alpha,
-        power=options.power,
-        test=found.snooping.test if found.snooping is not None else options.test,
-        confidence=options.ellipses,
-        snooping=found.snooping,
-        original=found.project.network,
-        components=found.components,
+        ReportOptions(
+            units=found.project.units,
+            most=options.rows or ReportOptions.most,
+            n_suspects=options.rows or ReportOptions.n_suspects,
+            tables=options.out or "",
+            alpha=options.alpha,
+            power=options.power,
+            test=found.snooping.test if found.snooping is not None else options.test,
+            confidence=options.ellipses,
+        ),
+        Provenance(found.snooping, found.project.network, found.components),
     )
     if options.out is not None:
         write_tables(report, options.out)
@@ -166,7 +167,9 @@ def _plot(options: argparse.Namespace) -> int:
         raise InputError(MISSING)
     found = _solve(options)
     report = Report(
-        found.solution, alpha=options.alpha, power=options.power, snooping=found.snooping
+        found.solution,
+        ReportOptions(alpha=options.alpha, power=options.power),
+        Provenance(found.snooping),
     )
     files = save_plots(
         found.solution,

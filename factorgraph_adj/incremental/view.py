@@ -12,6 +12,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..solve.batch import OFF_DATUM
 from ..solve.datum import Defect, FreeDatum, find_defects
+from ..solve.elimination import layers_of
 from ..solve.factor import Factor
 from ..solve.free_network import (
     MOTION,
@@ -22,7 +23,6 @@ from ..solve.free_network import (
 )
 from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
-from ..solve.plan import make_plan
 from ..solve.solution import Solution
 from ..solve.stopping import STOPPING
 from ..solve.tree import SingularError
@@ -47,7 +47,7 @@ class TreeFactor(Factor):
             columns: free columns of each key.
         """
         nothing = np.zeros(equations.unknowns.n_columns, dtype=bool)
-        self.plan = make_plan(equations, reduce_points=False, touched=nothing)
+        self.layers = layers_of(equations, reduce_points=False, touched=nothing)
         self.free = equations.unknowns.free
         self.points = None
         self.cliques = own_cliques(tree, columns)

@@ -5,9 +5,11 @@ Inside, lengths are metres, angles radians, image coordinates the units of the c
 ``id`` names the observation in every report; where none is given the network numbers it.
 ``source`` says where it came from (file and line) and appears in error messages.
 
-`register_observation` adds a kind of one's own.
+`register_observation` adds a kind of one's own. Points, photos, cameras and other unknowns, which
+observations refer to by name, stand here too.
 """
 
+from ..network.entities import Camera, Parameter, Photo, Point
 from ..stochastic import StandardDeviation
 from .base import Observation, Sight
 from .built_in import BUILT_IN
@@ -36,6 +38,7 @@ __all__ = [
     "AstronomicLatitude",
     "AstronomicLongitude",
     "Azimuth",
+    "Camera",
     "ControlPoint",
     "Correlated",
     "Direction",
@@ -47,7 +50,10 @@ __all__ = [
     "ImagePoint",
     "Observation",
     "ObservationKind",
+    "Parameter",
+    "Photo",
     "PhotoPosition",
+    "Point",
     "Sight",
     "SlopeDistance",
     "StandardDeviation",

@@ -207,7 +207,7 @@ def _flagged(network: Network) -> Network:
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class CandidateRows:
     """The rows of a candidate: partials by what it touches, whitened."""
 
     a: Array
@@ -219,18 +219,20 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
+class LinearCandidates:
     """A design and its candidates at the given values."""
 
     equations: Equations
     """Of the network with all candidates."""
     column: Index
     """Their column of each column of the design, (n_columns of the design,)."""
-    rows: tuple[Rows, ...]
+    rows: tuple[CandidateRows, ...]
     """Of each candidate."""
 
 
-def linearise(design: Equations, network: Network, candidates: Sequence[Candidate]) -> Linearised:
+def linearise(
+    design: Equations, network: Network, candidates: Sequence[Candidate]
+) -> LinearCandidates:
     """Linearise candidates where they are planned.
 
     Args:
@@ -257,8 +259,8 @@ def linearise(design: Equations, network: Network, candidates: Sequence[Candidat
         columns = np.unique(part.indices).astype(np.intp)
         columns = columns[equations.unknowns.free[columns]]
         dense = np.asarray(part[:, columns].todense())
-        out.append(Rows(dense, columns, np.flatnonzero(~old[columns])))
-    return Linearised(equations, column, tuple(out))
+        out.append(CandidateRows(dense, columns, np.flatnonzero(~old[columns])))
+    return LinearCandidates(equations, column, tuple(out))
 
 
 def _owners(equations: Equations, candidates: Sequence[Candidate]) -> Index:

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..solve.update import Update
 from ..types import Array, Index, Mask
-from .candidates import Rows
+from .candidates import CandidateRows
 from .targets import (
     DetectableError,
     PointTarget,
@@ -183,7 +183,7 @@ class Told:
     """Cofactors (CᵀC)⁻¹ of the new unknowns where the others are held, (c, c)."""
 
 
-def told(rows: Rows, place: Index, known: Mask) -> Told | None:
+def told(rows: CandidateRows, place: Index, known: Mask) -> Told | None:
     """Return what rows tell; none where they leave new unknowns undetermined.
 
     Args:

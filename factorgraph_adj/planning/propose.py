@@ -24,6 +24,8 @@ import numpy as np
 from ..errors import DatumError, InputError, Problem
 from ..graph.equations import compile_network
 from ..network.network import Network
+from ..quality.levels import ALPHA, POWER
+from ..shown import Rows, Shown
 from .candidates import (
     Candidate,
     as_candidates,
@@ -32,7 +34,7 @@ from .candidates import (
 )
 from .plan import Plan, realised
 from .readings import as_planned
-from .search import Search
+from .search import CandidateSearch
 from .targets import (
     RedundancyNumber,
     Shortfall,
@@ -73,7 +75,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Proposal:
+class Proposal(Shown):
     """What to add to a design."""
 
     steps: tuple[Step, ...]
@@ -93,9 +95,20 @@ class Proposal:
         """Names of the candidates."""
         return tuple(s.candidate.name for s in self.steps)
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say how many candidates, and what they cost."""
-        return f"<Proposal: {len(self.steps)} candidates, cost {self.cost:g}>"
+        return f"Proposal: {len(self.steps)} candidates, cost {self.cost:g}"
+
+    def first_rows(self) -> Rows:
+        """Return the steps."""
+        return Rows(
+            ("candidate", "cost", "together", "gain", "lack"),
+            (
+                (s.candidate.name, float(s.candidate.cost), float(s.cost), s.gain, s.lack)
+                for s in self.steps
+            ),
+            len(self.steps),
+        )
 
     def __str__(self) -> str:
         """Tabulate the steps."""
@@ -115,8 +128,8 @@ def propose(
     candidates: Iterable[Candidate],
     targets: Sequence[Target] | Target,
     *,
-    alpha: float = 0.001,
-    power: float = 0.80,
+    alpha: float = ALPHA,
+    power: float = POWER,
 ) -> Proposal:
     """Propose the cheapest additions that make a design meet its targets.
 
@@ -211,7 +224,7 @@ def _undetermined(error: DatumError, before: Plan, candidates: Sequence[Candidat
     """Return what names the candidates that do not determine what they bring."""
     kinds = {"pose": "photo", "calibration": "camera"}
     named = {(kinds.get(kind, kind), name.split("@")[0]) for kind, name in error.unknowns}
-    search = Search.of(before, candidates, before.targets)
+    search = CandidateSearch.of(before, candidates, before.targets)
     problems = []
     for n, c in enumerate(candidates):
         lost = c.brings if search.told(n, search.known) is None else c.brings & named
@@ -232,7 +245,7 @@ def _refuse_datum_changes(before: Plan, candidates: Sequence[Candidate]) -> None
     if before.solution.datum is None:
         return
     motions = before.solution.datum.motions
-    search = Search.of(before, candidates, before.targets)
+    search = CandidateSearch.of(before, candidates, before.targets)
     design = np.full(len(search.start.q), -1, dtype=np.intp)
     places = search.place[search.linear.column]
     design[places[places >= 0]] = np.flatnonzero(places >= 0)
@@ -326,7 +339,7 @@ def _attempt(
     for rounds in range(1, MOST_CHECKS + 1):  # noqa: B007
         taken = {c.name for c in chosen}
         left = [c for c in among if c.name not in taken]
-        search = Search.of(design, left, before.targets, watched)
+        search = CandidateSearch.of(design, left, before.targets, watched)
         picked = search.cheapest()
         chosen += [left[n] for n in picked]
         if picked:
@@ -356,7 +369,7 @@ def _in_the_way(design: Plan, chosen: Sequence[Candidate]) -> Candidate:
 
 def _ordered(before: Plan, chosen: Sequence[Candidate]) -> list[Candidate]:
     """Return what was chosen by gain for cost."""
-    search = Search.of(before, list(chosen), before.targets)
+    search = CandidateSearch.of(before, list(chosen), before.targets)
     state, known = search.start.copy(), search.known.copy()
     left, out = list(range(len(chosen))), []  # type: ignore[var-annotated]
     while left:

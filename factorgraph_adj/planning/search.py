@@ -9,7 +9,7 @@ import numpy as np
 
 from ..quality.rows import whitened_unit
 from ..types import Array, Index, Mask
-from .candidates import Candidate, Linearised, linearise, partials, with_candidates
+from .candidates import Candidate, LinearCandidates, linearise, partials, with_candidates
 from .covariances import Covariances, PointItems, RowItems, Told, Watched, told
 from .patterns import matching
 from .plan import Plan, horizons, rows_like
@@ -27,7 +27,7 @@ MOST_FOR_PAIRS = 60
 """and candidates that there are."""
 
 
-class Search:
+class CandidateSearch:
     """Choosing among candidates."""
 
     def __init__(
@@ -36,7 +36,7 @@ class Search:
         known: Mask,
         place: Index,
         candidates: Sequence[Candidate],
-        linear: Linearised,
+        linear: LinearCandidates,
     ) -> None:
         self.start, self.known, self.place = start, known, place
         self.costs = np.array([c.cost for c in candidates])
@@ -50,7 +50,7 @@ class Search:
         candidates: Sequence[Candidate],
         targets: Sequence[Target],
         watched: Collection[str] = (),
-    ) -> Search:
+    ) -> CandidateSearch:
         """Look at a design: Q of all that candidates touch and targets ask for.
 
         Args:

@@ -20,7 +20,9 @@ from scipy.sparse import csr_array
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from ..network.selection import without
+from ..quality.levels import ALPHA, POWER
 from ..quality.rows import whitened_unit
+from ..shown import Rows, Shown
 from ..solve.update import Update
 from ..types import Array, Index, Mask
 from .candidates import partials
@@ -40,7 +42,7 @@ from .targets import (
 
 LARGEST = 6000
 """Scalar observations up to which this is done; all of A Q Aᵀ is held."""
-NOTHING = 1e-9
+ROUNDED_LOSS = 1e-9
 """Loss that is rounding."""
 EQUAL = 1e-6
 """Part by which two observations may differ in worth and still be worth the same.
@@ -52,7 +54,7 @@ LISTED = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Spared:
+class Spared(Shown):
     """What can be left out."""
 
     ids: tuple[str, ...]
@@ -62,9 +64,17 @@ class Spared:
     plan: Plan
     """The design without them; its targets are met."""
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say how many, and what they cost."""
-        return f"<Spared: {len(self.ids)} observations, cost {self.saved:g}>"
+        return f"Spared: {len(self.ids)} observations, cost {self.saved:g}"
+
+    def first_rows(self) -> Rows:
+        """Return what can be left out."""
+        return Rows(
+            ("observation",),
+            ((i,) for i in self.ids),
+            len(self.ids),
+        )
 
     def __str__(self) -> str:
         """List them."""
@@ -74,14 +84,14 @@ class Spared:
         return "\n".join([*lines, *(f"  {i}" for i in self.ids)])
 
 
-def spare(
+def find_sparable(
     network: Network,
     targets: Sequence[Target] | Target,
     *,
     observations: Sequence[str] | str = ("*",),
     cost: Mapping[str, float] | None = None,
-    alpha: float = 0.001,
-    power: float = 0.80,
+    alpha: float = ALPHA,
+    power: float = POWER,
 ) -> Spared:
     """Find observations that can be left out while the targets are met.
 
@@ -117,7 +127,7 @@ def spare(
             f"{whole.solution.n_observations} scalar observations; up to {LARGEST} are looked at"
         )
     out: list[str] = []
-    search = _Search(whole, wanted, may_go)
+    search = _SpareSearch(whole, wanted, may_go)
     if not search.rows:
         raise InputError(
             Problem(
@@ -153,7 +163,7 @@ def _wrong_prices(prices: Mapping[str, Any], ids: Sequence[str]) -> list[Problem
     return problems
 
 
-class _Search:
+class _SpareSearch:
     """Q of a design from which observations are taken."""
 
     def __init__(self, design: Plan, targets: Sequence[Target], may_go: Sequence[str]) -> None:
@@ -204,7 +214,7 @@ class _Search:
             loss = self._loss(rows, before)
             if loss is None:
                 continue
-            worth = prices.get(ident, 1.0) / (max(loss, 0.0) + NOTHING)
+            worth = prices.get(ident, 1.0) / (max(loss, 0.0) + ROUNDED_LOSS)
             if worth > value * (1.0 + EQUAL):
                 chosen, value = ident, worth
         return chosen

@@ -73,7 +73,7 @@ class Units:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Outlier:
     """An observation that a round sets aside, or would have to."""
 
     unit: int
@@ -92,9 +92,9 @@ class Candidate:
 class Choice:
     """What one round does."""
 
-    chosen: tuple[Candidate, ...]
+    chosen: tuple[Outlier, ...]
     """Set aside, the largest first."""
-    blocked: tuple[Candidate, ...]
+    blocked: tuple[Outlier, ...]
     """Above the critical value, but without them something would be undetermined."""
 
 
@@ -132,7 +132,7 @@ def choose(
     if not len(candidates):
         return Choice((), ())
     looked_at = np.concatenate([np.array(kept, dtype=np.intp), candidates])
-    search = _Search(rel, units, looked_at, test, scale)
+    search = _OutlierSearch(rel, units, looked_at, test, scale)
     for unit in kept:
         search.explain_by(unit)
     for unit in candidates.tolist():
@@ -153,7 +153,7 @@ def choose(
     return Choice(tuple(chosen), tuple(blocked))
 
 
-class _Search:
+class _OutlierSearch:
     """The linear model, in which one candidate after the other goes."""
 
     def __init__(
@@ -168,8 +168,8 @@ class _Search:
         self.gone: list[int] = []
         self.only_images = _only_images(rel.solution.equations)
         self.lost_points: set[int] = set()
-        self.chosen: list[Candidate] = []
-        self.blocked: list[Candidate] = []
+        self.chosen: list[Outlier] = []
+        self.blocked: list[Outlier] = []
 
     def stands_out(self, unit: int, critical: float) -> bool:
         """Return whether those that went neither resemble a unit nor explain its test value."""
@@ -190,7 +190,7 @@ class _Search:
         at = self._at(unit)
         own = self.rows[at]
         row = int(own[np.argmax(np.nan_to_num(np.abs(self.test[own])))])
-        candidate = Candidate(unit, row, float(self.test[row]), self.partners[self.place[row]])
+        candidate = Outlier(unit, row, float(self.test[row]), self.partners[self.place[row]])
         point = _tie_point(self.rel.solution.equations, row, self.only_images)
         if point is not None and point in self.lost_points:
             return

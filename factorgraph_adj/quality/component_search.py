@@ -35,7 +35,7 @@ TOO_FAR = 0.5
 slope there, from which on the next steps are shortened."""
 
 
-class Search:
+class ComponentSearch:
     """Variance components of k groups on the way."""
 
     def __init__(self, k: int) -> None:

@@ -50,7 +50,7 @@ Motion: TypeAlias = Literal[
 
 IGNORED = 1e-60
 """Factor on weights that leaves nothing of an observation."""
-NOTHING = 1e-30
+UNOBSERVED = 1e-30
 """Diagonal of N (1/m², 1/rad²) below which only ignored observations touch a column."""
 AT_REST = 1e-5
 """Step relative to σ below which a solution is at rest, as in `adjust`."""
@@ -155,7 +155,7 @@ def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
         solution.start,
         FreeDatum(solution.datum.motions, columns),
         solution.defects,
-        normal_at=lambda state: solution.at(state).normal(),
+        normal_at=solution.normal_at,
         step=step,
         tolerance=AT_REST,
         at_rest=solution.converged,
@@ -243,7 +243,7 @@ def _undetermined(
     extra = [ExtraRows(place[e.columns], e.a, e.residual) for e in solution.normal().system.extra]
     system = LinearSystem(freed, solution.state, extra)
     diagonal = system.diagonal()
-    diagonal[diagonal < NOTHING] = 0.0
+    diagonal[diagonal < UNOBSERVED] = 0.0
     defects = find_defects(system, solution.state, diagonal, free=True)
     if not defects:
         raise InputError(

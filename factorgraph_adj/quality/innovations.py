@@ -24,7 +24,7 @@ from ..types import Array, Index, Mask
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
+class LinearInnovations:
     """k scalar rows: v + A dx with covariance Σ."""
 
     v: Array
@@ -120,7 +120,7 @@ class Innovations:
         if problems:
             raise InputError(list(dict.fromkeys(problems)))
 
-    def linearise(self, rows: Index) -> Linearised:
+    def linearise(self, rows: Index) -> LinearInnovations:
         """Linearise rows, all components of each observation among them, ascending.
 
         Raises:
@@ -130,7 +130,9 @@ class Innovations:
         every = np.union1d(rows, self._context(rows))
         v, a, covariance = self._linearise(every)
         given = _given_the_others(self.equations, every, rows, covariance)
-        return Linearised(given @ v, csr_array(given @ a), csr_array(given @ covariance @ given.T))
+        return LinearInnovations(
+            given @ v, csr_array(given @ a), csr_array(given @ covariance @ given.T)
+        )
 
     def _context(self, rows: Index) -> Index:
         """Return the rows of correlated groups that are in the solution beside ``rows``."""

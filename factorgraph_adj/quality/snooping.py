@@ -16,17 +16,17 @@ from ..errors import InputError, Problem
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
 from ..solve.solution import Solution
+from .levels import ALPHA, POWER
 from .rejections import Round, Snooping, Test
-from .robust import ESTIMATORS, Estimator
-from .robust import robust as robust_adjustment
-from .snooping_search import Search
+from .robust import ESTIMATORS, Estimator, robust_adjust
+from .snooping_search import SnoopingSearch
 
 
 def snoop(
     network: Network,
     *,
-    alpha: float = 0.001,
-    power: float = 0.80,
+    alpha: float = ALPHA,
+    power: float = POWER,
     test: Test = "baarda",
     sidak: bool = False,
     share: float = 0.4,
@@ -84,11 +84,11 @@ def snoop(
         values = None
     else:
         scale: Literal["a-priori", "median"] = "a-priori" if test == "baarda" else "median"
-        found = robust_adjustment(network, estimator=robust, scale=scale, datum=datum, start=start)
+        found = robust_adjust(network, estimator=robust, scale=scale, datum=datum, start=start)
         solution, values = found.solution, found.test_values / found.scale
     if sidak:
         alpha = float(1.0 - (1.0 - alpha) ** (1.0 / solution.equations.n_rows))
-    search = Search(solution, test, alpha, power, {"datum": datum, "variance": variance})
+    search = SnoopingSearch(solution, test, alpha, power, {"datum": datum, "variance": variance})
     if values is not None:
         search.begin(values, progress)
     reason = search.run(share, max_rounds, progress)

@@ -15,14 +15,14 @@ from ..network.selection import without
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
-from .candidates import Candidate, Choice, Units, choose
+from .candidates import Choice, Outlier, Units, choose
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
 from .prediction import Prediction, Predictor
 from .rejections import PointSetAside, Rejected, Round, Snooping, Test, Unresolved
 from .reliability import critical_tau, reliability
 
 
-class Search:
+class SnoopingSearch:
     """Where a search stands."""
 
     def __init__(
@@ -122,7 +122,7 @@ class Search:
             stuck=self._units(self.stuck),
         )
 
-    def _set_aside(self, chosen: Sequence[Candidate], number: int) -> int:
+    def _set_aside(self, chosen: Sequence[Outlier], number: int) -> int:
         """Adjust without them; return how many observations went, 0 if that failed."""
         aside = {r.id: r for c in chosen if c.point is None for r in [self._rejected(c, number)]}
         lost = {p.name: p for c in chosen if c.point is not None for p in [self._point(c, number)]}
@@ -156,7 +156,7 @@ class Search:
         found = self.solution.equations.find(list(ids))
         return [int(number[rows[0]]) for rows in found if len(rows)]
 
-    def _rejected(self, c: Candidate, number: int) -> Rejected:
+    def _rejected(self, c: Outlier, number: int) -> Rejected:
         equations = self.solution.equations
         label, record = equations.label, self.solution.observations[c.row]
         self.place[record.id] = c.row - int(Units.of(equations).first[c.unit])
@@ -174,7 +174,7 @@ class Search:
             tuple((label(row), rho) for row, rho in c.inseparable),
         )
 
-    def _point(self, c: Candidate, number: int) -> PointSetAside:
+    def _point(self, c: Outlier, number: int) -> PointSetAside:
         equations = self.solution.equations
         rays: list[str] = []
         for block in equations.blocks:

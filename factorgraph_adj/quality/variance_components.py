@@ -21,12 +21,14 @@ import numpy as np
 
 from ..errors import InputError, known
 from ..network.network import DatumChoice, Network
+from ..shown import Rows, Shown
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
-from .component_search import Search, State
+from .component_search import ComponentSearch, State
 from .distributions import chi2_above, chi2_below, chi2_quantile
 from .group_redundancy import GroupRedundancy, group_redundancy, sharpened
+from .levels import CONFIDENCE
 from .observation_groups import Groups, ObservationGroups, observation_groups
 
 CERTAIN = 10.0
@@ -78,7 +80,7 @@ class VarianceComponent:
         x = self.freedom * self.factor**2
         return float(min(1.0, 2.0 * min(chi2_below(x, self.freedom), chi2_above(x, self.freedom))))
 
-    def interval(self, *, confidence: float = 0.95) -> tuple[float, float]:
+    def interval(self, *, confidence: float = CONFIDENCE) -> tuple[float, float]:
         """Return the bounds of the true factor, f √(ν/χ²); 0 and infinite without an estimate.
 
         Raises:
@@ -94,8 +96,8 @@ class VarianceComponent:
         return self.factor * (nu / low) ** 0.5, upper
 
 
-@dataclass(frozen=True, eq=False)
-class VarianceComponents:
+@dataclass(frozen=True, eq=False, repr=False)
+class VarianceComponents(Shown):
     """Estimated variance components of a network, and the adjustment with their weights."""
 
     components: tuple[VarianceComponent, ...]
@@ -115,6 +117,19 @@ class VarianceComponents:
     exact: bool
     """Whether standard deviations are exact, or from stochastic traces (to a few per cent)."""
 
+    def headline(self) -> str:
+        """Return how many groups there are, and how the estimation ended."""
+        ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
+        return f"VarianceComponents: {len(self.components)} groups, {ended}"
+
+    def first_rows(self) -> Rows:
+        """Return the groups."""
+        return Rows(
+            ("group", "σ / σ a-priori", "its σ", "redundancy", "state"),
+            ((c.name, c.factor, c.sigma, c.redundancy, c.state) for c in self.components),
+            len(self.components),
+        )
+
     def __getitem__(self, name: str) -> VarianceComponent:
         """Return the component of a group."""
         found = {c.name: c for c in self.components}
@@ -128,7 +143,7 @@ class VarianceComponents:
         return np.append([c.factor for c in self.components], 1.0)[self.groups.of_row]
 
 
-def variance_components(
+def estimate_variance_components(
     network: Network,
     *,
     groups: Groups = "kind",
@@ -171,7 +186,7 @@ def variance_components(
         raise InputError("max_iterations must be at least 1, and tolerance greater than 0")
     solution = adjust(network, datum=datum, extra_factors=extra_factors)
     found = observation_groups(solution, groups)
-    search = Search(len(found.names))
+    search = ComponentSearch(len(found.names))
     iterations = 1
     logarithms = search.logarithms.copy()
     while True:
@@ -213,7 +228,7 @@ def variance_components(
 
 
 def _results(
-    search: Search, at: GroupRedundancy, groups: ObservationGroups, factors: Array
+    search: ComponentSearch, at: GroupRedundancy, groups: ObservationGroups, factors: Array
 ) -> tuple[tuple[VarianceComponent, ...], Array]:
     """Return the components and the correlations of their estimates."""
     cofactors, lost = search.cofactors(at)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import nan, sqrt
-from typing import Literal, TypeAlias, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,12 +26,11 @@ from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array
 from ..units import ANGLE, LENGTH
-from .rows import Rows
+from .options import Provenance, ReportOptions
+from .rows import ReportRows
 from .set_aside import SetAside, set_aside
 
 Line = TypeVar("Line")
-Test: TypeAlias = Literal["baarda", "pope"]
-"""Which test values are shown: w, or τ = w/σ̂0."""
 
 
 @dataclass(frozen=True)
@@ -56,39 +55,36 @@ class Report:
 
     solution: Solution
     """What was found."""
-    units: Units = field(default_factory=Units)
-    """Units of coordinates, angles and their standard deviations."""
-    most: int = 60
-    """Rows after which a list is cut."""
-    tables: str = ""
-    """Folder where the CSV tables lie."""
-    n_suspects: int = 15
-    """Observations with the largest test values that are listed."""
-    alpha: float = 0.001
-    """Probability α0 of a false alarm of one test."""
-    power: float = 0.80
-    """Probability with which an error of the smallest detectable size is found."""
-    test: Test | None = None
-    """Which test values are shown; none: τ where σ are a posteriori, else w."""
-    confidence: float | None = None
-    """Probability of error ellipses; none: no ellipses are shown."""
-    snooping: Snooping | None = None
-    """Data snooping that the solution comes from."""
-    original: Network | None = None
-    """The network before anything was set aside."""
-    components: VarianceComponents | None = None
-    """Variance components that the weights of the solution come from."""
+    options: ReportOptions = field(default_factory=ReportOptions)
+    """How it is shown."""
+    provenance: Provenance = field(default_factory=Provenance)
+    """What it comes from."""
 
     @property
     def network(self) -> Network:
         """The network."""
         return self.solution.network
 
+    @property
+    def units(self) -> Units:
+        """Units of coordinates, angles and their standard deviations."""
+        return self.options.units
+
+    @property
+    def snooping(self) -> Snooping | None:
+        """Data snooping that the solution comes from."""
+        return self.provenance.snooping
+
+    @property
+    def components(self) -> VarianceComponents | None:
+        """Variance components that the weights of the solution come from."""
+        return self.provenance.components
+
     @cached_property
-    def rows(self) -> Rows:
+    def rows(self) -> ReportRows:
         """Its scalar observations."""
         residuals = self.solution.observations.residuals
-        return Rows(self.solution.equations, residuals, self.units)
+        return ReportRows(self.solution.equations, residuals, self.units)
 
     @cached_property
     def singular(self) -> bool:
@@ -111,7 +107,7 @@ class Report:
         if self.singular:
             return "no reliability: the normal equations are singular where the iteration stopped"
         try:
-            return reliability(self.solution, alpha=self.alpha, power=self.power)
+            return reliability(self.solution, alpha=self.options.alpha, power=self.options.power)
         except InputError:
             raise
         except AdjustmentError as error:
@@ -131,7 +127,7 @@ class Report:
     def pope(self) -> bool:
         """Whether test values are τ."""
         default = "pope" if self.solution.variance == "a-posteriori" else "baarda"
-        return (self.test or default) == "pope"
+        return (self.options.test or default) == "pope"
 
     @property
     def tests(self) -> tuple[Array, float]:
@@ -144,9 +140,10 @@ class Report:
     @cached_property
     def set_aside(self) -> SetAside | None:
         """What data snooping set aside; none if there was none, or the network is not known."""
-        if self.snooping is None or self.original is None:
+        original = self.provenance.original
+        if self.snooping is None or original is None:
             return None
-        return set_aside(self.solution, self.snooping, self.original, self.units)
+        return set_aside(self.solution, self.snooping, original, self.units)
 
     @cached_property
     def significance(self) -> Significance | None:
@@ -168,19 +165,19 @@ class Report:
     @cached_property
     def ellipses(self) -> dict[str, ErrorEllipse]:
         """Error ellipses of the points, if asked for."""
-        if self.confidence is None or self.singular:
+        if self.options.confidence is None or self.singular:
             return {}
-        found = error_ellipses(self.solution, confidence=self.confidence)
+        found = error_ellipses(self.solution, confidence=self.options.confidence)
         return dict(zip(self.network.points, found, strict=True))
 
     @cached_property
     def ellipsoids(self) -> dict[str, ErrorEllipsoid]:
         """Error ellipsoids of projection centres that are not held, if asked for."""
-        if self.confidence is None or self.singular:
+        if self.options.confidence is None or self.singular:
             return {}
         names = [n for n in self.network.photos if self.free("pose", n)]
         places: list[Place] = [("pose", n) for n in names]
-        found = error_ellipsoids(self.solution, places, confidence=self.confidence)
+        found = error_ellipsoids(self.solution, places, confidence=self.options.confidence)
         return dict(zip(names, found, strict=True))
 
     @property
@@ -239,12 +236,12 @@ class Report:
 
     def where(self, file: str) -> str:
         """Return where a table is, or how to get it."""
-        noun = "the table" if file.endswith(".csv") else "the file"
-        return f"{self.tables}/{file}" if self.tables else f"{noun} {file} (option --out)"
+        tables, noun = self.options.tables, "the table" if file.endswith(".csv") else "the file"
+        return f"{tables}/{file}" if tables else f"{noun} {file} (option --out)"
 
     def cut(self, rows: list[Line], what: str, file: str) -> tuple[list[Line], list[str]]:
         """Return the rows to show, and a line about those left out, if any are."""
-        if len(rows) <= self.most:
+        if len(rows) <= self.options.most:
             return rows, []
-        note = f"  … {len(rows) - self.most} more {what} in {self.where(file)}"
-        return rows[: self.most], [note]
+        note = f"  … {len(rows) - self.options.most} more {what} in {self.where(file)}"
+        return rows[: self.options.most], [note]

@@ -21,7 +21,7 @@ def factor(report: Report, dimension: int) -> float:
     s = report.solution
     estimated = s.variance == "a-posteriori" and s.redundancy > 0
     known = s.redundancy if estimated else None
-    return confidence_factor(dimension, report.confidence, redundancy=known)
+    return confidence_factor(dimension, report.options.confidence, redundancy=known)
 
 
 def half_widths(report: Report) -> dict[str, float]:
@@ -58,9 +58,9 @@ def ellipse_columns(report: Report, places: int) -> tuple[list[str], dict[str, l
         report: with a confidence.
         places: decimals of lengths.
     """
-    if report.confidence is None:
+    if report.options.confidence is None:
         return [], {}, ""
-    unit, level = report.units.sigma_length, percent(report.confidence)
+    unit, level = report.units.sigma_length, percent(report.options.confidence)
     given = report.network.points
     names = [n for n in given if report.free("point", n)]
     write = partial(_length, report=report, places=places)
@@ -87,7 +87,7 @@ def _length(metres: float, *, report: Report, places: int) -> str:
 
 def centres(report: Report) -> list[str]:
     """Error ellipsoids of the projection centres."""
-    if report.confidence is None or not report.ellipsoids:
+    if report.options.confidence is None or not report.ellipsoids:
         return []
     sizes = (a / report.small for e in report.ellipsoids.values() for a in e.semi_axes)
     places = decimals(sizes, default=2, most=5)
@@ -105,7 +105,7 @@ def centres(report: Report) -> list[str]:
     for axis in "abc":
         header += [f"{axis} [{unit}]", f"azimuth [{angle}]", "dip"]
     heading = (
-        f"Projection centres: {percent(report.confidence)} error ellipsoids, "
+        f"Projection centres: {percent(report.options.confidence)} error ellipsoids, "
         f"{factor(report, 3):.3f} × standard ellipsoid"
     )
     return [*title(heading), *table(header, rows), *note]
@@ -116,13 +116,13 @@ def centres(report: Report) -> list[str]:
 
 def point_columns(report: Report) -> dict[str, list[str]]:
     """Return columns of points.csv; none where no confidence is asked for."""
-    if report.confidence is None:
+    if report.options.confidence is None:
         return {}
     small, angle = report.units.sigma_length, angle_unit(report)
     ellipses, widths = report.ellipses, half_widths(report)
     names = list(report.network.points)
     return {
-        "confidence": [f"{report.confidence:g}"] * len(names),
+        "confidence": [f"{report.options.confidence:g}"] * len(names),
         f"ellipse_major_{small}": [figure(ellipses[n].semi_axes[0] / report.small) for n in names],
         f"ellipse_minor_{small}": [figure(ellipses[n].semi_axes[1] / report.small) for n in names],
         f"ellipse_azimuth_{angle}": [figure(ellipses[n].azimuth / ANGLE[angle]) for n in names],
@@ -132,11 +132,11 @@ def point_columns(report: Report) -> dict[str, list[str]]:
 
 def photo_columns(report: Report) -> dict[str, list[str]]:
     """Return columns of photos.csv; none where no confidence is asked for."""
-    if report.confidence is None:
+    if report.options.confidence is None:
         return {}
     small, angle = report.units.sigma_length, angle_unit(report)
     names, found = list(report.network.photos), report.ellipsoids
-    out = {"confidence": [f"{report.confidence:g}" if n in found else "" for n in names]}
+    out = {"confidence": [f"{report.options.confidence:g}" if n in found else "" for n in names]}
     for i in range(3):
         for what, unit, size in (
             ("semi_axes", small, report.small),

@@ -103,7 +103,7 @@ def weakest(report: Report) -> list[str]:
     if rel is None or report.solution.redundancy <= 0 or not rel.controlled.any():
         return []
     points = _weakest_points(report, rel)
-    if int(rel.controlled.sum()) <= report.n_suspects and not _above(report):
+    if int(rel.controlled.sum()) <= report.options.n_suspects and not _above(report):
         return points  # all observations are in the list of test values, with r
     r = np.where(rel.controlled, rel.redundancy_numbers, np.inf)
     order = np.argsort(r, kind="stable")[: min(WEAKEST, int(rel.controlled.sum()))]
@@ -179,7 +179,7 @@ def suspects(report: Report) -> list[str]:
     scale = report.solution.sigma0 if report.pope else 1.0
     name = "τ" if report.pope else "w"
     notes: list[str] = []
-    most = min(report.n_suspects, int(rel.controlled.sum()))
+    most = min(report.options.n_suspects, int(rel.controlled.sum()))
     if above:
         most = min(most, above)
         found = rel.suspects(most, critical=critical * scale)
@@ -278,7 +278,7 @@ def _groups(report: Report, rel: Reliability) -> list[str]:
             f"{g.test:.2f}",
             f"{g.critical:.2f}",
         ]
-        for g in failed[: report.n_suspects]
+        for g in failed[: report.options.n_suspects]
     ]
     out = ["", *title("Correlated groups whose test T is above its critical value (χ²)")]
     out += table(["observations", "d", "Σr", "T", "critical"], shown)
@@ -298,7 +298,7 @@ def _members(report: Report, group: GroupReliability) -> str:
 def residuals(report: Report) -> list[str]:
     """Largest normalised residuals, where there are no test values."""
     size = np.abs(report.solution.observations.normalised)
-    order = np.argsort(-size, kind="stable")[: report.n_suspects].tolist()
+    order = np.argsort(-size, kind="stable")[: report.options.n_suspects].tolist()
     rows = [
         [
             *names_of(r),

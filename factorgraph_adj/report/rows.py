@@ -114,7 +114,7 @@ class Group:
         return len(self.rows)
 
 
-class Rows:
+class ReportRows:
     """Scalar observations and their residuals."""
 
     def __init__(self, equations: Equations, residuals: Array, units: Units) -> None:

@@ -15,14 +15,14 @@ from ..quality.prediction import Predictor
 from ..quality.rejections import Snooping
 from ..solve.solution import Solution
 from ..types import Array, Index
-from .rows import Row, Rows
+from .rows import ReportRows, Row
 
 
 @dataclass(frozen=True, eq=False)
 class SetAside:
     """Scalar observations that were set aside; arrays (k,), NaN where nothing predicts them."""
 
-    rows: Rows
+    rows: ReportRows
     """All rows of the network before, with innovations as residuals of those."""
     numbers: Index
     """Which of them were set aside."""
@@ -59,7 +59,7 @@ def set_aside(solution: Solution, snooping: Snooping, original: Network, units: 
     figures = _predicted(solution, Predictor(equations, solution), numbers)
     residuals = np.full(equations.n_rows, np.nan)
     residuals[numbers] = figures[0]
-    return SetAside(Rows(equations, residuals, units), numbers, *figures)
+    return SetAside(ReportRows(equations, residuals, units), numbers, *figures)
 
 
 def _predicted(solution: Solution, predictor: Predictor, numbers: Index) -> Sequence[Array]:

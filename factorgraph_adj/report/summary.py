@@ -66,7 +66,7 @@ def _reliability(report: Report) -> dict[str, Any]:
     values, critical = report.tests
     size = np.where(np.isfinite(values), np.abs(values), 0.0)
     ids, above = report.solution.observations.ids, np.flatnonzero(size > critical)
-    above = above[np.argsort(-size[above], kind="stable")][: report.most]
+    above = above[np.argsort(-size[above], kind="stable")][: report.options.most]
     return {
         "alpha": rel.alpha,
         "power": rel.power,

@@ -8,22 +8,22 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from math import isfinite, nan
 from pathlib import Path
 
 import numpy as np
 
 from ..io.atomic import write_files
-from ..io.numbers import Units, write
+from ..io.numbers import write
 from ..io.tables import write_columns, write_table
 from ..models.variables import VariableKind
-from ..network.network import Network
-from ..quality.rejections import Snooping
 from ..quality.variance_components import VarianceComponents
 from ..solve.solution import Solution
-from .context import Report, Test
+from .context import Report
 from .coordinates import by_photo
 from .observation_tables import figures, observations_table, snooping_table
+from .options import Provenance, ReportOptions
 from .precision import figure, photo_columns, point_columns
 from .summary import finite, summary
 from .text import render
@@ -39,49 +39,22 @@ PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
 def write_solution(
     solution: Solution,
     folder: str | Path,
-    *,
-    units: Units | None = None,
-    most: int = 60,
-    alpha: float = 0.001,
-    power: float = 0.80,
-    test: Test | None = None,
-    confidence: float | None = None,
-    snooping: Snooping | None = None,
-    original: Network | None = None,
-    components: VarianceComponents | None = None,
+    options: ReportOptions | None = None,
+    provenance: Provenance | None = None,
 ) -> None:
     """Write protocol.txt, solution.json and the CSV tables into a folder, all or nothing.
 
     Args:
         solution: what `adjust` found.
         folder: made if it is not there; files of an earlier solution are replaced.
-        units: units of the tables and the protocol.
-        most: rows after which the protocol cuts a list.
-        alpha: as for `protocol`.
-        power: as for `protocol`.
-        test: as for `protocol`.
-        confidence: as for `protocol`.
-        snooping: as for `protocol`.
-        original: as for `protocol`.
-        components: as for `protocol`.
+        options: as for `protocol`; the folder of the tables is this one.
+        provenance: as for `protocol`.
 
     Raises:
         InputError: the folder cannot be written to; what was there before is there still.
     """
-    report = Report(
-        solution,
-        units or Units(),
-        most,
-        str(folder),
-        alpha=alpha,
-        power=power,
-        test=test,
-        confidence=confidence,
-        snooping=snooping,
-        original=original,
-        components=components,
-    )
-    write_tables(report, folder)
+    there = replace(options or ReportOptions(), tables=str(folder))
+    write_tables(Report(solution, there, provenance or Provenance()), folder)
 
 
 def write_tables(report: Report, folder: str | Path) -> None:

@@ -5,17 +5,14 @@ from __future__ import annotations
 from math import isfinite
 
 from ..frames import Frame, GeocentricFrame, LocalFrame
-from ..io.numbers import Units
-from ..network.network import Network
-from ..quality.rejections import Snooping
 from ..quality.unit_weight import global_test
-from ..quality.variance_components import VarianceComponents
 from ..solve.solution import Solution
 from ..units import format_angle
 from ..version import __version__
-from .context import Report, Test
+from .context import Report
 from .coordinates import check_points, photos, points
 from .layout import WIDTH, short, table, title
+from .options import Provenance, ReportOptions
 from .precision import centres
 from .reliability import reliability, suspects, weakest
 from .snooping import components, snooping
@@ -26,17 +23,8 @@ DIRECTIONS = {"e": "east", "w": "west", "n": "north", "s": "south"}
 
 def protocol(
     solution: Solution,
-    *,
-    units: Units | None = None,
-    most: int = 60,
-    tables: str = "",
-    alpha: float = 0.001,
-    power: float = 0.80,
-    test: Test | None = None,
-    confidence: float | None = None,
-    snooping: Snooping | None = None,
-    original: Network | None = None,
-    components: VarianceComponents | None = None,
+    options: ReportOptions | None = None,
+    provenance: Provenance | None = None,
 ) -> str:
     """Return the protocol of an adjustment.
 
@@ -48,34 +36,10 @@ def protocol(
 
     Args:
         solution: what `adjust` found.
-        units: units of coordinates, angles and their standard deviations.
-        most: rows after which a list is cut, with a note of what is left out.
-        tables: folder where the CSV tables lie, for those notes.
-        alpha: probability α0 of a false alarm of one test.
-        power: probability with which an error of the smallest detectable size is found.
-        test: ``baarda`` for w, ``pope`` for τ; none: τ where σ are a posteriori.
-        confidence: probability of error ellipses of points and ellipsoids of projection centres.
-        snooping: where the solution is that of data snooping, or was adjusted from its network.
-        original: the network that was snooped, with what was set aside.
-        components: where the weights come from variance components.
-
-    Raises:
-        InputError: probabilities outside (0, 1), α0 ≥ power.
+        options: units, lengths of lists, probabilities, tests, ellipses.
+        provenance: data snooping or variance components that the solution comes from.
     """
-    report = Report(
-        solution,
-        units or Units(),
-        most,
-        tables,
-        alpha=alpha,
-        power=power,
-        test=test,
-        confidence=confidence,
-        snooping=snooping,
-        original=original,
-        components=components,
-    )
-    return render(report)
+    return render(Report(solution, options or ReportOptions(), provenance or Provenance()))
 
 
 def render(report: Report) -> str:
@@ -190,7 +154,7 @@ def _result(report: Report) -> list[str]:
     verdict = "accepted" if test.accepted else "REJECTED"
     out += [
         f"  σ̂0                    {test.sigma0:.5f} (a priori 1)",
-        f"  global test           {verdict}: χ², two-sided, {100 * test.confidence:.0f} %, "
+        f"  global test           {verdict}: χ², two-sided, {100 * (1 - test.alpha):.0f} %, "
         f"{test.lower:.4f} ≤ σ̂0 ≤ {test.upper:.4f}",
     ]
     if not test.accepted and test.sigma0 > 1:

@@ -22,7 +22,7 @@ STRONG = 0.8
 
 def calibrations(report: Report) -> list[str]:
     """Each calibration with standard deviations and strong correlations."""
-    names, few = list(report.calibrations), max(1, report.most // 10)
+    names, few = list(report.calibrations), max(1, report.options.most // 10)
     out: list[str] = []
     for name in names[:few]:
         camera = report.network.cameras[name.split("@")[0]]

@@ -21,6 +21,7 @@ from ..observations import ImagePoint, observation_kind
 from ..quality.rejections import Snooping
 from ..quality.reliability import Reliability
 from ..report.context import Report
+from ..report.options import ReportOptions
 from ..report.rows import Row, Scale, image_scale, scale_of
 from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
@@ -207,7 +208,7 @@ class Answers:
 
     def solution(self, s: Solution) -> Answer:
         """Return a solution: figures of the adjustment, points, photos, calibrations."""
-        report = Report(s, self.units)
+        report = Report(s, ReportOptions(self.units))
         at = s.state["point"]
         return {
             "name": s.network.name,
@@ -229,7 +230,7 @@ class Answers:
 
     def reliability(self, rel: Reliability, most: int) -> Answer:
         """Return how well observations are controlled, the weakest and the suspect ones."""
-        report, r = Report(rel.solution, self.units), rel.redundancy_numbers
+        report, r = Report(rel.solution, ReportOptions(self.units)), rel.redundancy_numbers
         uncontrolled = report.rows.at(np.flatnonzero(~rel.controlled).tolist())
         smallest = np.argsort(np.where(rel.controlled, r, np.inf), kind="stable")
         weakest = [int(i) for i in smallest[: min(most, int(rel.controlled.sum()))]]

@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..graph.equations import Equations, compile_network
 from ..network.network import DatumChoice, Network
 from ..types import Array
+from .datum import FreeDatum
 from .determine import refuse_unnoticed
 from .free_network import carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
@@ -138,8 +139,14 @@ def _minimise(
 
 
 def _carry_to_datum_points(run: Run, ended: Ended, tolerance: float) -> Ended:
-    """Move a free network onto its inner constraints; back, where it loses its shape."""
+    """Move a free network onto its inner constraints; back, where it loses its shape.
+
+    The steps of the way hold a well chosen minimal datum.
+    """
     assert run.datum is not None
+    if ended.converged:
+        here = FreeDatum(run.defects[0].at(run.equations, run.state).motions, run.datum.columns)
+        run.constraint = run.normal_at(run.state).held_better(run.constraint, here)
     shape = run.state, run.datum, run.defects
     carried = carry(
         run.equations,

@@ -311,18 +311,14 @@ class FreeDatum:
     """Coordinates of the datum points among the columns, (n_columns,)."""
 
     @cached_property
-    def _triangle(self) -> Array:
-        """R of the QR factorisation of G_D, (d, d)."""
-        return np.asarray(np.linalg.qr(self.motions[self.columns], mode="r"))
-
-    @cached_property
     def basis(self) -> Array:
         """B = G R⁻¹ (n_columns, d): the same motions with B_DᵀB_D = I.
 
         Cofactors are transformed with B: the terms of the transformation cancel by many digits
         where columns of G_D are nearly parallel, as where one datum point lies far away.
         """
-        return solve_triangular(self._triangle, self.motions.T, trans="T").T
+        r = np.linalg.qr(self.motions[self.columns], mode="r")
+        return np.asarray(solve_triangular(r, self.motions.T, trans="T").T)
 
     @cached_property
     def masked(self) -> Array:
@@ -331,8 +327,8 @@ class FreeDatum:
 
     def project(self, moved: Array) -> Array:
         """Return t such that G_Dᵀ (moved + G t)_D = 0, for moved = x − x₀ (n_columns,)."""
-        along = self.basis[self.columns].T @ moved[self.columns]
-        return np.asarray(-solve_triangular(self._triangle, along))
+        on = self.motions[self.columns]
+        return np.asarray(-np.linalg.inv(on.T @ on) @ (on.T @ moved[self.columns]))
 
     def transformed(
         self, block: Array, a: tuple[Array, Array], b: tuple[Array, Array], square: Array

@@ -44,7 +44,6 @@ def settle_datum(run: Run, normal: NormalEquations) -> None:
     held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
     run.constraint[held] = normal.diagonal[held]
     run.datum = FreeDatum(motions, columns)
-    run.constraint = normal.held_better(run.constraint, run.datum)
 
 
 def refuse_unnoticed(run: Run, normal: NormalEquations) -> None:

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ..types import Array
+from .elimination import Layers
 from .linear import LinearSystem
-from .plan import Plan
 from .rays import Rays
 from .reduction import RayCovariances, ReducedPoints
 from .selected_inverse import SelectedInverse
@@ -18,7 +18,7 @@ from .triangular import lower_solve
 
 
 class Factor:
-    """N + diag(extra) of one linearisation, factorised in the three layers of a `Plan`.
+    """N + diag(extra) of one linearisation, factorised in three `Layers`.
 
     Held components have a one on the diagonal and nothing beside it, so that their steps and
     covariances come out as zero after masking.
@@ -29,7 +29,7 @@ class Factor:
 
     def __init__(
         self,
-        plan: Plan,
+        layers: Layers,
         rays: Rays | None,
         system: LinearSystem,
         factors: TreeFactors,
@@ -40,7 +40,7 @@ class Factor:
         """Factorise.
 
         Args:
-            plan: who eliminates what.
+            layers: what is eliminated where.
             rays: index lists of the first layer, none where it is empty.
             system: the linearised network.
             factors: its factors for GTSAM.
@@ -50,8 +50,8 @@ class Factor:
         Raises:
             SingularError: a pivot vanished.
         """
-        self.plan = plan
-        self.free = plan.unknowns.free
+        self.layers = layers
+        self.free = layers.unknowns.free
         diagonal = np.where(self.free, extra, 1.0)
         self.points = None if rays is None else ReducedPoints(rays, system, diagonal)
         self.cliques, border = factors.eliminate(diagonal, qr=qr)
@@ -88,13 +88,13 @@ class Factor:
         safe = np.where(free, np.maximum(diagonal, np.finfo(float).tiny), 1.0)
         out = np.ones(len(free))
         if self.points is not None:
-            out[self.plan.point_columns] = self.points.cholesky.pivots * point
+            out[self.layers.point_columns] = self.points.cholesky.pivots * point
         for c in self.cliques:
             out[c.frontal] = np.diag(c.r) ** 2 / safe[c.frontal]
             out[c.frontal] *= np.where(free[c.frontal], tree, 1.0)
         if len(self.border):
             left = (np.diag(self.root) / self.scale) ** 2
-            out[self.plan.border] = left / safe[self.plan.border]
+            out[self.layers.border] = left / safe[self.layers.border]
         return float(out[free].min()) if free.any() else 1.0
 
     def solve(self, y: Array) -> Array:
@@ -102,18 +102,18 @@ class Factor:
         y = np.where(self.free[:, None], y, 0.0)
         x = np.zeros_like(y)
         z = None
-        border = y[self.plan.border].copy()
+        border = y[self.layers.border].copy()
         if self.points is not None:
             z = self.points.forward(y, border)
-        y[self.plan.border] = border
+        y[self.layers.border] = border
         halves = down(self.cliques, y)
-        if len(self.plan.border):
-            b = self.scale[:, None] * y[self.plan.border]
+        if len(self.layers.border):
+            b = self.scale[:, None] * y[self.layers.border]
             solved = lower_solve(self.root, lower_solve(self.root, b), transposed=True)
-            x[self.plan.border] = self.scale[:, None] * solved
+            x[self.layers.border] = self.scale[:, None] * solved
         up(self.cliques, halves, x)
         if self.points is not None and z is not None:
-            x[self.plan.point_columns] = self.points.backward(z, x[self.plan.border])
+            x[self.layers.point_columns] = self.points.backward(z, x[self.layers.border])
         x[~self.free] = 0.0
         return x
 
@@ -150,7 +150,7 @@ class Factor:
     @cached_property
     def selected(self) -> SelectedInverse:
         """Joint covariances of tree and border, wherever an observation needs them."""
-        plan = self.plan
+        layers = self.layers
         return SelectedInverse(
-            self.cliques, self.border_covariance(), plan.in_border, plan.unknowns.n_columns
+            self.cliques, self.border_covariance(), layers.in_border, layers.unknowns.n_columns
         )

@@ -252,5 +252,8 @@ def carry(
         amounts = datum.project(moved_from(equations, state, start))
         if is_nothing(datum.motions @ amounts, state):
             return Carried(state, normal, defects, datum, at_rest, left)
-        state = onto_constraints(equations, state, start, found[0], datum.columns)
+        moved = onto_constraints(equations, state, start, found[0], datum.columns)
+        if moved is state:  # what is left of the motion is the rounding of its own equations
+            return Carried(state, normal, defects, datum, at_rest, left)
+        state = moved
     return Carried(state, None, defects, datum, False)

@@ -15,22 +15,22 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.image import depth
 from ..types import Array
-from .plan import Plan
+from .elimination import Layers
 
 STEPS = 2
 """Steps for each point."""
 
 
-def follow(equations: Equations, plan: Plan, before: State, moved: State) -> State:
+def follow(equations: Equations, layers: Layers, before: State, moved: State) -> State:
     """Return ``moved`` with every point of the first layer at a better place, where there is one.
 
     Args:
         equations: the network.
-        plan: which points are in the first layer.
+        layers: of which the first one has the points.
         before: the state before the step; its points are candidates too.
         moved: the state after it.
     """
-    on = plan.reduced
+    on = layers.reduced
     if not on.any():
         return moved
     free = equations.unknowns["point"].free.astype(float)

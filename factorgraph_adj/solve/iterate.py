@@ -31,7 +31,7 @@ from .inner import follow
 from .normal import NormalEquations
 from .run import Run
 from .sides import before_the_cameras
-from .step import Step, Trial
+from .step import Attempt, Step
 from .stopping import STOPPING, Judgement, Stop, at_rest, no_higher
 from .tree import SingularError
 
@@ -118,10 +118,10 @@ def iterate(
         damping, found = _descend(run, normal, stop, damping, first=first)
         if found is None:
             return _no_way_on(run, normal, stop, iteration)
-        trial, judged = found
-        bound = trial.step.bound
-        stop = stop.noted(trial, judged, before)
-        moved = _movement(run, normal, beyond, trial, judged, stop)
+        attempt, judged = found
+        bound = attempt.step.bound
+        stop = stop.noted(attempt, judged, before)
+        moved = _movement(run, normal, beyond, attempt, judged, stop)
         run.state, vtpv = moved.state, moved.vtpv
         if progress is not None:
             progress(iteration, vtpv, bound)
@@ -142,7 +142,7 @@ def iterate(
 
 def _descend(
     run: Run, normal: NormalEquations, stop: Stop, damping: Damping, *, first: bool
-) -> tuple[Damping, tuple[Trial, Judgement] | None]:
+) -> tuple[Damping, tuple[Attempt, Judgement] | None]:
     """Damp until a step is accepted; none where no damping leads to one."""
     while True:
         damped = damping.value > 0.0
@@ -155,10 +155,10 @@ def _descend(
             if run.smallest_pivot < ITERATION.poor and step is not None:
                 refuse_unnoticed(run, normal)
         if step is not None:
-            trial = _try(run, step, normal.system.vtpv)
-            judged = stop.judge(trial, normal.system.vtpv, damped=damped)
+            attempt = _try(run, step, normal.system.vtpv)
+            judged = stop.judge(attempt, normal.system.vtpv, damped=damped)
             if judged.accepted:
-                return damping, (trial, judged)
+                return damping, (attempt, judged)
         damping = damping.harder()
         if damping.hopeless:
             return damping, None
@@ -187,34 +187,34 @@ def step_from(run: Run, normal: NormalEquations, damping: float = 0.0) -> Step |
     return Step.of(factor, normal.gradient, damped)
 
 
-def _try(run: Run, step: Step, before: float) -> Trial:
+def _try(run: Run, step: Step, before: float) -> Attempt:
     """Return where a step leads; where it brings little, points follow the cameras on their own."""
-    equations, plan = run.equations, run.solver.plan
+    equations, layers = run.equations, run.solver.layers
     plain = equations.unknowns.retract(run.state, step.movement)
     moved: State | None = plain
     if step.bound > ITERATION.passing:
         moved = before_the_cameras(equations, run.state, plain)
     after = np.inf if moved is None else run.vtpv(moved)
     little = after > before - ITERATION.doubtful * step.decrease
-    if little and step.bound > ITERATION.following and plan.reduced.any():
-        followed = follow(equations, plan, run.state, plain)
+    if little and step.bound > ITERATION.following and layers.reduced.any():
+        followed = follow(equations, layers, run.state, plain)
         moved = before_the_cameras(equations, run.state, followed)
         after = np.inf if moved is None else run.vtpv(moved)
-    return Trial(step, moved, after)
+    return Attempt(step, moved, after)
 
 
 def _movement(
     run: Run,
     normal: NormalEquations,
     beyond: Extrapolation,
-    trial: Trial,
+    attempt: Attempt,
     judged: Judgement,
     stop: Stop,
 ) -> Movement:
     """Return where the unknowns go: by an accepted step, or beyond it where that is better."""
-    assert trial.state is not None
-    by_step = Movement(trial.state, trial.vtpv, True)
-    step = trial.step
+    assert attempt.state is not None
+    by_step = Movement(attempt.state, attempt.vtpv, True)
+    step = attempt.step
     if step.bound >= STOPPING.still:
         beyond.clear()
         return by_step
@@ -226,7 +226,7 @@ def _movement(
         guess = run.equations.unknowns.retract(run.state, movement)
         further = before_the_cameras(run.equations, run.state, guess)
         there = np.inf if further is None else run.vtpv(further)
-        better = there < trial.vtpv or (judged.small and no_higher(there, trial.vtpv))
+        better = there < attempt.vtpv or (judged.small and no_higher(there, attempt.vtpv))
         if further is not None and better:
             beyond.moved(movement)
             return Movement(further, there, False)

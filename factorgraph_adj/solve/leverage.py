@@ -22,9 +22,9 @@ import numpy as np
 from ..models.variables import VariableKind
 from ..types import Array, Index, Mask
 from .datum import FreeDatum, minimal_datum
+from .elimination import Layers
 from .factor import Factor
 from .linear import LinearBlock, LinearSystem
-from .plan import Plan
 from .point_blocks import factorise_points
 from .rays import joined
 from .reduction import RayCovariances, ReducedPoints
@@ -37,7 +37,7 @@ POINTS: tuple[VariableKind, ...] = ("point",)
 CANCELLING = 1e3
 """Σ |a| σ over the unknowns of an observation, σ of its own being 1, from which on the sum A Q Aᵀ,
 at most 1, loses six digits and more."""
-NOTHING = 1e-9
+POINTS_ALONE = 1e-9
 """Relative length of what a motion of the datum moves besides points, where that is nothing."""
 
 
@@ -140,7 +140,7 @@ def point_leverages(
         n, d = lb.block.observed.shape
         blocks.append(np.zeros((n, d, d)))
     tree = _points_of_tree(system, only, factor, datum)
-    local = np.cumsum(factor.plan.reduced) - 1
+    local = np.cumsum(factor.layers.reduced) - 1
     if factor.points is not None:
         # Without what a minimal datum adds to the diagonal of a point.
         rays = factor.points.rays
@@ -185,7 +185,7 @@ def _split(system: LinearSystem, reduced: object, factor: Factor) -> list[tuple[
         if reduced is not None:
             for kind, index in lb.block.variables:
                 if kind == "point":
-                    inner |= factor.plan.reduced[index]
+                    inner |= factor.layers.reduced[index]
         outer = ~inner
         if place in clustered:
             outer[clustered[place]] = False
@@ -241,7 +241,7 @@ def _from_points(
     """Fill in coordinates of points of the first layer."""
     if not len(lb.a[0]):
         return
-    local = (np.cumsum(points.rays.plan.reduced) - 1)[lb.block.variables[0][1][rows]]
+    local = (np.cumsum(points.rays.layers.reduced) - 1)[lb.block.variables[0][1][rows]]
     u = points.cholesky.lower(np.ascontiguousarray(lb.a[0][rows].transpose(0, 2, 1)), local)
     ku = inner[local] @ u
     out.hat[rows] = u.transpose(0, 2, 1) @ ku
@@ -330,14 +330,14 @@ def _points_of_tree(
     system: LinearSystem, only: LinearSystem, factor: Factor, datum: FreeDatum | None
 ) -> SelectedInverse | None:
     """Return the selected inverse of N22 of the points that are not in the first layer."""
-    plan = factor.plan
-    unknowns = plan.unknowns
-    tree = tuple(v for v in plan.tree if v[0] == "point")
+    layers = factor.layers
+    unknowns = layers.unknowns
+    tree = tuple(v for v in layers.tree if v[0] == "point")
     if not tree:
         return None
-    alone = Plan(
+    alone = Layers(
         unknowns,
-        plan.reduced,
+        layers.reduced,
         np.zeros(0, dtype=np.intp),
         np.full(unknowns.n_columns, -1, dtype=np.intp),
         tree,
@@ -351,7 +351,7 @@ def _points_of_tree(
         q, _ = np.linalg.qr(weighted)
         _, s, vt = np.linalg.svd(q[~points], full_matrices=True)
         still = np.ones(q.shape[1], dtype=bool)
-        still[: len(s)] = s < NOTHING
+        still[: len(s)] = s < POINTS_ALONE
         motions = q @ vt[still].T
         if motions.shape[1]:
             candidates = np.zeros(unknowns.n_columns, dtype=bool)

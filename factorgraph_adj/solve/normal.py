@@ -11,9 +11,9 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..types import Array
 from .datum import FreeDatum
+from .elimination import Layers, layers_of
 from .factor import Factor
 from .linear import ExtraRows, LinearSystem
-from .plan import Plan, make_plan
 from .rays import Rays
 from .tree import SingularError, TreeFactors
 from .trust import SAMPLES, TRUSTED, held_well, refusal, sample, uncertainty
@@ -39,7 +39,7 @@ class Solver:
 
     equations: Equations
     """The network."""
-    plan: Plan
+    layers: Layers
     """Who eliminates what."""
     rays: Rays | None
     """Index lists of the points that are reduced."""
@@ -48,18 +48,18 @@ class Solver:
 
     @classmethod
     def of(cls, equations: Equations, extra: Sequence[ExtraRows] = ()) -> Solver:
-        """Plan the elimination of a network with a user's factors."""
+        """Divide a network with a user's factors into the layers of its elimination."""
         touched = np.zeros(equations.unknowns.n_columns, dtype=bool)
         for e in extra:
             touched[e.columns] = True
-        plan = make_plan(equations, reduce_points=True, touched=touched)
-        rays = Rays(equations, plan) if plan.reduced.any() else None
-        return cls(equations, plan, rays)
+        layers = layers_of(equations, reduce_points=True, touched=touched)
+        rays = Rays(equations, layers) if layers.reduced.any() else None
+        return cls(equations, layers, rays)
 
     def turn_to_qr(self) -> None:
         """Leave every unknown to GTSAM's QR."""
         nothing = np.zeros(self.equations.unknowns.n_columns, dtype=bool)
-        self.plan = make_plan(self.equations, reduce_points=False, touched=nothing)
+        self.layers = layers_of(self.equations, reduce_points=False, touched=nothing)
         self.rays = None
         self.qr_everywhere = True
 
@@ -89,7 +89,7 @@ class NormalEquations:
             SingularError: an unknown is not determined.
         """
         solver = self.solver
-        qr = solver.qr_everywhere or exact or len(solver.plan.tree) <= LARGEST_QR
+        qr = solver.qr_everywhere or exact or len(solver.layers.tree) <= LARGEST_QR
         if solver.qr_everywhere:
             factor = self._factorise(extra, qr=True)
             if factor.smallest_pivot(self.diagonal + extra, tree=1.0, point=1.0) <= VANISHED_QR:
@@ -176,5 +176,7 @@ class NormalEquations:
 
     def _factorise(self, extra: Array, *, qr: bool) -> Factor:
         if self._factors is None:
-            self._factors = TreeFactors(self.solver.plan, self.system)
-        return Factor(self.solver.plan, self.solver.rays, self.system, self._factors, extra, qr=qr)
+            self._factors = TreeFactors(self.solver.layers, self.system)
+        return Factor(
+            self.solver.layers, self.solver.rays, self.system, self._factors, extra, qr=qr
+        )

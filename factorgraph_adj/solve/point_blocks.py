@@ -51,7 +51,7 @@ def point_blocks(
         extra: added to the diagonal of the normal matrix, (n_columns,).
         axes: factors L of all points: return L⁻¹ H L⁻ᵀ, summed from the rows A L⁻ᵀ.
     """
-    plan = rays.plan
+    layers = rays.layers
     n = rays.n_points
     out = np.empty((6, n))
     pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -60,13 +60,13 @@ def point_blocks(
     for row, (a, b) in enumerate(pairs):
         product = j[:, 0, a] * j[:, 0, b] + j[:, 1, a] * j[:, 1, b]
         out[row] = np.bincount(rays.point, weights=product, minlength=n)
-    local = np.cumsum(plan.reduced) - 1
+    local = np.cumsum(layers.reduced) - 1
     for place in rays.coordinate_places:
         lb = system.blocks[place]
         if not len(lb.a[0]):
             continue
         number = lb.block.variables[0][1]
-        on = np.flatnonzero(plan.reduced[number])
+        on = np.flatnonzero(layers.reduced[number])
         partials, point = lb.a[0][on], local[number[on]]
         if axes is not None:
             partials = np.ascontiguousarray(partials.transpose(0, 2, 1))
@@ -74,7 +74,7 @@ def point_blocks(
         for row, (a, b) in enumerate(pairs):
             product = np.sum(partials[:, :, a] * partials[:, :, b], axis=1)
             out[row] += np.bincount(point, weights=product, minlength=n)
-    diagonal = extra[plan.point_columns]
+    diagonal = extra[layers.point_columns]
     if axes is None:
         for row, axis in ((0, 0), (3, 1), (5, 2)):
             out[row] += diagonal[:, axis]

@@ -11,9 +11,9 @@ from ..graph.variables import Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index
 from .datum import UNNOTICED, Defect, in_part
+from .elimination import layers_of
 from .factor import Factor
 from .linear import LinearSystem
-from .plan import make_plan
 from .rays import Rays
 from .tree import SingularError, TreeFactors
 
@@ -44,12 +44,12 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
     empty = unknowns.free & (diagonal <= 0)
     live = unknowns.free & ~empty
     scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
-    plan = make_plan(
+    layers = layers_of(
         system.equations, reduce_points=False, touched=np.zeros(len(diagonal), dtype=bool)
     )
-    rays = Rays(system.equations, plan) if plan.reduced.any() else None
+    rays = Rays(system.equations, layers) if layers.reduced.any() else None
     extra = np.where(empty, 1.0, REGULARISED * diagonal)
-    factor = Factor(plan, rays, system, TreeFactors(plan, system), extra, qr=True)
+    factor = Factor(layers, rays, system, TreeFactors(layers, system), extra, qr=True)
     n = min(MOST, int(live.sum()))
     found = np.zeros((len(diagonal), 0))
     if n:

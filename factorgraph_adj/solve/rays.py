@@ -8,7 +8,7 @@ import numpy as np
 
 from ..graph.equations import Equations
 from ..types import Array, Index
-from .plan import Plan
+from .elimination import Layers
 
 
 @dataclass(frozen=True)
@@ -33,19 +33,19 @@ class Participant:
 class Rays:
     """Index lists of the rays to the points of the first layer; made once for a network."""
 
-    def __init__(self, equations: Equations, plan: Plan) -> None:
+    def __init__(self, equations: Equations, layers: Layers) -> None:
         """Sort the rays out."""
-        self.plan = plan
-        unknowns = plan.unknowns
-        local = np.cumsum(plan.reduced) - 1
-        self.n_points = int(plan.reduced.sum())
+        self.layers = layers
+        unknowns = layers.unknowns
+        local = np.cumsum(layers.reduced) - 1
+        self.n_points = int(layers.reduced.sum())
         self.places = [i for i, b in enumerate(equations.blocks) if b.kind == "image"]
         self.selected: list[Index | slice] = []
         self.sizes: list[int] = []
         photo, calibration, point = [], [], []
         for place in self.places:
             (_, f), (_, k), (_, p) = equations.blocks[place].variables
-            keep = plan.reduced[p]
+            keep = layers.reduced[p]
             rows: Index | slice = slice(None) if keep.all() else np.flatnonzero(keep)
             self.selected.append(rows)
             self.sizes.append(int(keep.sum()))
@@ -72,15 +72,15 @@ class Rays:
             columns = np.full(self.width, -1, dtype=np.intp)
             f, k = self.photo[start], self.calibration[start]
             if pose.offset[f] >= 0:
-                columns[:6] = plan.in_border[pose.offset[f] + np.arange(6)]
+                columns[:6] = layers.in_border[pose.offset[f] + np.arange(6)]
             if alone and lens.offset[k] >= 0:
                 size = lens.size[k]
-                columns[6 : 6 + size] = plan.in_border[lens.offset[k] + np.arange(size)]
+                columns[6 : 6 + size] = layers.in_border[lens.offset[k] + np.arange(size)]
             self.photos.append(Participant(slice(int(start), int(stop)), columns))
         self.runs = [p.run for p in self.photos]
         self.ray_photo = np.repeat(np.arange(len(starts)), stops - starts)
         self.own_rays = np.flatnonzero(own[self.ray_photo])
-        self._find_shared(plan)
+        self._find_shared(layers)
         self._find_pairs()
         self.coordinate_places = [
             i
@@ -88,9 +88,9 @@ class Rays:
             if b.kind != "image" and len(b.variables) == 1 and b.variables[0][0] == "point"
         ]
 
-    def _find_shared(self, plan: Plan) -> None:
+    def _find_shared(self, layers: Layers) -> None:
         """Find the points and rays of each calibration that several photos share."""
-        lens = plan.unknowns["calibration"]
+        lens = layers.unknowns["calibration"]
         self.shared_rays: list[Index | slice] = []
         self.shared_points: list[Index] = []
         self.shared_place: list[Index] = []
@@ -103,7 +103,7 @@ class Rays:
             self.shared_rays.append(rays)
             self.shared_points.append(points)
             self.shared_place.append(place.astype(np.intp))
-            self.shared_columns.append(plan.in_border[lens.offset[k] + np.arange(lens.size[k])])
+            self.shared_columns.append(layers.in_border[lens.offset[k] + np.arange(lens.size[k])])
 
     def _find_pairs(self) -> None:
         """List, for every pair of photos, the rays to their common points."""

@@ -58,7 +58,7 @@ class ReducedPoints:
         ):
             e = np.zeros((len(points), 3, len(columns)))
             for axis in range(3):
-                for c in np.flatnonzero(rays.plan.unknowns.free[rays.plan.border[columns]]):
+                for c in np.flatnonzero(rays.layers.unknowns.free[rays.layers.border[columns]]):
                     product = (
                         half[r, axis, 0] * j_lens[r, 0, c] + half[r, axis, 1] * j_lens[r, 1, c]
                     )
@@ -68,7 +68,7 @@ class ReducedPoints:
     def _normal(self, j_pose: Array, j_lens: Array, extra: Array) -> Array:
         """Return S (border, border)."""
         rays, w = self.rays, self.w
-        n = len(rays.plan.border)
+        n = len(rays.layers.border)
         s = np.zeros((n, n))
         k = j_lens.shape[2]
         shared_at = []
@@ -110,7 +110,7 @@ class ReducedPoints:
                 )
                 _scatter(s, columns, rays.shared_columns[j], block)
                 _scatter(s, rays.shared_columns[j], columns, block.T)
-        s[np.diag_indices(n)] += extra[rays.plan.border]
+        s[np.diag_indices(n)] += extra[rays.layers.border]
         return s
 
     def _across(self, rows: slice, at: Index, shared: Array) -> Array:
@@ -151,7 +151,7 @@ class ReducedPoints:
             border: right sides of the border (b, k), changed.
         """
         rays = self.rays
-        z = self.cholesky.lower(y[rays.plan.point_columns])
+        z = self.cholesky.lower(y[rays.layers.point_columns])
         of_rays = z[rays.point]
         for photo in rays.photos:
             r, on = photo.rows, photo.columns >= 0

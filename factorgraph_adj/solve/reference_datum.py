@@ -46,7 +46,7 @@ class ReferenceDatum:
         return out
 
     def _parts(self, kind: VariableKind, name: str) -> tuple[Array, Array]:
-        """Return G and F of a variable, (k, d) each."""
+        """Return B and F of a variable, (k, d) each."""
         table = self.unknowns[kind]
         number = table.number[name]
         columns = self.unknowns.columns(kind, number)

@@ -13,6 +13,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
+from ..shown import Rows, Shown
 from ..types import Array, Index
 from .datum import Defect, FreeDatum
 from .estimates import CalibrationEstimate, Estimate, PoseEstimate
@@ -30,7 +31,7 @@ the S-transformation of a block: there σ cancels, not σ²."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution:
+class Solution(Shown):
     """An adjusted network: data alone, all that follows from them is worked out when asked for.
 
     A solution can be copied and pickled. What is pickled of factors that the user added are their
@@ -74,12 +75,23 @@ class Solution:
     linearised: NormalEquations | None = field(default=None, repr=False)
     """Normal equations that are there already; they serve as long as they are those of `state`."""
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say how it ended."""
         ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
         return (
-            f"<Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "
-            f"d {self.datum_defect}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}>"
+            f"Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "
+            f"d {self.datum_defect}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}"
+        )
+
+    def first_rows(self) -> Rows:
+        """Return the adjusted points, metres."""
+        return Rows(
+            ("point", "x", "y", "z"),
+            (
+                (name, *map(float, x))
+                for name, x in zip(self.network.points, self.state["point"], strict=True)
+            ),
+            len(self.network.points),
         )
 
     def __getstate__(self) -> dict[str, Any]:
@@ -200,7 +212,7 @@ class Solution:
         """Covariances of all points at once, (number of points, 3, 3) metres², as `covariance`."""
         table = self.equations.unknowns["point"]
         out = np.zeros((len(table.names), 3, 3))
-        reduced = self.factor.plan.reduced
+        reduced = self.factor.layers.reduced
         out[reduced] = self.factor.point_covariances()
         rest = np.flatnonzero((table.offset >= 0) & ~reduced)
         out[rest] = self.factor.selected.joint(table.offset[rest, None] + np.arange(3))
@@ -254,6 +266,14 @@ class Solution:
             return here
         return self._linearise()
 
+    def normal_at(self, state: State) -> NormalEquations:
+        """Return the normal equations at any state.
+
+        Raises:
+            InputError: as `at`.
+        """
+        return NormalEquations(self.solver, state, self.extra.at(self.equations, state).rows)
+
     def _linearise(self) -> NormalEquations:
         return NormalEquations(self.solver, self.state, self.extra.rows)
 
@@ -302,12 +322,12 @@ class Solution:
     @cached_property
     def _reduced(self) -> tuple[Array, Index]:
         """Cofactors of the points of the first layer, and their place by number of point."""
-        place = np.cumsum(self.factor.plan.reduced) - 1
+        place = np.cumsum(self.factor.layers.reduced) - 1
         return self.factor.point_covariances(), place
 
     def _own(self, kind: VariableKind, number: int, columns: Index) -> Array:
         """Return the cofactor of one variable: from the selected inverse, no solution needed."""
-        if kind == "point" and self.factor.plan.reduced[number]:
+        if kind == "point" and self.factor.layers.reduced[number]:
             every, place = self._reduced
             block = every[place[number]]
         else:

@@ -46,7 +46,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class Attempt:
     """Where a step leads."""
 
     step: Step

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..graph.variables import State
-from .step import Trial
+from .step import Attempt
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def at_rest(left: float, tolerance: float) -> str:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a trial is worth."""
+    """What a attempt is worth."""
 
     gain: float
     """Part of the predicted decrease of vᵀPv that came true."""
@@ -130,20 +130,20 @@ class Stop:
     rest: Rest = field(default_factory=Rest)
     """The steps where vᵀPv cannot tell any more."""
 
-    def judge(self, trial: Trial, before: float, *, damped: bool) -> Judgement:
+    def judge(self, attempt: Attempt, before: float, *, damped: bool) -> Judgement:
         """Judge a step by where it leads.
 
         Args:
-            trial: the step.
+            attempt: the step.
             before: vᵀPv before it.
             damped: whether it was damped: then it may be small without anything being at rest.
         """
-        bound, decrease, after = trial.step.bound, trial.step.decrease, trial.vtpv
+        bound, decrease, after = attempt.step.bound, attempt.step.decrease, attempt.vtpv
         gain = (before - after) / decrease if decrease > 0 else 0.0
         hidden = cannot_tell(bound, decrease, before) and no_higher(after, before)
         left = self._left(bound)
         small = not damped and (hidden or (left < self.tolerance and no_worse(after, before)))
-        accepted = trial.state is not None and (small or gain > STOPPING.worthwhile)
+        accepted = attempt.state is not None and (small or gain > STOPPING.worthwhile)
         return Judgement(gain, left, small, accepted, small and left < self.tolerance)
 
     def _left(self, bound: float) -> float:
@@ -157,14 +157,14 @@ class Stop:
         """Return whether a step shrinks so slowly that extrapolating pays."""
         return bound > STOPPING.fast * self.last
 
-    def noted(self, trial: Trial, judged: Judgement, before: float) -> Stop:
+    def noted(self, attempt: Attempt, judged: Judgement, before: float) -> Stop:
         """Return the same once a step is to be taken."""
         rest = self.rest
-        if trial.vtpv < before - STOPPING.blind * (1.0 + before):  # vᵀPv could tell, after all
+        if attempt.vtpv < before - STOPPING.blind * (1.0 + before):  # vᵀPv could tell, after all
             rest = Rest()
         if judged.small and not judged.done:
-            assert trial.state is not None
-            rest = rest.with_step(trial.step.bound, trial.state)
+            assert attempt.state is not None
+            rest = rest.with_step(attempt.step.bound, attempt.state)
         return replace(self, rest=rest)
 
     def moved(self, bound: float, before: float, after: float, *, plain: bool) -> Stop:

@@ -18,8 +18,8 @@ import numpy as np
 from ..errors import AdjustmentError
 from ..models.variables import UNKNOWNS
 from ..types import Array, Index
+from .elimination import Layers
 from .linear import LinearSystem
-from .plan import Plan
 from .triangular import upper_solve, upper_transposed_solve
 
 UNIT = {d: gtsam.noiseModel.Unit.Create(d) for d in range(1, 7)}
@@ -72,13 +72,13 @@ def up(cliques: Sequence[Clique], halves: Sequence[Array], x: Array) -> None:
 class TreeFactors:
     """The factors that GTSAM eliminates: made once for each linearisation."""
 
-    def __init__(self, plan: Plan, system: LinearSystem) -> None:
+    def __init__(self, layers: Layers, system: LinearSystem) -> None:
         """Turn the rows outside the first layer into GTSAM's Jacobian factors."""
-        self.plan = plan
+        self.layers = layers
         self.system = system
         # GTSAM's keys are first columns: they sort, and give the place of a block at once.
-        self.size = plan.unknowns.size_at
-        self.columns = plan.columns_at
+        self.size = layers.unknowns.size_at
+        self.columns = layers.columns_at
         graph = gtsam.GaussianFactorGraph()
         clustered = system.equations.in_cluster
         for place, lb in enumerate(system.blocks):
@@ -88,7 +88,7 @@ class TreeFactors:
                 keep[clustered[place]] = False
             for kind, index in block.variables:
                 if kind == "point":
-                    keep &= ~plan.reduced[index]
+                    keep &= ~layers.reduced[index]
             if keep.any():
                 self._add_block(graph, lb.offsets, lb.a, np.flatnonzero(keep), block.dimension)
         for columns, a in system.cluster_rows():
@@ -171,13 +171,13 @@ class TreeFactors:
         Raises:
             SingularError: a pivot vanished.
         """
-        plan = self.plan
+        layers = self.layers
         graph = gtsam.GaussianFactorGraph()
         graph.push_back(self.graph)
         root = np.sqrt(extra)
         first = []
-        for kind, number in plan.tree:
-            columns = plan.unknowns.columns(kind, number)
+        for kind, number in layers.tree:
+            columns = layers.unknowns.columns(kind, number)
             key = int(columns[0])
             first.append(key)
             diagonal = root[columns]
@@ -187,12 +187,12 @@ class TreeFactors:
                 a[np.arange(len(on)), on] = diagonal[on]
                 unit = gtsam.noiseModel.Unit.Create(len(on))
                 graph.add(gtsam.JacobianFactor(key, a, np.zeros(len(on)), unit))
-        border = np.zeros((len(plan.border),) * 2)
+        border = np.zeros((len(layers.border),) * 2)
         if not first:
             self._collect(graph, border)
             return [], border
         try:
-            if len(plan.border):
+            if len(layers.border):
                 ordering = self._ordering_of(graph, first)
                 tree, rest = (
                     graph.eliminatePartialMultifrontal(ordering, gtsam.EliminateQR)
@@ -212,17 +212,17 @@ class TreeFactors:
         return cliques_of(tree, self.columns), border
 
     def _ordering_of(self, graph: gtsam.GaussianFactorGraph, first: list[int]) -> gtsam.Ordering:
-        """Return the ordering, found once for a plan: all its graphs have one structure."""
-        if self.plan.ordering is None:
-            self.plan.ordering = self._ordering(graph, first)
-        return self.plan.ordering
+        """Return the ordering, found once: all graphs of the same layers have one structure."""
+        if self.layers.ordering is None:
+            self.layers.ordering = self._ordering(graph, first)
+        return self.layers.ordering
 
     def _ordering(self, graph: gtsam.GaussianFactorGraph, first: list[int]) -> gtsam.Ordering:
         """Order the tree's variables: calibrations and then poses late, others by COLAMD."""
-        plan = self.plan
-        table = plan.unknowns
+        layers = self.layers
+        table = layers.unknowns
         late = [
-            int(table[kind].offset[number]) for kind, number in plan.tree if UNKNOWNS[kind].late
+            int(table[kind].offset[number]) for kind, number in layers.tree if UNKNOWNS[kind].late
         ]
         inside = set(first)
         present = set(graph.keyVector())
@@ -255,7 +255,7 @@ class TreeFactors:
             ordering.push_back(key)
         hessian = np.asarray(graph.augmentedHessian(ordering))[:-1, :-1]
         columns = np.concatenate([k + np.arange(self.size[k]) for k in keys])
-        at = self.plan.in_border[columns]
+        at = self.layers.in_border[columns]
         border[np.ix_(at, at)] += hessian
 
 

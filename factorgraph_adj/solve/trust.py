@@ -33,7 +33,7 @@ SAMPLES = 4
 """Number of estimates from white noise whose root mean squares stand for standard deviations."""
 SEED = 1
 """Seed of the probes: the same network gives the same figures."""
-NOTHING = 1e-6
+HELD_STILL = 1e-6
 """Standard deviation of an unknown relative to the one it had if all others were held, which is
 none: where a datum holds it, rounding alone is left."""
 WEAKEST = 5
@@ -101,7 +101,7 @@ def held_well(datum: FreeDatum, steps: Array, diagonal: Array) -> tuple[Index, f
     over_all, _ = np.linalg.qr(root * g)
     inner = _size(x - over_all @ (over_all.T @ (root * x)) / root)
     on_datum = _size(x - g @ (datum.masked.T @ steps))
-    sigma = np.maximum(np.minimum(inner, on_datum), NOTHING / root[:, 0])
+    sigma = np.maximum(np.minimum(inner, on_datum), HELD_STILL / root[:, 0])
     spanned, _ = np.linalg.qr(g / sigma[:, None])
     _, _, order = qr(spanned.T, mode="economic", pivoting=True)
     enlarged = float((_size(x) / sigma).max(initial=1.0))

@@ -17,7 +17,7 @@ from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.planning.candidates import Candidate, identified, with_candidates
 from factorgraph_adj.planning.plan import plan
 from factorgraph_adj.planning.propose import propose
-from factorgraph_adj.planning.search import Search
+from factorgraph_adj.planning.search import CandidateSearch
 from factorgraph_adj.planning.targets import SemiAxis, UndetectedShift, lacking
 from factorgraph_adj.simulation.industry_block import industry_block_plan
 
@@ -70,7 +70,7 @@ def measure(rounds: int) -> Proposed:
     together, anew, off = [], [], 0.0
     for number in range(rounds):
         begin = perf_counter()
-        search = Search.of(plan(design, TARGETS), every, TARGETS)
+        search = CandidateSearch.of(plan(design, TARGETS), every, TARGETS)
         search.best(search.start, search.known, range(len(every)))
         together.append(perf_counter() - begin)
         some = range(number * SAMPLE, (number + 1) * SAMPLE)

@@ -21,7 +21,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.planning.candidates import identified, with_candidates
-from factorgraph_adj.planning.search import Search
+from factorgraph_adj.planning.search import CandidateSearch
 from factorgraph_adj.planning.targets import (
     DetectableError,
     PointPrecision,
@@ -229,7 +229,7 @@ def test_the_gain_of_a_candidate_is_that_of_a_plan_of_its_own(industry: fga.Netw
     ]
     candidates = identified(candidates)
     before = fga.plan(industry, TARGETS)
-    search = Search.of(before, candidates, TARGETS)
+    search = CandidateSearch.of(before, candidates, TARGETS)
     own = sum(float(lacking(t, before.figures(t)[1]).sum()) for t in TARGETS)
     assert search.start.lack() == pytest.approx(own, rel=1e-9)
     items = {t: set(before.figures(t)[0]) for t in TARGETS}
@@ -312,10 +312,10 @@ def grid(turn: float) -> fga.Network:
 
 def test_of_observations_that_are_worth_the_same_the_first_goes() -> None:
     """What rounding says of equal ones, another in each turn of the axes, does not matter."""
-    first = fga.spare(grid(0.0), SemiAxis(8e-3))
+    first = fga.find_sparable(grid(0.0), SemiAxis(8e-3))
     assert len(first.ids) > 4
     for turn in (0.3, 1.1, 2.0):
-        assert fga.spare(grid(turn), SemiAxis(8e-3)).ids == first.ids
+        assert fga.find_sparable(grid(turn), SemiAxis(8e-3)).ids == first.ids
 
 
 def test_what_is_spared_is_not_missed() -> None:
@@ -327,7 +327,7 @@ def test_what_is_spared_is_not_missed() -> None:
         SemiAxis(1.3 * float(full.figures(SemiAxis(1.0))[1].max())),
         RedundancyNumber(0.5 * float(full.reliability.redundancy_numbers.min())),
     ]
-    found = fga.spare(network, targets)
+    found = fga.find_sparable(network, targets)
     assert found.ids
     assert found.saved == len(found.ids)
     left = fga.without(network, found.ids)
@@ -342,7 +342,7 @@ def test_what_is_spared_is_not_missed() -> None:
 def test_what_fails_with_everything_cannot_spare_anything() -> None:
     network, _ = trilateration(2)
     with pytest.raises(fga.InputError, match="fails already"):
-        fga.spare(network, [SemiAxis(1e-6)])
+        fga.find_sparable(network, [SemiAxis(1e-6)])
 
 
 # -- what planning anew says -------------------------------------------------------------------
@@ -410,7 +410,7 @@ def assert_predicted(
     before = fga.plan(with_candidates(network, []), targets)
     every = identified(candidates)
     targets = tuple(for_points(t, list(network.points)) for t in targets)
-    search = Search.of(before, every, targets)
+    search = CandidateSearch.of(before, every, targets)
     for n, candidate in enumerate(every):
         told = search.told(n, search.known)
         assert told is not None
@@ -686,7 +686,7 @@ def test_a_target_that_asks_nothing_is_told(target: Target, part: str) -> None:
     for call in (
         lambda: fga.plan(network, [target]),
         lambda: fga.propose(network, candidates, [target]),
-        lambda: fga.spare(network, [target]),
+        lambda: fga.find_sparable(network, [target]),
     ):
         with pytest.raises(fga.InputError) as error:
             call()
@@ -716,7 +716,10 @@ def test_a_string_is_one_pattern_and_a_target_alone_a_sequence() -> None:
         fga.plan(network, (SemiAxis,))  # type: ignore[arg-type]
     with pytest.raises(fga.InputError, match="must be a sequence"):
         fga.plan(network, 3)  # type: ignore[arg-type]
-    for call in (lambda: fga.propose(network, candidates, ()), lambda: fga.spare(network, ())):
+    for call in (
+        lambda: fga.propose(network, candidates, ()),
+        lambda: fga.find_sparable(network, ()),
+    ):
         with pytest.raises(fga.InputError, match="no targets"):
             call()
 
@@ -767,7 +770,7 @@ def test_image_points_are_spared_whatever_their_names(own_ids: bool) -> None:
         for p in network.points:
             ident = f"i{i}{p}" if own_ids else None
             network.add(ImagePoint(f"1/{i}", p, 0.0, 0.0, sigma=0.006, id=ident))
-    found = fga.spare(network, [SemiAxis(100.0)])
+    found = fga.find_sparable(network, [SemiAxis(100.0)])
     assert found.ids
     assert all(i.startswith("i" if own_ids else "1/") for i in found.ids)
     assert fga.plan(fga.without(network, found.ids)).network.n_image_points == (
@@ -786,7 +789,7 @@ def test_what_saves_most_for_what_it_takes_is_spared_first() -> None:
         PointPrecision(1e-3 / np.sqrt(0.88), axes="z", points=("P",)),
         PointPrecision(1.01e-3, axes="z", points=("F*",)),
     ]
-    found = fga.spare(network, targets, cost={"big": 1.5})
+    found = fga.find_sparable(network, targets, cost={"big": 1.5})
     assert set(found.ids) == {f"s{i}" for i in range(8)}
     assert found.saved == 8.0
     assert "s0" in str(found)
@@ -797,7 +800,7 @@ def test_bad_costs_and_patterns_of_what_may_go_are_told_all_at_once() -> None:
     network = levels()
     network.add(*(level("A", "P", 1e-3, f"p{i}") for i in range(3)))
     with pytest.raises(fga.InputError) as error:
-        fga.spare(
+        fga.find_sparable(
             network,
             [PointPrecision(2e-3, axes="z")],
             observations=("zzz", "p0"),
@@ -808,6 +811,6 @@ def test_bad_costs_and_patterns_of_what_may_go_are_told_all_at_once() -> None:
     for ident in ("p9", "p*", "p0", "p1", "p2"):
         assert f"cost of {ident!r}" in text
     with pytest.raises(fga.InputError, match="names no observations"):
-        fga.spare(network, [PointPrecision(2e-3, axes="z")], observations=())
-    found = fga.spare(network, PointPrecision(2e-3, axes="z"), observations="p0")
+        fga.find_sparable(network, [PointPrecision(2e-3, axes="z")], observations=())
+    found = fga.find_sparable(network, PointPrecision(2e-3, axes="z"), observations="p0")
     assert found.ids == ("p0",)

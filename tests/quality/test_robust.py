@@ -16,7 +16,7 @@ from factorgraph_adj.quality.robust import (
     ESTIMATORS,
     LEAST_WEIGHT,
     equivalent_weights,
-    robust,
+    robust_adjust,
 )
 from factorgraph_adj.quality.snooping import snoop
 from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
@@ -130,7 +130,7 @@ def repeated_heights(heights: list[float]) -> Network:
 def test_hubers_estimate_of_a_height_solves_its_equation():
     """Nine readings, two of them wrong: Σ ψ(v) = 0 with ψ = v up to 1.5 σ√r and constant beyond."""
     heights = [1.0, 1.0004, 0.9993, 1.0011, 0.9998, 1.0002, 0.9989, 1.05, 1.09]
-    found = robust(repeated_heights(heights), tolerance=1e-6)
+    found = robust_adjust(repeated_heights(heights), tolerance=1e-6)
     assert found.converged, found.reason
     v = found.solution.point("B")[2] - np.array(heights)
     psi = np.clip(v, -1.5e-3 * np.sqrt(8 / 9), 1.5e-3 * np.sqrt(8 / 9))
@@ -144,7 +144,8 @@ def test_gross_errors_lose_all_their_influence_on_the_others(estimator):
     """10 or 10 000 times larger, they move the height by no more than a hundredth of its σ."""
     good = [1.0, 1.0004, 0.9993, 1.0011, 0.9998, 1.0002, 0.9989]
     found = [
-        robust(repeated_heights([*good, 1.05, 1.0 + e]), estimator=estimator) for e in (0.5, 50)
+        robust_adjust(repeated_heights([*good, 1.05, 1.0 + e]), estimator=estimator)
+        for e in (0.5, 50)
     ]
     a, b = (f.solution.point("B")[2] for f in found)
     assert abs(a - b) < 0.01 * 0.001
@@ -154,7 +155,7 @@ def test_gross_errors_lose_all_their_influence_on_the_others(estimator):
 def test_the_weights_at_rest_are_those_of_the_residuals():
     network, _ = trilateration(1, share=0.15)
     for estimator in ESTIMATORS:
-        found = robust(network, estimator=estimator, tolerance=1e-4, max_iterations=200)
+        found = robust_adjust(network, estimator=estimator, tolerance=1e-4, max_iterations=200)
         assert found.converged, found.reason
         s = found.solution
         expected = np.maximum(
@@ -172,7 +173,7 @@ def test_the_weights_at_rest_are_those_of_the_residuals():
 
 def test_all_components_of_an_observation_share_a_weight():
     network = simulate_geocentric_block(4).network
-    found = robust(network)
+    found = robust_adjust(network)
     number = found.solution.equations.observation_of_row
     for gamma in np.split(found.weights, np.flatnonzero(np.diff(number)) + 1):
         assert len(set(gamma.tolist())) == 1
@@ -187,7 +188,7 @@ def test_the_scale_is_found_where_standard_deviations_are_not_known():
     """
     for factor in (1 / 3, 3.0):
         network, bad = trilateration(1, share=0.2, noise=factor)
-        found = robust(network, estimator="tukey", scale="median")
+        found = robust_adjust(network, estimator="tukey", scale="median")
         assert 1.0 < found.scale / factor < 1.6
         rejected = {r.id for r in snoop(network, test="pope", robust="tukey").rejected}
         assert bad <= rejected
@@ -196,11 +197,11 @@ def test_the_scale_is_found_where_standard_deviations_are_not_known():
 
 def test_an_estimation_that_does_not_come_to_rest_says_so():
     network, _ = trilateration(1, share=0.2)
-    found = robust(network, max_iterations=2)
+    found = robust_adjust(network, max_iterations=2)
     assert not found.converged
     assert "not at rest after 2 adjustments" in found.reason
     steps: list[tuple[int, float, float]] = []
-    robust(network, progress=lambda *step: steps.append(step))
+    robust_adjust(network, progress=lambda *step: steps.append(step))
     assert [s[0] for s in steps] == list(range(1, len(steps) + 1))
     assert steps[-1][2] < 0.01
 
@@ -214,7 +215,7 @@ def test_an_estimation_that_does_not_come_to_rest_says_so():
 )
 def test_unknown_choices_are_refused(options, what):
     with pytest.raises(InputError, match=what):
-        robust(repeated_heights([1.0, 2.0]), **options)
+        robust_adjust(repeated_heights([1.0, 2.0]), **options)
 
 
 # -- before snooping ----------------------------------------------------------------------------

@@ -319,13 +319,13 @@ def test_a_round_takes_the_worst_and_leaves_what_they_may_explain():
 
 def test_test_values_without_those_that_go_are_those_of_the_next_adjustment():
     """The linear model of a round, against the adjustment without what it took."""
-    from factorgraph_adj.quality.candidates import _Search
+    from factorgraph_adj.quality.candidates import _OutlierSearch
 
     network, _ = trilateration(3, share=0.1)
     s = adjust(network)
     rel = reliability(s)
     every = np.arange(len(rel.w))
-    search = _Search(rel, Units.of(s.equations), every, rel.w, 1.0)
+    search = _OutlierSearch(rel, Units.of(s.equations), every, rel.w, 1.0)
     gone = np.argsort(-np.abs(rel.w))[:3].tolist()
     for unit in gone:
         search.consider(unit)

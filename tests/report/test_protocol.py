@@ -21,6 +21,7 @@ from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.quality.unit_weight import global_test
 from factorgraph_adj.report import layout
 from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.options import ReportOptions
 from factorgraph_adj.report.tables import write_solution
 from factorgraph_adj.report.text import protocol
 from factorgraph_adj.rotation import (
@@ -97,7 +98,7 @@ def test_without_redundancy_there_is_nothing_to_test():
 
 def test_a_confidence_that_is_none_is_refused():
     with pytest.raises(InputError, match="between 0 and 1, not 95"):
-        global_test(solution(), confidence=95)
+        global_test(solution(), alpha=95)
 
 
 def test_coordinates_stand_with_their_standard_deviations():
@@ -114,7 +115,7 @@ def test_coordinates_stand_with_their_standard_deviations():
 
 def test_coordinates_stand_in_the_units_of_the_project():
     s = solution()
-    text = protocol(s, units=Units(length="mm", sigma_length="um"))
+    text = protocol(s, ReportOptions(units=Units(length="mm", sigma_length="um")))
     words = row(text, "Adjusted coordinates", "P1")
     assert_printed(words[1], s.point("P1")[0] * 1e3)
     assert_printed(words[4], s.standard_deviations("P1")[0] * 1e6)
@@ -181,7 +182,7 @@ def test_the_calibration_stands_with_strong_correlations():
 
 def test_orientation_unknowns_stand_with_their_standard_deviations():
     e = solution().orientation("S2")
-    text = protocol(solution(), units=Units(angle="deg"))
+    text = protocol(solution(), ReportOptions(units=Units(angle="deg")))
     words = row(text, "Orientation unknowns", "S2")
     assert_printed(words[2], e.values[0] / ANGLE["deg"])
     assert_printed(words[3], e.sigmas[0] / ANGLE["arcsec"])
@@ -268,11 +269,11 @@ def test_a_posteriori_precision_is_named():
 
 
 def test_long_lists_are_cut_with_a_note_of_what_is_left_out():
-    text = protocol(solution(), most=3)
+    text = protocol(solution(), ReportOptions(most=3))
     assert "… 11 more points in the table points.csv (option --out)" in text
     assert "… 1 more photos in the table photos.csv (option --out)" in text
     assert len(text.splitlines()) < len(protocol(solution()).splitlines())
-    assert "in results/points.csv" in protocol(solution(), most=3, tables="results")
+    assert "in results/points.csv" in protocol(solution(), ReportOptions(most=3, tables="results"))
 
 
 def test_frames_are_described():
@@ -346,7 +347,7 @@ def test_the_tables_hold_every_figure(tmp_path):
 
 def test_solution_json_is_in_metres_and_radians(tmp_path):
     s = solution()
-    write_solution(s, tmp_path, units=Units(length="mm", angle="deg"))
+    write_solution(s, tmp_path, ReportOptions(units=Units(length="mm", angle="deg")))
     found = json.loads((tmp_path / "solution.json").read_text(encoding="utf-8"))
     assert found["points"]["P1"]["xyz"] == s.point("P1").tolist()
     assert found["points"]["P1"]["sigma"] == s.standard_deviations("P1").tolist()

@@ -23,9 +23,10 @@ from factorgraph_adj.quality.ellipses import error_ellipse, error_ellipsoid, hei
 from factorgraph_adj.quality.rejections import PointSetAside, Round, Unresolved
 from factorgraph_adj.quality.snooping import snoop
 from factorgraph_adj.quality.systematic import significance
-from factorgraph_adj.quality.variance_components import variance_components
+from factorgraph_adj.quality.variance_components import estimate_variance_components
 from factorgraph_adj.report import layout
 from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.options import Provenance, ReportOptions
 from factorgraph_adj.report.tables import write_solution, write_tables
 from factorgraph_adj.report.text import protocol, render
 from factorgraph_adj.report.weakest import point_redundancy, weakest_points
@@ -51,7 +52,7 @@ def snooped():
 
 @cache
 def weighted():
-    return variance_components(small_block())
+    return estimate_variance_components(small_block())
 
 
 def points_of(s) -> list[set[str]]:
@@ -113,7 +114,7 @@ def test_redundancy_numbers_stand_by_kind():
 
 
 def test_probabilities_are_the_user_s():
-    text = protocol(solution(), alpha=0.05, power=0.9)
+    text = protocol(solution(), ReportOptions(alpha=0.05, power=0.9))
     rel = fga.reliability(solution(), alpha=0.05, power=0.9)
     assert f"Reliability (α0 = 5 %, power 90 %: δ0 = {rel.delta0:.2f})" in text
     assert f"|w| above {rel.critical_w:.2f}" in text
@@ -121,9 +122,11 @@ def test_probabilities_are_the_user_s():
 
 def test_probabilities_that_are_none_are_refused():
     with pytest.raises(InputError, match="between 0 and 1, alpha below power"):
-        protocol(solution(), alpha=2.0)
+        ReportOptions(alpha=2.0)
     with pytest.raises(InputError, match="confidence must lie between 0 and 1"):
-        protocol(solution(), confidence=95)
+        ReportOptions(confidence=95)
+    with pytest.raises(InputError, match="unknown test 'w'; valid: baarda, pope, or none"):
+        ReportOptions(test="w")
 
 
 def test_what_nothing_controls_is_named():
@@ -271,8 +274,8 @@ def test_test_values_of_an_a_posteriori_adjustment_are_tau():
     assert f"none above the critical |τ| = {rel.critical_tau:.2f}" in text
     rows = section(text, "Largest test values")
     assert_printed(rows[2][-3].lstrip("-"), np.abs(rel.tau).max())
-    assert "|w|" in protocol(s, test="baarda")
-    assert "|τ|" in protocol(solution(), test="pope")
+    assert "|w|" in protocol(s, ReportOptions(test="baarda"))
+    assert "|τ|" in protocol(solution(), ReportOptions(test="pope"))
 
 
 @pytest.mark.parametrize(
@@ -287,7 +290,7 @@ def test_a_sigma0_that_makes_test_values_meaningless_is_said(factor, words):
     network.images.sigma = [s * factor for s in network.images.sigma]
     s = adjust(network)
     assert words in " ".join(protocol(s).split())
-    assert words not in " ".join(protocol(s, test="pope").split())
+    assert words not in " ".join(protocol(s, ReportOptions(test="pope")).split())
 
 
 def test_the_number_of_suspects_that_are_left_out_is_said():
@@ -298,7 +301,9 @@ def test_the_number_of_suspects_that_are_left_out_is_said():
     above = int(np.sum(np.abs(rel.w) > rel.critical_w))
     assert above > 20
     assert f"… {above - 15} more above the critical value" in protocol(s)
-    assert f"… {above - 4} more above the critical value" in render(Report(s, n_suspects=4))
+    assert f"… {above - 4} more above the critical value" in render(
+        Report(s, ReportOptions(n_suspects=4))
+    )
 
 
 def test_correlated_groups_are_tested_as_such():
@@ -379,7 +384,7 @@ def test_why_there_is_no_reliability_is_said(monkeypatch, tmp_path):
 def test_ellipses_stand_beside_coordinates_where_they_are_asked_for(variance):
     s = adjust(small_block(), variance=variance)
     assert "azimuth" not in protocol(s)
-    text = protocol(s, confidence=0.95)
+    text = protocol(s, ReportOptions(confidence=0.95))
     for name in ("P1", "P7"):
         e = error_ellipse(s, name)
         words = row(text, "Adjusted coordinates", name)
@@ -393,11 +398,11 @@ def test_ellipses_stand_beside_coordinates_where_they_are_asked_for(variance):
 def test_azimuths_follow_the_unit_of_angles():
     s = solution()
     azimuth = error_ellipse(s, "P1").azimuth
-    text = protocol(s, confidence=0.9, units=Units(angle="dms"))
+    text = protocol(s, ReportOptions(confidence=0.9, units=Units(angle="dms")))
     word = row(text, "Adjusted coordinates", "P1")[-1]
     degrees, minutes, seconds = (int(part) for part in word.split("-"))
     assert degrees + minutes / 60 + seconds / 3600 == pytest.approx(np.degrees(azimuth), abs=2e-4)
-    text = protocol(s, confidence=0.9, units=Units(angle="cc"))
+    text = protocol(s, ReportOptions(confidence=0.9, units=Units(angle="cc")))
     assert float(row(text, "Adjusted coordinates", "P1")[-1]) == pytest.approx(
         azimuth / ANGLE["cc"], abs=500
     )
@@ -405,7 +410,7 @@ def test_azimuths_follow_the_unit_of_angles():
 
 def test_heights_alone_have_intervals():
     s = adjust(levelling())
-    text = protocol(s, confidence=0.99)
+    text = protocol(s, ReportOptions(confidence=0.99))
     interval = height_interval(s, "C", confidence=0.99)
     assert_printed(row(text, "Adjusted coordinates", "C")[-1], 1000 * interval.half_width)
     assert "± z: 99 % interval, 2.576 σ" in text
@@ -414,7 +419,7 @@ def test_heights_alone_have_intervals():
 
 def test_projection_centres_have_ellipsoids():
     s = solution()
-    text = protocol(s, confidence=0.95)
+    text = protocol(s, ReportOptions(confidence=0.95))
     heading = "Projection centres: 95 % error ellipsoids, 2.795 × standard ellipsoid"
     e = error_ellipsoid(s, ("pose", "F2"))
     words = row(text, heading, "F2")
@@ -427,7 +432,7 @@ def test_projection_centres_have_ellipsoids():
 
 def test_tables_have_ellipses_with_their_confidence(tmp_path):
     s = solution()
-    write_solution(s, tmp_path, confidence=0.95, units=Units(angle="dms"))
+    write_solution(s, tmp_path, ReportOptions(confidence=0.95, units=Units(angle="dms")))
     for r in read(tmp_path / "points.csv"):
         e = error_ellipse(s, r["name"])
         assert r["confidence"] == "0.95"
@@ -500,7 +505,7 @@ def test_the_table_of_unknowns_has_the_tests(tmp_path):
 def test_the_table_of_observations_holds_every_figure(name, tmp_path):
     s = adjust(NETWORKS[name]())
     rel = fga.reliability(s, alpha=0.01, power=0.9)
-    write_solution(s, tmp_path, alpha=0.01, power=0.9)
+    write_solution(s, tmp_path, ReportOptions(alpha=0.01, power=0.9))
     rows = read(tmp_path / "observations.csv")
     size = np.array([r.scale.size for r in Report(s).rows.all()])
     for column, values in {
@@ -540,7 +545,7 @@ def test_the_solution_as_json_sums_reliability_up(tmp_path):
 def test_what_was_set_aside_stands_with_its_errors():
     k = snooped()
     assert len(k.rejected) == 2
-    text = protocol(k.solution, snooping=k, original=blundered())
+    text = protocol(k.solution, provenance=Provenance(snooping=k, original=blundered()))
     assert f"2 observations set aside in {k.rounds[-1].number} rounds; {k.reason[:20]}" in text
     assert "Data snooping (Baarda's w, critical |w| 3.29)" in text
     lines = [" ".join(w) for w in section(text, "Data snooping")]
@@ -551,7 +556,7 @@ def test_what_was_set_aside_stands_with_its_errors():
         assert_printed(words[2], r.largest)
         assert words[3:] == [str(r.suspects), str(r.set_aside or "–"), str(r.readmitted or "–")]
     assert lines
-    rows = Report(k.solution, snooping=k, original=blundered()).set_aside
+    rows = Report(k.solution, provenance=Provenance(snooping=k, original=blundered())).set_aside
     for r in k.rejected:
         line = next(
             x.split()
@@ -573,7 +578,9 @@ def test_a_clean_network_says_in_one_line_that_nothing_was_set_aside():
     network = small_block()
     k = snoop(network)
     assert not k.rejected
-    words = section(protocol(k.solution, snooping=k, original=network), "Data snooping")
+    words = section(
+        protocol(k.solution, provenance=Provenance(snooping=k, original=network)), "Data snooping"
+    )
     assert " ".join(words[0]).startswith("nothing set aside in 1 round; ")
     assert len(words) <= 2
 
@@ -590,7 +597,7 @@ def test_every_outcome_of_snooping_is_told():
         ),
         rounds=(Round(0, 2.0, 9.0, 3, 2, 0), *k.rounds),
     )
-    text = protocol(k.solution, snooping=k, original=blundered())
+    text = protocol(k.solution, provenance=Provenance(snooping=k, original=blundered()))
     assert "after a robust start" in text
     assert f"agrees with them: F1/P3, {k.rejected[0].id} (rejected again)" in text
     after = text.partition("points set aside with all their rays")[2].splitlines()
@@ -602,7 +609,7 @@ def test_every_outcome_of_snooping_is_told():
 
 def test_what_was_set_aside_has_rows_in_the_table_of_observations(tmp_path):
     k = snooped()
-    write_solution(k.solution, tmp_path, snooping=k, original=blundered())
+    write_solution(k.solution, tmp_path, provenance=Provenance(snooping=k, original=blundered()))
     rows = read(tmp_path / "observations.csv")
     n = k.solution.n_observations
     assert [r["set_aside"] for r in rows[:n]] == ["no"] * n
@@ -618,7 +625,7 @@ def test_what_was_set_aside_has_rows_in_the_table_of_observations(tmp_path):
 
 def test_snooping_has_a_table_of_its_own(tmp_path):
     k = snooped()
-    write_solution(k.solution, tmp_path, snooping=k, original=blundered())
+    write_solution(k.solution, tmp_path, provenance=Provenance(snooping=k, original=blundered()))
     rows = read(tmp_path / "snooping.csv")
     assert [(r["id"], r["state"]) for r in rows] == [(r.id, "set aside") for r in k.rejected]
     for r, x in zip(rows, k.rejected, strict=True):
@@ -642,7 +649,7 @@ def test_all_states_of_snooping_stand_in_its_table(tmp_path):
         points_set_aside=(PointSetAside("P9", ("F1/P9",), "image F1 P9 x", 7.5, 2, "no way"),),
         unresolved=(unresolved,),
     )
-    report = Report(k.solution, snooping=k, original=blundered())
+    report = Report(k.solution, provenance=Provenance(snooping=k, original=blundered()))
     write_tables(report, tmp_path)
     states = [(r["id"], r["state"]) for r in read(tmp_path / "snooping.csv")]
     assert states[len(k.rejected) :] == [
@@ -654,7 +661,7 @@ def test_all_states_of_snooping_stand_in_its_table(tmp_path):
 
 def test_tables_of_an_earlier_run_do_not_stay(tmp_path):
     k = snooped()
-    write_solution(k.solution, tmp_path, snooping=k, original=blundered())
+    write_solution(k.solution, tmp_path, provenance=Provenance(snooping=k, original=blundered()))
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
     assert (tmp_path / "snooping.csv").exists()
     write_solution(solution(), tmp_path)
@@ -667,7 +674,7 @@ def test_tables_of_an_earlier_run_do_not_stay(tmp_path):
 
 def test_variance_components_stand_with_their_uncertainty(tmp_path):
     found = weighted()
-    text = protocol(found.solution, components=found)
+    text = protocol(found.solution, provenance=Provenance(components=found))
     assert "σ estimated" in text
     for c in found.components:
         label = c.name.split("_")
@@ -681,7 +688,7 @@ def test_variance_components_stand_with_their_uncertainty(tmp_path):
             assert_printed(figures[4], c.interval()[0])
             assert_printed(figures[6], c.interval()[1])
     assert found.reason in " ".join(text.split())
-    write_solution(found.solution, tmp_path, components=found)
+    write_solution(found.solution, tmp_path, provenance=Provenance(components=found))
     rows = read(tmp_path / "variance_components.csv")
     assert [r["group"] for r in rows] == [c.name for c in found.components]
     assert_column(rows, "factor", [c.factor for c in found.components])
@@ -718,7 +725,9 @@ def test_the_protocol_of_a_healthy_small_network_is_short():
 def test_no_line_ends_in_blanks_and_no_figure_is_nan(name):
     network = NETWORKS[name]()
     k = snoop(network)
-    text = protocol(k.solution, confidence=0.95, snooping=k, original=network)
+    text = protocol(
+        k.solution, ReportOptions(confidence=0.95), Provenance(snooping=k, original=network)
+    )
     assert not any(line != line.rstrip() for line in text.splitlines())
     assert not re.search(r"\b(nan|inf|None)\b", text)
 

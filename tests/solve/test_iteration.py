@@ -17,7 +17,7 @@ from factorgraph_adj.solve.iterate import iterate, step_from
 from factorgraph_adj.solve.run import Run
 from factorgraph_adj.solve.sides import before_the_cameras, behind, refuse_points_behind
 from factorgraph_adj.solve.start import start_of
-from factorgraph_adj.solve.step import Step, Trial
+from factorgraph_adj.solve.step import Attempt, Step
 from factorgraph_adj.solve.stopping import (
     STOPPING,
     Judgement,
@@ -119,22 +119,22 @@ def test_near_the_minimum_steps_are_undamped_and_damping_resumes_where_it_was() 
 # -- judgement -------------------------------------------------------------------------------------
 
 
-def trial(bound: float, before: float, after: float, *, decrease: float | None = None) -> Trial:
+def attempt(bound: float, before: float, after: float, *, decrease: float | None = None) -> Attempt:
     """Return a step of some bound; undamped ones predict the square of the bound."""
     predicted = bound**2 if decrease is None else decrease
     state = None if np.isinf(after) else SOMEWHERE
     assert before > 0
-    return Trial(Step(np.zeros(3), predicted, bound), state, after)
+    return Attempt(Step(np.zeros(3), predicted, bound), state, after)
 
 
 def test_a_step_that_brings_what_it_promises_is_taken() -> None:
-    judged = Stop(1e-5).judge(trial(3.0, 100.0, 91.0), 100.0, damped=False)
+    judged = Stop(1e-5).judge(attempt(3.0, 100.0, 91.0), 100.0, damped=False)
     assert judged == Judgement(1.0, 3.0, small=False, accepted=True, done=False)
 
 
 @pytest.mark.parametrize("after", [100.0, 99.992, np.inf])
 def test_a_step_that_brings_next_to_nothing_is_not(after: float) -> None:
-    judged = Stop(1e-5).judge(trial(3.0, 100.0, after), 100.0, damped=False)
+    judged = Stop(1e-5).judge(attempt(3.0, 100.0, after), 100.0, damped=False)
     assert judged.gain < STOPPING.worthwhile
     assert not judged.accepted
     assert not judged.small
@@ -142,17 +142,17 @@ def test_a_step_that_brings_next_to_nothing_is_not(after: float) -> None:
 
 def test_a_small_undamped_step_is_the_last() -> None:
     stop = Stop(1e-5)
-    judged = stop.judge(trial(0.9e-5, 100.0, 100.0), 100.0, damped=False)
+    judged = stop.judge(attempt(0.9e-5, 100.0, 100.0), 100.0, damped=False)
     assert (judged.small, judged.accepted, judged.done) == (True, True, True)
     assert judged.left == 0.9e-5
-    damped = stop.judge(trial(0.9e-5, 100.0, 100.0), 100.0, damped=True)
+    damped = stop.judge(attempt(0.9e-5, 100.0, 100.0), 100.0, damped=True)
     assert not damped.done
 
 
 def test_fast_convergence_says_what_is_left_after_a_step() -> None:
     """0.1 and then 0.001: what is left is 1e-5, but not after an extrapolation, nor from far."""
     stop = Stop(1.1e-5, last=0.1)
-    last = trial(1e-3, 100.0, 100.0 - 1e-6)
+    last = attempt(1e-3, 100.0, 100.0 - 1e-6)
     assert stop.judge(last, 100.0, damped=False).left == pytest.approx(1e-5)
     assert stop.judge(last, 100.0, damped=False).done
     for other in (
@@ -162,21 +162,21 @@ def test_fast_convergence_says_what_is_left_after_a_step() -> None:
     ):
         judged = other.judge(last, 100.0, damped=False)
         assert (judged.left, judged.done) == (1e-3, False)
-    far = Stop(10.0, last=1e3).judge(trial(STOPPING.close, 100.0, 99.0), 100.0, damped=False)
+    far = Stop(10.0, last=1e3).judge(attempt(STOPPING.close, 100.0, 99.0), 100.0, damped=False)
     assert far.left == STOPPING.close
 
 
 def test_a_step_that_makes_it_worse_is_not_the_last() -> None:
-    judged = Stop(1e-5).judge(trial(0.9e-5, 100.0, 100.1), 100.0, damped=False)
+    judged = Stop(1e-5).judge(attempt(0.9e-5, 100.0, 100.1), 100.0, damped=False)
     assert not judged.small
     assert not judged.accepted
 
 
 def test_where_vtpv_cannot_tell_steps_are_taken_and_not_the_last() -> None:
     """A step of 10⁻⁴ σ predicts 10⁻⁸ of vᵀPv = 10⁵."""
-    judged = Stop(1e-5).judge(trial(1e-4, 1e5, 1e5 * (1 + 1e-10)), 1e5, damped=False)
+    judged = Stop(1e-5).judge(attempt(1e-4, 1e5, 1e5 * (1 + 1e-10)), 1e5, damped=False)
     assert (judged.small, judged.accepted, judged.done) == (True, True, False)
-    assert not Stop(1e-5).judge(trial(1e-4, 1e5, 1e5 * (1 + 1e-8)), 1e5, damped=False).accepted
+    assert not Stop(1e-5).judge(attempt(1e-4, 1e5, 1e5 * (1 + 1e-8)), 1e5, damped=False).accepted
 
 
 def test_what_vtpv_can_tell() -> None:
@@ -216,14 +216,14 @@ def test_steps_that_shrink_again_are_not_in_vain() -> None:
 
 def test_a_decrease_that_vtpv_can_tell_begins_anew() -> None:
     stop = Stop(1e-5, rest=Rest(1e-4, SOMEWHERE, 9))
-    hidden = trial(1e-4, 1e5, 1e5)
+    hidden = attempt(1e-4, 1e5, 1e5)
     judged = stop.judge(hidden, 1e5, damped=False)
     assert stop.noted(hidden, judged, 1e5).rest.exhausted
-    seen = trial(1e-4, 1e5, 1e5 - 1.0)
+    seen = attempt(1e-4, 1e5, 1e5 - 1.0)
     judged = stop.judge(seen, 1e5, damped=False)
     assert stop.noted(seen, judged, 1e5).rest.in_vain == 0
     # The last step of all is none of them.
-    done = trial(1e-6, 1e5, 1e5)
+    done = attempt(1e-6, 1e5, 1e5)
     judged = stop.judge(done, 1e5, damped=False)
     assert stop.noted(done, judged, 1e5).rest == stop.rest
 

@@ -8,11 +8,12 @@ import numpy as np
 
 from ...errors import InputError
 from ...frames import GeocentricFrame
+from ...quality.levels import CONFIDENCE
 from ...solve.solution import Solution
 from .heights import draw_heights
 from .image_rows import image_rows
 from .marks import draw_points, label_points, status_of, window
-from .plan import VIEWS, Plan, View, plan_of
+from .plan import VIEWS, DrawingPlane, View, plan_of
 from .precision import Precision, draw_precision, precision_of
 from .sights import draw_lines, draw_photos, photo_shapes
 from .style import drawn, headline, new_figure, nothing, positive
@@ -30,7 +31,7 @@ def plot_network(
     solution: Solution,
     *,
     view: View = "above",
-    confidence: float = 0.95,
+    confidence: float = CONFIDENCE,
     factor: float | None = None,
     labels: bool = True,
     heights: bool | None = None,
@@ -84,7 +85,9 @@ def plot_network(
     return _plan_view(solution, plan, precision, labels)
 
 
-def _plan_view(solution: Solution, plan: Plan, precision: Precision | None, labels: bool) -> Figure:
+def _plan_view(
+    solution: Solution, plan: DrawingPlane, precision: Precision | None, labels: bool
+) -> Figure:
     unknowns, name = solution.equations.unknowns, solution.network.name or "network"
     at = plan.coordinates(np.nan_to_num(solution.state["point"]))[:, :2]
     centres = plan.coordinates(solution.state["pose"][:, 9:])[:, :2]
@@ -130,7 +133,7 @@ def _plan_view(solution: Solution, plan: Plan, precision: Precision | None, labe
     return figure
 
 
-def _scales(axes: Axes, plan: Plan, extent: float) -> None:
+def _scales(axes: Axes, plan: DrawingPlane, extent: float) -> None:
     """Write coordinates in full, in kilometres where the network is large."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 

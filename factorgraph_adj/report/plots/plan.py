@@ -18,7 +18,7 @@ VIEWS = ("above", "south", "east")
 
 
 @dataclass(frozen=True)
-class Plan:
+class DrawingPlane:
     """A horizontal plane: (e, n, u) = axes · (X − origin); or, seen from a side, a vertical one."""
 
     origin: Array
@@ -38,14 +38,14 @@ class Plan:
         """Return covariances (n, 3, 3) by these of those by X, Y, Z."""
         return np.asarray(self.axes @ sigma @ self.axes.T)
 
-    def seen_from(self, view: View) -> Plan:
+    def seen_from(self, view: View) -> DrawingPlane:
         """Return the plane as seen from above, from the south or from the east."""
         rows = {"above": [0, 1, 2], "south": [0, 2, 1], "east": [1, 2, 0]}[view]
         a, b, c = (self.names[i] for i in rows)
         return replace(self, axes=self.axes[rows], names=(a, b, c))
 
 
-def plan_of(frame: Frame, xyz: Array) -> Plan:
+def plan_of(frame: Frame, xyz: Array) -> DrawingPlane:
     """Return the plan of points (n, 3).
 
     Local frames: their X, Y plane with north up, whichever way the axes point, left-handed ones
@@ -60,14 +60,14 @@ def plan_of(frame: Frame, xyz: Array) -> Plan:
             f"{where['n']} (north)" if "n" in where else f"−{where['s']} (north)",
             "Z (up)",
         )
-        return Plan(np.zeros(3), np.stack([east, north, [0.0, 0.0, 1.0]]), names, "")
+        return DrawingPlane(np.zeros(3), np.stack([east, north, [0.0, 0.0, 1.0]]), names, "")
     if not isinstance(frame, GeocentricFrame):
-        return Plan(np.zeros(3), np.eye(3), ("east", "north", "up"), "")
+        return DrawingPlane(np.zeros(3), np.eye(3), ("east", "north", "up"), "")
     centre = (xyz.min(axis=0) + xyz.max(axis=0)) / 2
     latitude, longitude, _ = (float(v[0]) for v in frame.ellipsoid.to_geodetic(centre[None]))
     axes = frame.basis(centre[None], np.zeros((1, 2))).enu[0]
     note = f"horizon at {_degrees(latitude, 'NS')} {_degrees(longitude, 'EW')}"
-    return Plan(centre, axes, ("east of the centre", "north of the centre", "up"), note)
+    return DrawingPlane(centre, axes, ("east of the centre", "north of the centre", "up"), note)
 
 
 def _degrees(angle: float, letters: str) -> str:

@@ -11,7 +11,7 @@ from ...quality.ellipses import factor_of, factors_of
 from ...solve.solution import Solution
 from ...types import Array, Mask
 from .marks import spacing
-from .plan import Plan, covariances, ellipses
+from .plan import DrawingPlane, covariances, ellipses
 from .style import PURPLE, VERMILLION, exaggeration, length, readable, scale_key
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Precision:
 
 
 def precision_of(
-    solution: Solution, plan: Plan, confidence: float, factor: float | None, heights: bool
+    solution: Solution, plan: DrawingPlane, confidence: float, factor: float | None, heights: bool
 ) -> Precision | None:
     """Return the confidence regions in a plan; none where there are no covariances."""
     found = covariances(solution)

@@ -11,7 +11,7 @@ from scipy.stats import beta, norm
 from ...io.numbers import Units
 from ...quality.reliability import Reliability
 from ...types import Array, Index
-from ..rows import Rows
+from ..rows import ReportRows
 from .style import (
     BLACK,
     BLUE,
@@ -218,9 +218,9 @@ def plot_redundancy(rel: Reliability) -> Figure:
     return figure
 
 
-def _rows(rel: Reliability) -> Rows:
+def _rows(rel: Reliability) -> ReportRows:
     solution = rel.solution
-    return Rows(solution.equations, solution.observations.residuals, Units())
+    return ReportRows(solution.equations, solution.observations.residuals, Units())
 
 
 def _groups(rel: Reliability) -> list[tuple[str, Index]]:

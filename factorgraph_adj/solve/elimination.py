@@ -31,7 +31,7 @@ LARGEST_BORDER = 9000
 
 
 @dataclass
-class Plan:
+class Layers:
     """Columns of the three layers, and index lists that every iteration uses."""
 
     unknowns: Unknowns
@@ -59,7 +59,7 @@ class Plan:
         return np.asarray(first[:, None] + np.arange(3), dtype=np.intp)
 
 
-def make_plan(equations: Equations, *, reduce_points: bool, touched: Mask) -> Plan:
+def layers_of(equations: Equations, *, reduce_points: bool, touched: Mask) -> Layers:
     """Divide the unknowns.
 
     Args:
@@ -91,7 +91,7 @@ def make_plan(equations: Equations, *, reduce_points: bool, touched: Mask) -> Pl
             reduced[on[touched[table.offset[on]]]] = False
     border = _border(unknowns, [_rays(b, reduced) for b in images])
     if len(border) > LARGEST_BORDER:
-        return make_plan(equations, reduce_points=False, touched=touched)
+        return layers_of(equations, reduce_points=False, touched=touched)
     in_border = np.full(unknowns.n_columns, -1, dtype=np.intp)
     in_border[border] = np.arange(len(border))
     tree: list[tuple[VariableKind, int]] = []
@@ -101,7 +101,7 @@ def make_plan(equations: Equations, *, reduce_points: bool, touched: Mask) -> Pl
         if kind == "point":
             inside &= ~reduced
         tree += [(kind, number) for number in np.flatnonzero(inside).tolist()]
-    return Plan(unknowns, reduced, border, in_border, tuple(tree))
+    return Layers(unknowns, reduced, border, in_border, tuple(tree))
 
 
 def _rays(block: Block, reduced: Mask) -> tuple[Index, Index]:
