@@ -29,5 +29,5 @@ class OfKind:
         return network.of_kind(self.kind)
 
     def __set__(self, network: Holder, given: Mapping[Any, Parameter]) -> None:
-        # A copy of the network may share the table of kinds, so that it is not written into.
+        # Copies of the network may share the table of kinds: the setter replaces the table.
         network.parameters = {**network.parameters, self.kind: dict(given)}
