@@ -44,12 +44,11 @@ MOTIONS = (
     "scale",
 )
 UNNOTICED = 1e-9
-"""Value of |A g| below which a motion g counts as unnoticed, relative to the |A g| that the same
-unknowns would have if each moved independently."""
+"""Ratio |A g| / |√diag(N) g| below which a motion g counts as unnoticed; the ratio is 1 if the
+unknowns are independent."""
 UNNOTICED_IF_FREE = 1e-7
-"""Value of |A g| below which a motion g counts as unnoticed in a free network, relative as for
-`UNNOTICED`. It is larger, so that weak effects (a rotation that only antenna heights on the
-curved Earth notice) do not serve as datum."""
+"""Ratio as `UNNOTICED` where a free network is asked for. The larger value keeps weak effects, such
+as a rotation that only antenna heights on the curved Earth notice, from serving as datum."""
 About: TypeAlias = tuple[Array, float]
 """Centre (3,) of rotations and scale, and the mean distance from it, metres."""
 
