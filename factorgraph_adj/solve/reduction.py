@@ -186,7 +186,7 @@ class ReducedPoints:
         return self.cholesky.upper(t)
 
     def joint(self, border: Array) -> RayCovariances:
-        """Return the joint covariances of the points with the border from that of the border (b, b).
+        """Return the joint covariances of points and border from that of the border (b, b).
 
         With W over all rays of a point and its shared calibrations, and L of the point's block:
         Q_pp = L⁻ᵀ (I + W Σ_b Wᵀ) L⁻¹ and Q_pb = −L⁻ᵀ W Σ_b. The computation is vectorised over the

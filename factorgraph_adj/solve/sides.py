@@ -12,7 +12,7 @@ from ..types import Mask
 
 
 def behind(equations: Equations, state: State) -> Mask:
-    """Return whether the object point of each image point lies behind the camera, block by block."""
+    """Return whether each image point has its object point behind the camera, block by block."""
     out = [np.zeros(0, dtype=bool)]
     for block in equations.blocks:
         if block.kind == "image":
