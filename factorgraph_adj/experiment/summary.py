@@ -47,6 +47,7 @@ class FigureSummary:
     n_missing: int
     """Number of successful repetitions without a finite value."""
     mean: float
+    """Mean x̄; NaN without values."""
     mean_interval: tuple[float, float]
     """Lower and upper bound; NaN with less than two values."""
     standard_deviation: float
