@@ -31,8 +31,10 @@ import numpy as np
 
 from ..errors import InputError
 from ..network.network import DatumChoice, Network
+from ..shown import Shown
 from ..solve.batch import adjust
 from ..solve.solution import Solution
+from ..solve.start import Start
 from ..types import Array
 from .reliability import Reliability, reliability
 
@@ -57,8 +59,8 @@ RobustProgress = Callable[[int, float, float], None]
 """Called with iteration, scale and the largest change of a γ."""
 
 
-@dataclass(frozen=True, eq=False)
-class Robust:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robust(Shown):
     """A robust adjustment; arrays (n,) like ``solution.observations``."""
 
     solution: Solution
@@ -79,6 +81,14 @@ class Robust:
     reason: str
     """Why it ended."""
 
+    def headline(self) -> str:
+        """Return which estimator was used, and how the estimation ended."""
+        ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
+        return (
+            f"Robust: {self.estimator}, {self.iterations} adjustments, scale {self.scale:.4f}, "
+            f"{ended}"
+        )
+
 
 def robust_adjust(
     network: Network,
@@ -86,7 +96,7 @@ def robust_adjust(
     estimator: Estimator = "huber",
     scale: Literal["a-priori", "median"] = "a-priori",
     datum: DatumChoice | None = None,
-    start: Solution | None = None,
+    start: Solution | Start | None = None,
     tolerance: float = 0.01,
     max_iterations: int = 50,
     progress: RobustProgress | None = None,

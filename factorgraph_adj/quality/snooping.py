@@ -16,6 +16,8 @@ from ..errors import InputError, Problem
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
 from ..solve.solution import Solution
+from ..solve.start import Start
+from .levels import ALPHA, POWER
 from .rejections import Round, Snooping, Test
 from .robust import ESTIMATORS, Estimator, robust_adjust
 from .snooping_search import SnoopingSearch
@@ -24,8 +26,8 @@ from .snooping_search import SnoopingSearch
 def snoop(
     network: Network,
     *,
-    alpha: float = 0.001,
-    power: float = 0.80,
+    alpha: float = ALPHA,
+    power: float = POWER,
     test: Test = "baarda",
     sidak: bool = False,
     share: float = 0.4,
@@ -33,7 +35,7 @@ def snoop(
     max_rounds: int = 100,
     datum: DatumChoice | None = None,
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
-    start: Solution | None = None,
+    start: Solution | Start | None = None,
     progress: Callable[[Round], None] | None = None,
 ) -> Snooping:
     """Find gross errors by iterated tests.

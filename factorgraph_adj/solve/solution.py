@@ -13,6 +13,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
+from ..shown import Rows, Shown
 from ..types import Array, Index
 from .datum import Defect, FreeDatum
 from .estimates import CalibrationEstimate, Estimate, PoseEstimate
@@ -30,7 +31,7 @@ equations are solved instead, where σ cancels and not σ²."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution:
+class Solution(Shown):
     """An adjusted network: the object stores data; derived quantities are computed on request.
 
     A solution can be copied and pickled. Factors that the user added are pickled as their rows at
@@ -75,12 +76,23 @@ class Solution:
     """Normal equations that the adjustment has made already; they are used if they belong to
     `state`."""
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Return the numbers of the adjustment, and how it ended."""
         ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
         return (
-            f"<Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "
-            f"d {self.datum_defect}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}>"
+            f"Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "
+            f"d {self.datum_defect}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}"
+        )
+
+    def first_rows(self) -> Rows:
+        """Return the adjusted points, metres."""
+        return Rows(
+            ("point", "x", "y", "z"),
+            (
+                (name, *map(float, x))
+                for name, x in zip(self.network.points, self.state["point"], strict=True)
+            ),
+            len(self.network.points),
         )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -1,9 +1,10 @@
 """Low-rank updates: the change of a solved system by a few rows.
 
 N is the normal matrix of the system and Q = N⁻¹. The whitened rows B (k, n) have signs s: rows
-join the system (+1), leave it (−1), or are constraints without error (0). With S = diag(s),
+join the system (+1), leave it (−1), or are constraints without error (0), as the limit of
+infinite weight. With S = diag(s),
 
-    N' = N + Bᵀ S B                     rows with s = 0 are constraints
+    N' = N + Bᵀ S B                     of rows that join or leave
     G  = Q Bᵀ,   D = S + B Q Bᵀ
     Q' = Q − G D⁻¹ Gᵀ                   (Sherman & Morrison 1950, Woodbury 1950)
     dx = −G D⁻¹ v                       step from the minimum without the change to that with it
@@ -13,9 +14,8 @@ v are the whitened residuals B x − l of the rows, computed − observed, at th
 change. Only D, whose size is the number of rows, is factorised.
 
 Rows u of the update are tested against all other observations, including the other rows of the
-update.
-With M_u = s (D⁻¹)_uu and e_u = s (D⁻¹ v)_u for rows that joined; M_u = (−(D⁻¹)_uu)⁻¹ and
-e_u = M_u (−D⁻¹ v)_u for rows that left,
+update. For rows that joined, M_u = (D⁻¹)_uu and e_u = (D⁻¹ v)_u; for rows that left,
+M_u⁻¹ = −(D⁻¹)_uu and e_u = −M_u (D⁻¹ v)_u:
 
     d_u = M_u⁻¹ e_u      innovation: computed from all others − observed
     M_u⁻¹                covariance of the innovation
