@@ -72,7 +72,7 @@ def _by_length(progress: Progress, p: int, x0: Array, d: Array) -> float:
 
 
 def far_points(progress: Progress, rays: ImageRays) -> bool:
-    """Place points whose rays are nearly parallel, or meet behind the photos, at the scene's depth.
+    """Place points with nearly parallel rays, or behind the photos, at the depth of the scene.
 
     Two or more rays determine the position of such a point across the rays. Noise hides the depth;
     the median depth of the known points of the photos replaces it. An adjustment improves the

@@ -69,7 +69,7 @@ class Experiment:
     are independent samples."""
 
     def __post_init__(self) -> None:
-        """Check everything, and turn sequences into tuples and numpy's scalars into Python's."""
+        """Check all fields; turn sequences into tuples, and numpy's scalars into Python's."""
         problems: list[Problem] = []
         if not isinstance(self.name, str) or not self.name:
             problems.append(Problem("must be a text that is not empty", "name"))

@@ -31,8 +31,8 @@ class MotionRule:
     steps: int = 100
     """Largest number of steps of one motion; two or three suffice as a rule."""
     far: float = 0.5
-    """Largest rotation, radians, and logarithm of the scale, of one step: second derivatives
-    predict the minimum of |x − x₀|² badly over larger ones."""
+    """Largest rotation, radians, and logarithm of the scale, of one step: over larger steps second
+    derivatives predict the minimum of |x − x₀|² badly."""
     negligible: float = 1e-9
     """Relative decrease of |x − x₀|² that rounding of |x − x₀|² may hide."""
     halvings: int = 30

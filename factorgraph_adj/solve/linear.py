@@ -202,7 +202,7 @@ class LinearSystem:
 
 
 def _mask(a: Array, table: Variables, index: Index) -> None:
-    """Set the partials (n, d, k) by held components of variables with free ones to zero."""
+    """Set the partials (n, d, k) by held components of partly free variables to zero."""
     active = table.offset >= 0
     for j in range(a.shape[2]):
         held = active & ~table.free[:, j]

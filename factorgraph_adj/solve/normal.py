@@ -84,9 +84,9 @@ class NormalEquations:
 
         Args:
             extra: added to the diagonal, (n_columns,).
-            exact: whether covariances are needed: the tree is factorised by QR even if it is
-                large, and all unknowns are if pivots are poor. Steps need less precision, as the
-                next step corrects their errors.
+            exact: whether covariances are needed. QR then factorises the tree even if it is
+                large, and all unknowns if pivots are poor. Steps need less precision, as the next
+                step corrects their errors.
 
         Raises:
             SingularError: an unknown is not determined.

@@ -131,7 +131,7 @@ class Rays:
 
 
 def joined(parts: list[Array], rays: Rays) -> Array:
-    """Join partials of several image blocks; missing ones (held variables) are zero."""
+    """Join partials of several image blocks; partials by held variables are zero."""
     width = max(p.shape[2] for p in parts)
     chosen = []
     for part, rows, size in zip(parts, rays.selected, rays.sizes, strict=True):

@@ -154,7 +154,7 @@ class Stop:
         return bound
 
     def slows_down(self, bound: float) -> bool:
-        """Return whether steps shrink so slowly that an extrapolation may help."""
+        """Return whether the step shrinks so slowly that an extrapolation may help."""
         return bound > STOPPING.fast * self.last
 
     def noted(self, attempt: Attempt, judged: Judgement, before: float) -> Stop:
