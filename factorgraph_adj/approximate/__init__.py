@@ -1,4 +1,4 @@
-"""Approximate values where none are given."""
+"""Approximate values of unknowns without given values."""
 
 from .rounds import approximate, reach
 

@@ -1,4 +1,4 @@
-"""What could not be reached, and why: in words, points with the same reason together."""
+"""Reasons why unknowns have no approximate values, in words; unknowns with one reason together."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ONLY_IMAGES = (
 def not_reached(
     equations: Equations, progress: Progress, rays: ImageRays, *, free: bool
 ) -> list[Problem]:
-    """Return what is wrong for every point, photo and set without approximate values."""
+    """Return a problem for every point, photo and set without approximate values."""
     missing = np.flatnonzero(~progress.complete)
     photos = np.flatnonzero(~posed(progress))
     if not len(missing) and not len(photos):
@@ -51,7 +51,7 @@ def not_reached(
 
 
 def _unoriented(progress: Progress) -> Index:
-    """Return the sets that have directions and no orientation."""
+    """Return the sets that have directions but no orientation."""
     used = np.zeros(len(progress.orientation), dtype=bool)
     used[progress.survey.directions.third] = True
     return np.flatnonzero(used & np.isnan(progress.orientation))
@@ -72,7 +72,7 @@ def _why_no_pose(progress: Progress, rays: ImageRays, photo: int) -> str:
 
 
 class _Joined:
-    """What every point is joined by."""
+    """The observations that connect every point with others."""
 
     def __init__(self, progress: Progress, rays: ImageRays, names: tuple[str, ...]) -> None:
         self._progress = progress
@@ -139,7 +139,7 @@ class _Joined:
         )
 
     def _position(self, plan: Array) -> str:
-        """Return coordinates of the frame of a position in plan (2,)."""
+        """Return the frame coordinates of a position in plan (2,), as text."""
         horizon = self._progress.horizon
         xyz = horizon.from_plan(np.array([[*plan, 0.0]]))[0]
         shown = xyz[:2] if horizon.by_component else xyz

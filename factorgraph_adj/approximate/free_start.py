@@ -1,9 +1,9 @@
-"""Relative blocks: parts of a network in plan with a start of their own, and how they are joined.
+"""Relative blocks: parts of a network in plan with their own start, and how they are joined.
 
-A station with directions and distances, or a distance, or (where nothing gives a scale) a line
-of arbitrary length starts a block; it grows by the same steps as everything else and is joined to
-the rest by a plane Helmert transformation over common points. A free network without any known
-point is such a block by itself.
+A block starts with a station with directions and distances, with a distance, or (if nothing gives
+a scale) with a line of arbitrary length. The block grows by the same steps as the network, and a
+plane Helmert transformation over common points joins it to the network. A free network without
+any known point is one such block.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ from .progress import Progress
 from .survey import Sighted
 
 MOST_SEEDS = 20
-"""Most starts that are tried at one stage."""
+"""Largest number of starts that are tried at one stage."""
 MOST_DOUBTS = 6
-"""Most doubtful points that are tried at one stage."""
+"""Largest number of doubtful points that are tried at one stage."""
 TRIAL_STEPS = (2, 5, 15, None)
-"""How far either of two positions is followed; none: to the end."""
+"""Numbers of steps for which either of two positions is followed; none: to the end."""
 
 
 def grow(progress: Progress, *, most: int | None = None) -> bool:
-    """Extend the plan by orientation, polar points and intersections, the surest first.
+    """Extend the plan by orientation, polar points and intersections, the most certain first.
 
     Args:
         progress: is filled.
-        most: most steps; none: until nothing more can be reached.
+        most: largest number of steps; none: until no further point can be reached.
 
     Returns:
-        Whether anything was reached.
+        Whether a point or an orientation was reached.
     """
     steps = 0
     while (most is None or steps < most) and (
@@ -57,9 +57,9 @@ def grow(progress: Progress, *, most: int | None = None) -> bool:
 
 
 def observed_misfits(progress: Progress) -> Array:
-    """Return the capped misfit of every length, direction and angle, NaN where not known yet.
+    """Return the capped misfit of every length, direction and angle; NaN where a point is unknown.
 
-    Lengths count relative to themselves, angles in radians.
+    Misfits of lengths are relative to the length, those of angles are in radians.
     """
     s, plan = progress.survey, progress.plan
     length = progress.lengths()
@@ -91,12 +91,12 @@ def observed_misfits(progress: Progress) -> Array:
 
 
 def resolve_doubt(progress: Progress, *, mirror: bool) -> bool:
-    """Decide one point with two positions by what follows from either.
+    """Choose one of the two positions of a point by the misfits that follow from each.
 
     Args:
         progress: is filled.
-        mirror: whether either may be taken where both fit equally: the first such decision in a
-            network without any angle only chooses one of two mirrored figures.
+        mirror: whether any position may be chosen if both fit equally well: the first such
+            decision in a network without any angle only chooses one of two mirrored figures.
 
     Returns:
         Whether a point was decided.
@@ -123,9 +123,9 @@ def _decide(progress: Progress, doubt: tuple[int, list[Array]], which: int) -> b
 def _misfit_after(
     progress: Progress, point: int, at: Array, before: Mask, depth: int | None
 ) -> float:
-    """Return the mean misfit of what becomes known when a point is placed.
+    """Return the mean misfit of the observations that can be computed after a point is placed.
 
-    Points that then cannot be placed because what is known of them contradicts count too.
+    It includes points that cannot be placed then, because their observations contradict.
     """
     trial = progress.copy()
     trial.set_plan(np.array([point]), at[None])
@@ -137,18 +137,18 @@ def _misfit_after(
 
 @dataclass(frozen=True)
 class Block:
-    """A part of the network in plan coordinates of its own."""
+    """A part of the network with its own plan coordinates."""
 
     progress: Progress
-    """Its coordinates and orientations."""
+    """Coordinates and orientations of the block."""
     scaled: bool
-    """Whether its scale is metres."""
+    """Whether the coordinates are in metres."""
     mirrored: bool
-    """Whether it may be the mirror image: lengths only."""
+    """Whether the block may be a mirror image, as it has lengths only."""
 
 
 def _only_relative(progress: Progress) -> Progress:
-    """Return a progress without plan, orientations and azimuths; heights are kept."""
+    """Return a copy without plan, orientations and azimuths; heights are kept."""
     none = np.zeros(0, dtype=np.intp)
     plan = progress.plan.copy()
     plan[:, :2] = np.nan
@@ -163,7 +163,7 @@ def _only_relative(progress: Progress) -> Progress:
 
 
 def blocks(progress: Progress) -> Iterator[Block]:
-    """Make relative blocks that hold points not placed yet, those with the best start first."""
+    """Make relative blocks with points that are not yet placed, the best starts first."""
     s = progress.survey
     placed = progress.placed
     covered = np.zeros(len(placed), dtype=bool)
@@ -192,7 +192,7 @@ def blocks(progress: Progress) -> Iterator[Block]:
 
 
 def _starts(progress: Progress, lengths: Array) -> list[tuple[int, int, int, float]]:
-    """Return starts: station, −1, set, NaN, or two points, −1 and their distance (NaN: none)."""
+    """Return starts: station, −1, set, NaN; or two points, −1, their distance (NaN: unknown)."""
     s = progress.survey
     d = s.directions
     starts: list[tuple[int, int, int, float]] = []
@@ -208,7 +208,7 @@ def _starts(progress: Progress, lengths: Array) -> list[tuple[int, int, int, flo
     for k in known[np.argsort(-(degree[e.a[known]] + degree[e.b[known]]), kind="stable")]:
         starts.append((int(e.a[k]), int(e.b[k]), -1, float(lengths[k])))
     if not len(known):
-        # No length anywhere: a line of arbitrary length between stations that see each other.
+        # Without any length: a line of arbitrary length between stations that see each other.
         i = np.concatenate([d.station, s.angles.station])
         j = np.concatenate([d.target, s.angles.target])
         degree = np.bincount(np.concatenate([i, j]), minlength=s.n_points)
@@ -218,7 +218,7 @@ def _starts(progress: Progress, lengths: Array) -> list[tuple[int, int, int, flo
 
 
 def _most(group: Index) -> list[tuple[int, int]]:
-    """Return groups and how often each occurs, the most frequent first."""
+    """Return the groups and the frequency of each, the most frequent first."""
     values, count = np.unique(group, return_counts=True)
     order = np.argsort(-count, kind="stable")
     return [(int(values[k]), int(count[k])) for k in order]
@@ -262,7 +262,7 @@ def join(progress: Progress, block: Block, *, free: bool) -> bool:
 def _helmert(
     progress: Progress, block: Block, plan: Array, common: Index, free: bool
 ) -> tuple[float, Array, Array] | None:
-    """Return misfit, matrix (2, 2) and shift (2,) that carry ``plan`` over, or None."""
+    """Return misfit, matrix (2, 2) and shift (2,) that transform ``plan``; none: undetermined."""
     target, source = progress.plan[common, :2], plan[common]
     turn, ratio = np.nan, 1.0
     if len(common) >= 2:
@@ -296,7 +296,7 @@ def _helmert(
 
 
 def _turn_by_bearings(progress: Progress, block: Block) -> float:
-    """Return the rotation of a block by azimuths inside it and by known orientations."""
+    """Return the rotation of a block from azimuths inside it and from known orientations."""
     z = progress.survey.azimuths
     b = block.progress
     hints = z.value - bearing(b, z.station, z.target)
@@ -309,7 +309,7 @@ def _turn_by_bearings(progress: Progress, block: Block) -> float:
 
 
 def join_blocks(progress: Progress, *, free: bool) -> bool:
-    """Join the first relative block that fits; with ``free``, start a network that has none.
+    """Join the first relative block that fits; with ``free``, start a network without known points.
 
     Returns:
         Whether any point was placed.
@@ -328,7 +328,7 @@ def join_blocks(progress: Progress, *, free: bool) -> bool:
 
 
 def start_heights(progress: Progress, i: Index) -> bool:
-    """Set the first of points ``i`` to height 0 where a free network knows no height at all."""
+    """Set the first of points ``i`` to height 0 if a free network has no known height."""
     if not len(i) or np.isfinite(progress.plan[:, 2]).any():
         return False
     return progress.set_height(i[:1], np.zeros(1))

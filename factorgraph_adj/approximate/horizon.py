@@ -1,10 +1,10 @@
-"""Plan and height: the one place where horizontal work meets the frame.
+"""Transformation between the frame and plan and height.
 
-Approximate values are found in plan (east, north) and height apart, because many
-observations know one and not the other. In a local frame they are X, Y, Z in another order;
+Approximate values are computed separately in plan (east, north) and height, because many
+observations determine only one of them. In a local frame they are X, Y, Z in another order;
 in geocentric and topocentric frames they are east and north in the horizon of one place, and
-the ellipsoidal height. Over distances d from that place the plan is wrong by parts of about
-(d/R)², which an adjustment takes out.
+the ellipsoidal height. At a distance d from this place the plan has relative errors of about
+(d/R)², which an adjustment removes.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from ..types import Array
 
 
 class Horizon:
-    """Turns coordinates of the frame into east, north, height, and back; NaN by component."""
+    """Transforms frame coordinates to east, north, height and back; components may be NaN."""
 
     def __init__(self, frame: Frame, place: Array) -> None:
-        """Lay the horizon.
+        """Place the horizon.
 
         Args:
             frame: the frame of the network.
@@ -27,11 +27,11 @@ class Horizon:
         """
         self.frame = frame
         self.curvature = 1.0 / frame.radius
-        """1/R where heights follow the Earth, else 0."""
+        """1/R, 1/metres, if heights follow the curved Earth, otherwise 0."""
         self._local: TopocentricFrame | None = None
         if isinstance(frame, LocalFrame):
             first, second = AXES[frame.axes[0]], AXES[frame.axes[1]]
-            # Which of X, Y shows east and north, and its sign.
+            # Number of the axis that shows east and north, and its sign.
             self._east = (0, first[0]) if first[0] else (1, second[0])
             self._north = (0, first[1]) if first[1] else (1, second[1])
             if not frame.curvature:
@@ -46,7 +46,7 @@ class Horizon:
 
     @property
     def by_component(self) -> bool:
-        """Whether a coordinate of the frame is a coordinate of the plan or the height."""
+        """Whether each frame coordinate is a coordinate of the plan or the height."""
         return not isinstance(self.frame, GeocentricFrame)
 
     def to_plan(self, xyz: Array) -> Array:
@@ -88,7 +88,7 @@ class Horizon:
         return xyz
 
     def _drop(self, plan: Array) -> Array:
-        """Return how far the level surface lies below the plane, d²/2R; 0 where plan is unknown."""
+        """Return the drop d²/2R of the level surface below the plane; 0 where plan is unknown."""
         if self.curvature == 0.0:
             return np.zeros(len(plan))
         assert isinstance(self.frame, LocalFrame)
@@ -114,7 +114,7 @@ class Horizon:
 
 
 def place_of(frame: Frame, xyz: Array, latitude: float, longitude: float) -> Array:
-    """Return a place (3,) for the horizon: the median of known points, else by Φ, Λ (rad)."""
+    """Return a place (3,) for the horizon: the median of known points, otherwise Φ, Λ (rad)."""
     known = xyz[np.isfinite(xyz).all(axis=1)]
     if len(known) or isinstance(frame, LocalFrame):
         return np.asarray(np.median(known, axis=0)) if len(known) else np.zeros(3)

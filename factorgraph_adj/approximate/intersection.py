@@ -12,13 +12,13 @@ from .polar import rays
 from .progress import Progress
 
 GOOD_CROSSING = 0.3
-"""Sine of the crossing angle from which an intersection is taken at once."""
+"""Smallest sine of the crossing angle of an intersection that is used at once."""
 LEAST_CROSSING = 0.005
-"""Sine of the crossing angle below which loci do not fix a point."""
+"""Smallest sine of the crossing angle at which loci determine a point."""
 
 
 def gather(progress: Progress) -> dict[int, Loci]:
-    """Return for every point unknown in plan what known points say about it."""
+    """Return the loci of every point unknown in plan, from known points."""
     s, plan = progress.survey, progress.plan
     placed = progress.placed
     if placed.all():
@@ -56,7 +56,7 @@ def gather(progress: Progress) -> dict[int, Loci]:
 
 
 def figure_size(own: Loci) -> float:
-    """Return the size of the figure of a point and what it is joined to, metres."""
+    """Return the size of the figure of a point and its known points, metres."""
     anchors = own.anchors()
     spread = float(np.ptp(anchors, axis=0).max()) if len(anchors) else 0.0
     reach = max((length for *_, length in own.lengths), default=0.0)
@@ -64,7 +64,7 @@ def figure_size(own: Loci) -> float:
 
 
 def choose(own: Loci, found: list[Crossing]) -> Crossing | None:
-    """Return the best candidate if it is clearly the best."""
+    """Return the best candidate; none: the second best fits nearly as well."""
     if not found:
         return None
     best = found[0]
@@ -74,14 +74,14 @@ def choose(own: Loci, found: list[Crossing]) -> Crossing | None:
 
 
 def intersect(progress: Progress, *, crossing: float) -> bool:
-    """Fill points that two or more loci determine without doubt.
+    """Fill points that two or more loci determine uniquely.
 
     Args:
         progress: is filled.
-        crossing: least sine of the angle at which the loci cross.
+        crossing: smallest sine of the angle at which the loci cross.
 
     Returns:
-        Whether any was found.
+        Whether any point was found.
     """
     led_on = False
     for p, own in gather(progress).items():
@@ -94,7 +94,7 @@ def intersect(progress: Progress, *, crossing: float) -> bool:
 
 
 def doubtful(progress: Progress) -> list[tuple[int, list[Array]]]:
-    """Return points with two positions that fit equally well, those with most loci first."""
+    """Return points with two positions that fit equally well, points with most loci first."""
     out: list[tuple[int, int, list[Array]]] = []
     for p, own in gather(progress).items():
         if own.count < 2:

@@ -10,10 +10,10 @@ from .survey import group_median
 
 
 def height_differences(progress: Progress) -> tuple[Index, Index, Array]:
-    """Return pairs of points and H_b − H_a, metres, of all that is known now.
+    """Return pairs of points and their height differences H_b − H_a, metres, known so far.
 
-    Levelling and slope distance with zenith angle need no plan; a zenith angle alone takes its
-    distance from the plan: D cot z + D²/2R, the instrument and target heights apart.
+    Levelling and slope distance with zenith angle need no plan; a zenith angle alone takes the
+    distance D from the plan: D cot z + D²/2R, plus instrument height minus target height.
     """
     e, z = progress.survey.edges, progress.survey.zeniths
     d = progress.plan[z.target, :2] - progress.plan[z.station, :2]
@@ -34,7 +34,7 @@ def height_differences(progress: Progress) -> tuple[Index, Index, Array]:
 
 
 def heights(progress: Progress) -> bool:
-    """Fill heights along height differences from points of known height; median of several."""
+    """Fill heights by height differences from points of known height; the median of several."""
     if not np.isnan(progress.plan[:, 2]).any():
         return False
     i, j, rise = height_differences(progress)

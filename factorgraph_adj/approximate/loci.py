@@ -1,4 +1,4 @@
-"""Lines and circles in plan on which an unknown point lies, and where they meet."""
+"""Lines and circles in plan on which an unknown point lies, and their intersections."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from ..models.base import wrap
 from ..types import Array
 
 MOST_LOCI = 16
-"""Most lines and circles of one point that are intersected by pairs."""
+"""Largest number of lines and circles of one point that are intersected by pairs."""
 CAP = 0.1
-"""Misfit, relative to the size of the figure, that counts as a blunder."""
+"""Misfit relative to the size of the figure that counts as a blunder; larger misfits are capped."""
 SAME = 0.02
-"""Positions nearer than this part of the figure's size are one."""
+"""Distance relative to the size of the figure up to which two positions count as one."""
 SURE = 3.0
-"""The second best position must fit this many times worse than the best."""
+"""Smallest ratio of the misfits of the second best and the best position of a sure decision."""
 NOISE = 1e-4
-"""Misfits below this part of the figure's size say nothing."""
+"""Misfit relative to the size of the figure below which misfits are not compared."""
 
 
 @dataclass
 class Loci:
-    """What is known of one point in plan."""
+    """Lines and circles of one point in plan, from known points."""
 
     rays: list[tuple[float, float, float]] = field(default_factory=list)
     """East and north of a known point, and bearing from it, radians."""
@@ -47,7 +47,7 @@ class Loci:
         )
 
     def anchors(self) -> Array:
-        """Return the known points that take part, (m, 2)."""
+        """Return the known points of the loci, (m, 2)."""
         parts = [np.array([r[:2] for r in (*self.rays, *self.lengths)]).reshape(-1, 2)]
         parts += [p for p, _ in self.rounds]
         return np.concatenate(parts)
@@ -55,7 +55,7 @@ class Loci:
 
 @dataclass(frozen=True)
 class Crossing:
-    """A position that two loci allow."""
+    """A position at which two loci meet."""
 
     plan: Array
     """East and north, metres, (2,)."""
@@ -146,7 +146,7 @@ def _shapes(loci: Loci) -> list[tuple[str, Array, Array | float]]:
 def inscribed_circle(a: Array, b: Array, angle: float) -> tuple[Array, float] | None:
     """Return centre and radius of the circle from which A and B appear under a clockwise angle.
 
-    The centre lies ½ |AB| cot(angle) to the right of the line from A to B; None where A, B and the
+    The centre lies ½ |AB| cot(angle) to the right of the line from A to B; none: A, B and the
     point lie on one line.
     """
     c = b - a

@@ -20,10 +20,10 @@ def bearing(progress: Progress, i: Index, j: Index) -> Array:
 
 
 def orient(progress: Progress) -> bool:
-    """Fill the orientation of sets that sight a known target: median of α − direction.
+    """Fill the orientation of sets that sight known targets: the median of α − direction.
 
     Returns:
-        Whether any was filled.
+        Whether any orientation was filled.
     """
     d: Sighted = progress.survey.directions
     rows = np.flatnonzero(np.isnan(progress.orientation[d.third]))
@@ -43,7 +43,7 @@ def orient(progress: Progress) -> bool:
 
 
 def orient_by_model(equations: Equations, state: State) -> None:
-    """Fill unknown orientations of a state with known points, by the model of directions itself."""
+    """Fill unknown orientations of a state with known points, by the model of directions."""
     missing = np.isnan(state["orientation"][:, 0])
     for block in equations.blocks:
         if block.kind != "direction" or not missing.any():

@@ -1,4 +1,4 @@
-"""Points by direction and distance, to known stations and from them."""
+"""Points by direction and distance from known stations, or to known targets."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Rays(NamedTuple):
 
 
 def rays(progress: Progress) -> Rays:
-    """Collect the bearings of oriented directions, azimuths and angles with one known arm.
+    """Collect the bearings of oriented directions, azimuths, and angles with one known arm.
 
-    Sights from unknown stations to known targets are turned round.
+    Sights from unknown stations to known targets are reversed.
     """
     s = progress.survey
     placed = progress.placed
@@ -35,7 +35,7 @@ def rays(progress: Progress) -> Rays:
     fore = bearing(progress, a.station, a.third)
     i = np.concatenate([d.station, z.station, a.station, a.station])
     j = np.concatenate([d.target, z.target, a.third, a.target])
-    # Angles carry bearings of the plan already; the others are azimuths at their station.
+    # Angles start from bearings in plan; directions and azimuths are azimuths at their station.
     azimuth = np.concatenate([progress.orientation[d.third] + d.value, z.value])
     n = len(azimuth)
     angle = np.concatenate([azimuth, back + a.value, fore - a.value])
@@ -48,7 +48,7 @@ def rays(progress: Progress) -> Rays:
 
 
 def polar(progress: Progress) -> bool:
-    """Fill points with a bearing and a length from the same known point; median of several."""
+    """Fill points with a bearing and a length from one known point; the median of several."""
     if not len(progress.survey.edges.key):
         return False
     r = rays(progress)

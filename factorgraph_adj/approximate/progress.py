@@ -1,4 +1,4 @@
-"""What has been reached so far in the search for approximate values."""
+"""Coordinates, orientations and poses found so far in the search for approximate values."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .survey import Survey
 
 @dataclass
 class Progress:
-    """Coordinates and orientations, NaN where not reached; the steps of the search fill them."""
+    """Coordinates, orientations and poses, NaN until found; the steps of the search fill them."""
 
     survey: Survey
     """Terrestrial observations."""
     horizon: Horizon
-    """Between the frame and plan and height."""
+    """Transformation between the frame and plan and height."""
     plan: Array
     """East, north, height, metres, (n, 3)."""
     orientation: Array
@@ -46,7 +46,7 @@ class Progress:
         return np.asarray(np.isfinite(self.plan).all(axis=1))
 
     def set_plan(self, point: Index, plan: Array) -> bool:
-        """Fill east and north (n, 2) of points where they are not known; return whether any was."""
+        """Fill unknown east and north (n, 2) of points; return whether any was filled."""
         new = np.isnan(self.plan[point, :2]) & np.isfinite(plan)
         values = self.plan[point, :2]
         values[new] = plan[new]
@@ -54,20 +54,20 @@ class Progress:
         return bool(new.any())
 
     def set_height(self, point: Index, height: Array) -> bool:
-        """Fill heights (n,) of points where they are not known; return whether any was."""
+        """Fill unknown heights (n,) of points; return whether any was filled."""
         new = np.isnan(self.plan[point, 2]) & np.isfinite(height)
         self.plan[point[new], 2] = height[new]
         return bool(new.any())
 
     def lengths(self) -> Array:
-        """Return the horizontal length of every edge as far as it is known now, NaN elsewhere.
+        """Return the horizontal length of every edge, metres; NaN where it is unknown.
 
-        A slope distance without zenith angle is reduced by the height difference, levelled
-        or of known heights.
+        A slope distance without zenith angle is reduced by the height difference, from known
+        heights or levelling.
         """
         e = self.survey.edges
         rise = self.plan[e.b, 2] - self.plan[e.a, 2]
         rise = np.where(np.isfinite(rise), rise, e.rise) + e.slope_rise
-        rise = np.abs(rise)  # factors, as squares of what is too large overflow
+        rise = np.abs(rise)  # the difference of squares as factors, as squares may overflow
         reduced = np.sqrt(np.maximum(e.slope - rise, 0.0)) * np.sqrt(e.slope + rise)
         return np.where(np.isfinite(e.level), e.level, reduced)

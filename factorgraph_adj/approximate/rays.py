@@ -12,27 +12,27 @@ from ..types import Array, Index, Mask
 from .progress import Progress
 
 LENS_ITERATIONS = 50
-"""Most fixed-point steps for lens models that distort ideal coordinates."""
+"""Largest number of fixed-point steps for lens models that distort ideal coordinates."""
 TANGENT_TOLERANCE = 1e-8
 """Change of a tangent at which the fixed-point iteration ends."""
 GOOD_PARALLAX = 0.1
-"""Angle between rays, radians, from which an intersection is taken at once."""
+"""Smallest angle between rays, radians, of an intersection that is used at once."""
 LEAST_PARALLAX = 1e-3
-"""Angle between rays, radians, below which they do not fix a point."""
+"""Smallest angle between rays, radians, at which the rays determine a point."""
 REWEIGHTINGS = 5
-"""Steps towards the least sum of misses where a ray misses by much."""
+"""Number of reweighting steps towards the least sum of misses if a ray misses by much."""
 
 
 def tangents(lens: Lens, xy: Array, calibration: Array) -> Array:
     """Return the tangents (n, 2) of the rays of measured coordinates (n, 2).
 
-    Solves v(t) = 0 by t ← t − v/c, which is exact after one step for lens models that correct
-    measured coordinates, and contracts for those that distort ideal ones (distortion ≪ 1).
+    Solves v(t) = 0 by t ← t − v/c. One step is exact for lens models that correct measured
+    coordinates; the steps converge for lens models that distort ideal ones (distortion ≪ 1).
 
     Args:
         lens: the lens model.
         xy: measured coordinates, (n, 2), image units.
-        calibration: its parameters, (n, k) or (1, k).
+        calibration: parameters of the lens model, (n, k) or (1, k).
     """
     c = calibration[:, :1]
     t = (xy - calibration[:, 1:3]) / c
@@ -97,7 +97,7 @@ def world_rays(progress: Progress, rays: ImageRays, rows: Index) -> tuple[Array,
 def nearest_to_rays(
     centre: Array, direction: Array, group: Index, n: int, weight: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the point nearest to the rays of each group, and the strength of each.
+    """Return the point nearest to the rays of each group, and the strength of its intersection.
 
     Minimises Σ w |(I − d dᵀ)(X − X₀)|².
 
@@ -109,8 +109,9 @@ def nearest_to_rays(
         weight: w, (m,); none: 1.
 
     Returns:
-        X (n, 3), metres, NaN where the rays are parallel, and the smaller angle between rays that
-        would be as strong, radians: √(2 λ/m) of the smallest eigenvalue λ of the normal matrix.
+        X (n, 3), metres, NaN where the rays are parallel, and the strength: the angle between two
+        rays that would be as strong, radians, √(2 λ/m) with the smallest eigenvalue λ of the
+        normal matrix.
     """
     w = np.ones(len(group)) if weight is None else weight
     shift = centre.mean(axis=0) if len(centre) else np.zeros(3)
@@ -125,7 +126,7 @@ def nearest_to_rays(
             off = np.bincount(group, -wd * direction[:, j] + (w if i == j else 0.0), n)
             normal[:, i, j] = normal[:, j, i] = off
     count = np.bincount(group, w, n)
-    # Eigenvalues lie in [0, m]; with two near m their product leaves the smallest one.
+    # Eigenvalues lie in [0, m]; if two are near m, the determinant gives the smallest one.
     a, b, c = normal[:, 0], normal[:, 1], normal[:, 2]
     ab, bc, ca = np.cross(a, b), np.cross(b, c), np.cross(c, a)
     det = np.einsum("ni,ni->n", a, bc)
@@ -139,7 +140,7 @@ def nearest_to_rays(
 
 
 def _misses(x: Array, centre: Array, direction: Array) -> tuple[Array, Array]:
-    """Return depths along the rays (n,) and distances from them, relative to the depth, (n,)."""
+    """Return depths along the rays (n,) and distances from the rays relative to the depth, (n,)."""
     d = x - centre
     depth = np.einsum("ni,ni->n", d, direction)
     off = np.sqrt(np.maximum(np.einsum("ni,ni->n", d, d) - depth**2, 0.0))
@@ -151,13 +152,13 @@ def intersect_rays(
 ) -> bool:
     """Fill unknown points that two or more photos of known pose see.
 
-    Where a ray misses by much, the point with the least sum of misses is taken. A point must
-    come to lie in front of the photos.
+    If a ray misses by much, the point with the least sum of misses is used. A point must lie in
+    front of the photos.
 
     Args:
         progress: is filled.
         rays: the image rays.
-        parallax: least strength of an intersection, radians, see `nearest_to_rays`.
+        parallax: smallest strength of an intersection, radians, see `nearest_to_rays`.
         wanted: points to intersect, (n,).
 
     Returns:

@@ -1,9 +1,9 @@
 """Photos by resection from known points.
 
-Candidates come from three points each (Grunert's quartic, as in Haralick et al. 1994, eqs. 8–10),
-which needs no special case for points in a plane; all known points of the photo choose among
-them, with the points in front of the camera; Gauss-Newton on the tangents refines the choice.
-Where the projection centre or the attitude is known already, the other follows directly.
+Three points each give candidate poses (Grunert's quartic, as in Haralick et al. 1994, eqs. 8–10),
+without a special case for points in a plane. The best candidate has the smallest misses of all
+known points of the photo, which must lie in front of the camera; Gauss-Newton on the tangents
+refines it. If the projection centre or the attitude is given, the other follows directly.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from .progress import Progress
 from .rays import ImageRays, nearest_to_rays, posed
 
 TRIPLES = 60
-"""Most triples of points that are tried for one photo."""
+"""Largest number of triples of points that are tried for one photo."""
 SCORED = 60
-"""Most points that choose among candidates."""
+"""Largest number of points by which candidates are compared."""
 FITS = 0.02
 """Miss of a tangent above which an image point does not support a pose."""
 MANY = 8
-"""Points with which a pose that fits well cannot be one of several."""
+"""Number of points from which a pose that fits well is unique."""
 
 
 def three_points(x: Array, d: Array) -> tuple[Array, Array]:
-    """Return the poses that see three points in given directions.
+    """Return the poses from which three points appear in given directions.
 
     Args:
         x: points, (m, 3, 3): m triples of points.
-        d: unit vectors to them in camera axes, (m, 3, 3).
+        d: unit vectors to the points in camera axes, (m, 3, 3).
 
     Returns:
         world_R_camera (k, 3, 3) and projection centres (k, 3) of all real solutions.
@@ -95,7 +95,7 @@ def turn_and_shift(camera: Array, world: Array) -> tuple[Array, Array]:
 
 
 def _miss(r: Array, x0: Array, x: Array, t: Array) -> Array:
-    """Return the miss of tangents (k, n); points behind the camera miss by infinity."""
+    """Return the miss of tangents (k, n); infinite for points behind the camera."""
     p = np.einsum("kij,kni->knj", r, x[None] - x0[:, None])
     with np.errstate(divide="ignore", invalid="ignore"):
         miss = np.hypot(p[..., 0] / p[..., 2] - t[:, 0], -p[..., 1] / p[..., 2] - t[:, 1])
@@ -103,7 +103,7 @@ def _miss(r: Array, x0: Array, x: Array, t: Array) -> Array:
 
 
 def _refine(r: Array, x0: Array, x: Array, t: Array, iterations: int = 10) -> tuple[Array, Array]:
-    """Gauss-Newton on tangents with weights that fade out misses; r (3, 3), x0 (3,)."""
+    """Refine a pose r (3, 3), x0 (3,) by Gauss-Newton on tangents; large misses get low weights."""
     for _ in range(iterations):
         p = (x - x0) @ r
         if not (p[:, 2] > 0).any():
@@ -134,7 +134,7 @@ def _refine(r: Array, x0: Array, x: Array, t: Array, iterations: int = 10) -> tu
 
 
 def _triples(n: int) -> Index:
-    """Return triples (m, 3) of n points: all of them if few, else seeded random ones."""
+    """Return triples (m, 3) of n points: all triples of few points, else seeded random ones."""
     every = np.array(
         [
             (i, j, k)
@@ -159,7 +159,7 @@ def resect(x: Array, t: Array) -> tuple[Array, Array] | None:
         t: tangents of their rays, (n, 2).
 
     Returns:
-        The pose that most points support, or None where none is supported by enough.
+        The pose that most points support; none: too few points support it.
     """
     rng = np.random.default_rng(len(x))
     if len(x) > 4 * SCORED:
@@ -195,7 +195,7 @@ def resections(progress: Progress, rays: ImageRays, *, least: int) -> bool:
     """Fill the poses of photos that see ``least`` or more known points.
 
     Returns:
-        Whether any was found.
+        Whether any pose was found.
     """
     open_ = ~posed(progress)
     if not open_.any():
@@ -217,10 +217,10 @@ def resections(progress: Progress, rays: ImageRays, *, least: int) -> bool:
 
 
 def _pose(given: Array, x: Array, t: Array, d: Array, least: int) -> Array | None:
-    """Return the pose (12,) of one photo with what is given of it, or None."""
+    """Return the pose (12,) of one photo, given components kept; none: it cannot be found."""
     r, x0 = given[:9].reshape(3, 3), given[9:]
     if np.isfinite(r).all():
-        # Attitude known: the centre is nearest to the rays turned round.
+        # With known attitude, the centre is nearest to the reversed rays from the points.
         if len(x) < 2:
             return None
         at, strength = nearest_to_rays(x, d @ r.T, np.zeros(len(x), dtype=np.intp), 1)

@@ -1,4 +1,4 @@
-"""The search for approximate values: step after step until nothing more can be reached."""
+"""The search for approximate values: steps are repeated until no further value can be found."""
 
 from __future__ import annotations
 
@@ -27,21 +27,23 @@ from .survey import read_survey
 from .vectors import given_positions, known_coordinates, vectors
 
 ROUGH = 0.05
-"""Misfit of a length (relative) or an angle (radians) that only a rough coordinate explains."""
+"""Misfit of a length (relative) or an angle (radians) above which a coordinate must be rough."""
 
 
 def approximate(equations: Equations, *, datum: DatumChoice | None = None) -> State:
-    """Return start values of all unknowns; those that are given stay as they are.
+    """Return start values of all unknowns; given values are kept.
 
-    Orientation unknowns, points and photos without values are found in rounds from what is
-    known, see the modules of this package.
+    Orientation unknowns, points and photos without values are computed in rounds from known
+    values, see the modules of this package.
 
     Args:
         equations: the equations of a network.
-        datum: overrides the network's; ``free`` allows an arbitrary start where nothing is known.
+        datum: overrides the datum of the network; ``free`` allows an arbitrary start of a network
+            without known points.
 
     Raises:
-        ApproximationError: lists every point, photo and set that could not be reached, and why.
+        ApproximationError: some unknowns have no approximate values; the error lists every such
+            point, photo and set, and the reason.
     """
     state, problems = reach(equations, datum=datum)
     if problems:
@@ -50,7 +52,7 @@ def approximate(equations: Equations, *, datum: DatumChoice | None = None) -> St
 
 
 def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[State, list[Problem]]:
-    """Return start values as `approximate`, and what could not be reached; NaN there."""
+    """Return start values as `approximate`, NaN if not found, and the problems of those."""
     state = equations.unknowns.start()
     if not any(np.isnan(values).any() for values in state.values()):
         return state, []
@@ -94,7 +96,7 @@ def _begin(equations: Equations, state: State) -> tuple[Progress, ImageRays]:
 
 
 def _search(progress: Progress, rays: ImageRays, *, free: bool) -> None:
-    """Take the surest step that leads on, again and again."""
+    """Repeat the most certain step that finds a value, until no step finds any."""
     steps: tuple[Callable[[], bool], ...] = (
         lambda: _sure_steps(progress),
         lambda: intersect_rays(progress, rays, parallax=GOOD_PARALLAX, wanted=~progress.complete),
@@ -121,14 +123,14 @@ def _without_contradiction(
 ) -> Progress:
     """Search again without the approximate coordinates of free points if they contradict.
 
-    One rough coordinate may turn a whole set of directions. What is held, weighted or control
-    then leads the search, and approximate coordinates only go on where that ends; the better
-    of the two results counts.
+    One rough coordinate may turn a whole set of directions. The second search starts from held,
+    weighted and control coordinates, and uses approximate coordinates only where it ends. The
+    better of the two results is returned.
 
     Args:
         equations: the equations.
-        first: what was found with all that is given.
-        second: what was given, is filled.
+        first: result of the search with all given values.
+        second: the given values; is filled.
         rays: the image rays.
         free: whether the datum is free.
     """
@@ -150,7 +152,7 @@ def _without_contradiction(
 
 
 def _sure_steps(progress: Progress) -> bool:
-    """Orientations, polar points, heights and vectors."""
+    """Fill orientations, polar points, heights and ends of vectors; return whether any was."""
     led_on = False
     while orient(progress) | polar(progress) | heights(progress) | vectors(progress):
         led_on = True
@@ -158,7 +160,7 @@ def _sure_steps(progress: Progress) -> bool:
 
 
 def _take_over(progress: Progress, state: State) -> None:
-    """Fill what is missing in the state; what is given stays."""
+    """Fill the missing values of the state; given values are kept."""
     missing = np.isnan(state["point"])
     rows = np.flatnonzero(missing.any(axis=1))
     found = progress.horizon.from_plan(progress.plan[rows])

@@ -1,4 +1,4 @@
-"""Points by one image ray and something else, or by rays too parallel to meet well."""
+"""Points by one image ray and a height, plan or length, or by nearly parallel rays."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from .survey import group_median
 
 
 def ray_and_more(progress: Progress, rays: ImageRays) -> bool:
-    """Fill points that one ray of a known photo and a height, a plan or a length fix.
+    """Fill points that one ray of a known photo and a height, a plan or a length determine.
 
     Returns:
-        Whether any was found.
+        Whether any point was found.
     """
     rows = np.flatnonzero(~progress.complete[rays.point] & posed(progress)[rays.photo])
     if not len(rows):
@@ -38,7 +38,7 @@ def ray_and_more(progress: Progress, rays: ImageRays) -> bool:
 
 
 def _along(start: Array, step: Array, plan: Array, known: Mask) -> float:
-    """Return the distance along the ray at which it comes nearest to the known components."""
+    """Return the distance along the ray to its point nearest to the known components."""
     length2 = float(np.sum(step[known] ** 2))
     if length2 < 1e-4:
         return np.nan
@@ -72,14 +72,14 @@ def _by_length(progress: Progress, p: int, x0: Array, d: Array) -> float:
 
 
 def far_points(progress: Progress, rays: ImageRays) -> bool:
-    """Place points whose rays hardly meet, or behind the photos, at the depth of the scene.
+    """Place points with nearly parallel rays, or behind the photos, at the depth of the scene.
 
-    Two or more rays say where such a point lies across them; noise hides the depth, for which
-    the median depth of the known points of the photos stands. An adjustment finds the rest,
-    or says that the point is not determined.
+    Two or more rays determine the position of such a point across the rays. Noise hides the depth;
+    the median depth of the known points of the photos replaces it. An adjustment improves the
+    depth, or reports that the point is not determined.
 
     Returns:
-        Whether any was found.
+        Whether any point was found.
     """
     complete = progress.complete
     usable = posed(progress)[rays.photo]

@@ -1,4 +1,4 @@
-"""Points in space by slope distances alone, and heights by slope distances over a known plan."""
+"""Points in space from slope distances alone, and heights from slope distances and known plan."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from .loci import CAP, NOISE, SAME, SURE
 from .progress import Progress
 
 MOST_SPHERES = 8
-"""Most distances that are intersected by threes."""
+"""Largest number of distances of one point that are intersected by threes."""
 MOST_STARTS = 20
-"""Most points whose triangles may start a network."""
+"""Largest number of points whose triangles may start a network."""
 
 
 def three_spheres(centre: Array, radius: Array) -> list[Array]:
-    """Return the two points (3,) at given distances from three others, none if they lie on a line.
+    """Return the two points (3,) at given distances from three points; empty: these lie on a line.
 
     Args:
-        centre: (3, 3), metres.
-        radius: (3,), metres. Spheres that just miss each other meet between them.
+        centre: the three points, (3, 3), metres.
+        radius: the distances, (3,), metres. Spheres that narrowly miss each other give one point.
     """
     e1 = centre[1] - centre[0]
     d = float(np.linalg.norm(e1))
@@ -47,12 +47,12 @@ def three_spheres(centre: Array, radius: Array) -> list[Array]:
 
 
 def spheres(progress: Progress) -> bool:
-    """Fill points that three or more slope distances from complete points fix without doubt.
+    """Fill points that three or more slope distances from complete points determine uniquely.
 
-    A known height decides between two positions, or takes the place of a distance.
+    A known height decides between two positions, or replaces a distance.
 
     Returns:
-        Whether any was found.
+        Whether any point was found.
     """
     led_on = False
     for p, found in positions_in_space(progress):
@@ -70,7 +70,7 @@ def _place(progress: Progress, p: int, xyz: Array) -> bool:
 def positions_in_space(progress: Progress) -> list[tuple[int, list[Array]]]:
     """Return points with slope distances to complete points, and the positions that fit best.
 
-    Positions (3,) are in the frame, metres; several where they fit equally well.
+    Positions (3,) are in the frame, metres. A point has several if they fit equally well.
     """
     e = progress.survey.edges
     complete = progress.complete
@@ -89,7 +89,7 @@ def positions_in_space(progress: Progress) -> list[tuple[int, list[Array]]]:
 
 
 def _options(progress: Progress, p: int, centre: Array, radius: Array) -> list[Array]:
-    """Return where three spheres meet, or spheres and a known plan, (3,) each."""
+    """Return the positions where three spheres meet, or spheres and a known plan, (3,) each."""
     if progress.placed[p]:
         plan = progress.plan[p]
         near = progress.horizon.to_plan(centre)
@@ -108,7 +108,7 @@ def _options(progress: Progress, p: int, centre: Array, radius: Array) -> list[A
 def _best(
     progress: Progress, p: int, options: list[Array], centre: Array, radius: Array
 ) -> list[Array]:
-    """Return the options that fit best, the equally good ones only once each."""
+    """Return the options that fit best, each position once."""
     if not options:
         return []
     at = np.array(options)
@@ -128,10 +128,10 @@ def _best(
 
 
 def start_in_space(progress: Progress) -> bool:
-    """Start a free network that has slope distances only: a triangle, and a fourth point above it.
+    """Start a free network of slope distances only: a triangle, and a fourth point above it.
 
     Returns:
-        Whether it was started.
+        Whether the network was started.
     """
     e = progress.survey.edges
     if np.isfinite(progress.plan).any() or not np.isfinite(e.slope).any():
@@ -164,6 +164,6 @@ def start_in_space(progress: Progress) -> bool:
 
 
 def _sine(ab: float, ac: float, bc: float) -> float:
-    """Return the sine of the angle at A of a triangle; 0 where the sides do not close."""
+    """Return the sine of the angle at A of a triangle; 0 if the sides form no triangle."""
     cosine = (ab**2 + ac**2 - bc**2) / (2 * ab * ac)
     return float(np.sqrt(max(1.0 - cosine**2, 0.0)))

@@ -1,4 +1,4 @@
-"""Terrestrial observations in columns, as the search for approximate values reads them."""
+"""Terrestrial observations as arrays, for the search for approximate values."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..types import Array, Index
 
 
 def group_median(group: Index, value: Array, size: int) -> Array:
-    """Return the median of ``value`` (n,) in each of ``size`` groups; NaN where there is none."""
+    """Return the median of ``value`` (n,) in each of ``size`` groups; NaN for empty groups."""
     out = np.full(size, np.nan)
     if not len(group):
         return out
@@ -27,7 +27,7 @@ def group_median(group: Index, value: Array, size: int) -> Array:
 
 
 def group_angle(group: Index, angle: Array, size: int) -> Array:
-    """Return the median of angles in each group, about their circular mean: ±π is no edge."""
+    """Return the median of angles in each group about their circular mean, continuous at ±π."""
     s = np.bincount(group, np.sin(angle), size)
     c = np.bincount(group, np.cos(angle), size)
     mean = np.arctan2(s, c)
@@ -45,7 +45,7 @@ class Sighted:
     value: Array
     """Values, metres or radians, (n,); GNSS vectors (n, 3)."""
     rise: Array
-    """Height of the target's signal over its point minus that of the instrument, metres, (n,)."""
+    """Target height minus instrument height, metres, (n,)."""
     third: Index
     """Number of the orientation (directions) or of the second target (angles), (n,)."""
 
@@ -56,7 +56,7 @@ class Sighted:
 
 
 def _join(blocks: Iterable[Block], third: int | None = None, width: int = 1) -> Sighted:
-    """Put blocks together; ``third`` is the place of a further variable."""
+    """Join blocks; ``third`` is the place of a further variable."""
     found = list(blocks)
     if not found:
         none = np.zeros(0, dtype=np.intp)
@@ -79,7 +79,7 @@ def _join(blocks: Iterable[Block], third: int | None = None, width: int = 1) -> 
 
 
 def _length(block: Block, values: Array) -> Array:
-    """Return lengths freed of scale and zero constant of their distance meter."""
+    """Return lengths corrected for scale and zero constant of their distance meter."""
     edm = values[block.variables[4][1]]
     return np.asarray((block.observed[:, 0] - edm[:, 1]) / (1.0 + edm[:, 0]))
 
@@ -97,9 +97,10 @@ class Edges:
     slope: Array
     """Slope distance, metres; NaN: none, (n,)."""
     slope_rise: Array
-    """Height of the signal minus height of the instrument, from a to b, metres, (n,)."""
+    """Target height minus instrument height, from a to b, metres, (n,)."""
     level: Array
-    """Horizontal distance by itself, metres; NaN: none, (n,)."""
+    """Horizontal distance, observed or from slope distance and zenith angle, metres; NaN: none,
+    (n,)."""
     rise: Array
     """H_b − H_a by levelling, or by slope distance and zenith angle, metres; NaN: none, (n,)."""
 
@@ -141,7 +142,7 @@ class Survey:
 
 
 def read_survey(equations: Equations, curvature: float) -> Survey:
-    """Put the terrestrial observations into columns; ``curvature`` is 1/R or 0."""
+    """Read the terrestrial observations into arrays; ``curvature`` is 1/R or 0, 1/metres."""
     by_kind: dict[str, list[Block]] = {}
     for block in equations.blocks:
         by_kind.setdefault(block.kind, []).append(block)

@@ -13,14 +13,14 @@ from .survey import group_median
 
 
 def known_coordinates(equations: Equations, progress: Progress) -> None:
-    """Fill what control points, GNSS positions and photo positions say."""
+    """Fill coordinates from control points, GNSS positions and photo positions."""
     network, unknowns = equations.network, equations.unknowns
     horizon = progress.horizon
     for o in network.observations.values():
         if isinstance(o, PhotoPosition):
             at = progress.pose[unknowns["pose"].number[o.photo], 9:]
             missing = np.isnan(at)
-            # The lever arm is short beside the distance to the object.
+            # The lever arm is short relative to the distance to the object.
             at[missing] = np.asarray(o.value, dtype=float)[missing]
         if not isinstance(o, ControlPoint):
             continue
@@ -40,7 +40,7 @@ def known_coordinates(equations: Equations, progress: Progress) -> None:
 
 
 def given_positions(network: Network) -> Array:
-    """Return the positions (n, 3) that observations of points and photos give altogether."""
+    """Return all positions (n, 3) that observations of points and photos give."""
     found = [
         o.value
         for o in network.observations.values()
@@ -52,7 +52,7 @@ def given_positions(network: Network) -> Array:
 
 
 def vectors(progress: Progress) -> bool:
-    """Fill points at the end of a GNSS vector from a known point; median of several."""
+    """Fill points at the end of a GNSS vector from a known point; the median of several."""
     v = progress.survey.vectors
     complete = progress.complete
     if not v.n or (complete[v.station].all() and complete[v.target].all()):

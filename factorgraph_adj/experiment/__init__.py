@@ -1,1 +1,1 @@
-"""Experiments: a trial repeated under chosen conditions, its results and their summary."""
+"""Experiments: a trial repeated under chosen conditions, its results and its summary."""

@@ -1,8 +1,8 @@
-"""One BLAS thread, in this process too.
+"""One BLAS thread in this process and in processes that it starts.
 
-OpenBLAS divides sums among its threads: with another number of them the last digits of a result
-are others. An environment variable sets the number before numpy is loaded only, so the loaded
-libraries are told.
+OpenBLAS divides sums among its threads, so that the last digits of a result depend on the number
+of threads. An environment variable sets this number only before numpy is loaded; loaded libraries
+are set by their own functions.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ VARIABLES = (
     "MKL_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
-"""What tells libraries that are yet to be loaded."""
+"""Environment variables that set the number of threads of libraries loaded later."""
 _NAMES = (
     "scipy_openblas_{}_num_threads64_",
     "scipy_openblas_{}_num_threads",
@@ -36,7 +36,7 @@ _NAMES = (
 def one_blas_thread() -> Iterator[None]:
     """Let the libraries that come with numpy and scipy use one thread.
 
-    Others (MKL, the system's own) are left as they are; for them set their variable, such as
+    Other libraries (MKL, the system's own) are not changed; set their variable, such as
     ``MKL_NUM_THREADS=1``, before Python starts.
     """
     before = [(setter, getter()) for getter, setter in _libraries()]
@@ -49,14 +49,14 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def use_one_blas_thread() -> None:
-    """Do the same in a process that repetitions have for themselves, for good."""
+    """Set one thread permanently, in a process that only runs repetitions."""
     for _, setter in _libraries():
         setter(1)
 
 
 @contextmanager
 def one_thread_for_children() -> Iterator[None]:
-    """Let processes that are started meanwhile use one thread."""
+    """Let processes that start inside this context use one thread."""
     before = {name: os.environ.get(name) for name in VARIABLES}
     os.environ.update(dict.fromkeys(VARIABLES, "1"))
     try:
@@ -71,14 +71,14 @@ def one_thread_for_children() -> Iterator[None]:
 
 @cache
 def _libraries() -> tuple[tuple[Callable[[], int], Callable[[int], None]], ...]:
-    """Return how the number of threads of each library is asked for and set."""
+    """Return the functions of each library that get and set its number of threads."""
     found = []
     for package in (np, scipy):
         folder = Path(str(package.__file__)).parent
         beside = folder.with_name(f"{folder.name}.libs")
         for path in sorted([*beside.glob("*openblas*"), *folder.glob(".dylibs/*openblas*")]):
             try:
-                library = ctypes.CDLL(str(path))  # it is loaded already: this is that one
+                library = ctypes.CDLL(str(path))  # returns the library that is already loaded
             except OSError:
                 continue
             for name in _NAMES:

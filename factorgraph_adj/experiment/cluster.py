@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 MISSING = "a cluster needs Dask, which is not installed: pip install 'factorgraph_adj[cluster]'"
 AHEAD = 4
-"""Repetitions under way for each thread of the cluster, so that short ones follow at once."""
+"""Number of repetitions under way for each thread of the cluster, so that no thread waits."""
 
 
 def is_client(client: object) -> bool:
-    """Return whether something is a client of Dask that waits for its answers.
+    """Return whether an object is a synchronous client of Dask.
 
     Raises:
         InputError: Dask is not installed.
@@ -36,10 +36,10 @@ def is_client(client: object) -> bool:
 def on_cluster(
     client: Client, trial: Trial, cells: Sequence[Levels], tasks: Sequence[Task]
 ) -> Iterator[tuple[Task, Outcome]]:
-    """Run repetitions, and give each with its outcome when it is finished.
+    """Run repetitions, and yield each with its outcome when it is finished.
 
-    When a worker dies, Dask tries what it had elsewhere, and after some deaths gives up all that
-    were on the dead ones. Which of them it was is found out by running these alone.
+    When a worker dies, Dask runs its repetitions on other workers; after several deaths it gives
+    up all repetitions of the dead workers. The fatal one is found by running each of them alone.
 
     Raises:
         InputError: the workers cannot import the trial, or the cluster has stopped.
@@ -59,19 +59,19 @@ def on_cluster(
 
 
 class _Work:
-    """What is under way on a cluster."""
+    """The repetitions under way on a cluster."""
 
     def __init__(self, client: Client, trial: Trial, cells: Sequence[Levels]) -> None:
         self._client = client
         self._trial = trial
-        # As bytes: in lists and texts Dask would look for futures and keys of its own.
+        # As bytes, because Dask searches lists and texts for its own futures and keys.
         self._cells = [pickle.dumps(levels) for levels in cells]
         self._running: dict[Any, Task] = {}
 
     def through(
         self, tasks: Sequence[Task], suspects: list[Task]
     ) -> Iterator[tuple[Task, Outcome]]:
-        """Run tasks; those whose workers died are added to ``suspects``."""
+        """Run tasks; tasks whose workers died are added to ``suspects``."""
         from distributed import KilledWorker, as_completed
 
         waiting = deque(tasks)
@@ -100,7 +100,7 @@ class _Work:
         )
 
     def cancel(self) -> None:
-        """Take back what nobody waits for any more."""
+        """Cancel the repetitions under way."""
         if self._running:
             self._client.cancel(list(self._running))
 

@@ -1,9 +1,8 @@
 """The file of finished repetitions: a journal with one line for each, written at once.
 
-The header says which experiment it is, every further line is one repetition: its levels, number,
-seed, and figures or error. A repetition that stands there twice was tried again; the last line
-counts. Figures have all their digits; NaN and the infinities, which JSON does not have, are
-texts.
+The header identifies the experiment; every further line is one repetition: its levels, number,
+seed, and figures or error. A repetition with two lines was tried again; the last line counts.
+Figures have all their digits; NaN and the infinities, which JSON does not have, are texts.
 """
 
 from __future__ import annotations
@@ -18,28 +17,28 @@ from .repetition import Outcome, Task
 from .study import Experiment, encoded, key, said, written
 
 KIND = "repetitions of an experiment"
-"""What the header says beside the experiment."""
+"""Kind of journal that the header states."""
 
 Done = dict[tuple[int, int], Outcome]
 """Outcomes by number of the cell and of the repetition."""
 
 
 def open_file(path: str | Path, experiment: Experiment) -> tuple[Journal, Done]:
-    """Start the file of an experiment, or go on with it.
+    """Start the file of an experiment, or continue it.
 
-    A line that was torn when the process was killed is dropped. A crash of the process loses
-    nothing else; one of the computer may lose what its system had not written to the disk yet.
+    An incomplete last line of a killed process is dropped. A crash of the process loses nothing
+    else; a crash of the computer may lose lines that its system has not yet written to the disk.
 
     Args:
-        path: the file; it may be absent or empty. Its folder is made if it is not there.
-        experiment: what is to go there.
+        path: the file; it may be absent or empty. Its folder is created if absent.
+        experiment: the experiment of the file.
 
     Returns:
-        The open file, and what is finished in it.
+        The open file, and its finished repetitions.
 
     Raises:
-        InputError: the file is of another experiment, is in use or cannot be read or written.
-            It is left as it was.
+        InputError: the file belongs to another experiment, is in use or cannot be read or
+            written. The file is left unchanged.
     """
     path = Path(path)
     header = _header(experiment)
@@ -87,7 +86,7 @@ def _header(experiment: Experiment) -> dict[str, object]:
 
 
 def _compare(there: Mapping[str, Any], own: Mapping[str, Any], path: Path) -> None:
-    """Refuse the file of another experiment, with everything that is not the same."""
+    """Refuse the file of another experiment, with a list of all differences."""
     if there.get("kind") != KIND:
         raise InputError(Problem("is a journal, but not of an experiment's repetitions", str(path)))
     factors = there.get("factors")
@@ -132,7 +131,7 @@ def _read(lines: list[dict[str, Any]], experiment: Experiment, path: Path) -> Do
 
 
 def _stranger(levels: Mapping[str, Any], experiment: Experiment) -> str:
-    """Say which level the experiment does not have; levels may be added, not taken away."""
+    """Say which level the experiment lacks; levels of a file may be added, but not removed."""
     for name in experiment.names:
         own = {written(cell[name]): cell[name] for cell in experiment.combinations}
         if key({name: levels.get(name)}) not in {key({name: level}) for level in own.values()}:

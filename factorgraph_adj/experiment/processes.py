@@ -1,9 +1,9 @@
 """Repetitions on processes of this machine.
 
-Each process has a pipe of its own and reports every repetition when it is finished. One that
-ends is replaced, and the first repetition that it had not reported is the one it ended with:
-all others run as if nothing had happened. (A `concurrent.futures.ProcessPoolExecutor` breaks as
-a whole then, and does not say with which call.)
+Each process has its own pipe and reports every finished repetition. A process that ends is
+replaced; its first unreported repetition is the one that ended it, and all others run normally.
+(A `concurrent.futures.ProcessPoolExecutor` breaks as a whole in this case, and does not say which
+call was the cause.)
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from .repetition import Outcome, Task, died, failed, not_sent, repeat
 from .study import Levels, Trial
 
 AHEAD = 4
-"""Repetitions that a process has at hand, so that short ones do not wait for the pipe."""
+"""Number of repetitions that a process is given in advance, so that it does not wait for the
+pipe."""
 _NEVER_BEGAN = (
     "a worker process ended before it could begin ({}). In a script, the call of run belongs "
     "under `if __name__ == '__main__':`, as every process imports the script once more"
@@ -33,18 +34,18 @@ _NEVER_BEGAN = (
 def in_processes(
     trial: Trial, cells: Sequence[Levels], tasks: Sequence[Task], *, processes: int
 ) -> Iterator[tuple[Task, Outcome]]:
-    """Run repetitions, and give each with its outcome when it is finished.
+    """Run repetitions, and yield each with its outcome when it is finished.
 
     Raises:
         InputError: a process cannot begin, or cannot import the trial.
     """
-    # Levels go there once, tasks are a few bytes: sending one never waits for its receiver.
+    # Levels are sent once. A task has a few bytes, so that sending never waits for the receiver.
     payload = pickle.dumps((trial, tuple(cells)))
     waiting = deque(tasks)
     at_work: dict[Connection, _Worker] = {}
     try:
         while waiting or at_work:
-            # All begin at once; later this replaces those that have ended.
+            # All processes begin at once; later passes replace processes that have ended.
             idle = sum(not worker.pending for worker in at_work.values())
             for _ in range(min(processes - len(at_work), len(waiting) - idle)):
                 worker = _Worker(payload)
@@ -58,7 +59,7 @@ def in_processes(
                     del at_work[worker.connection]
                     waiting.extendleft(reversed(worker.pending))
                     continue
-                # Near the end nobody takes what another process could begin at once.
+                # Near the end no process reserves a task that another one could begin at once.
                 worker.feed(waiting, AHEAD if len(waiting) > AHEAD * len(at_work) else 1)
                 if not worker.pending:
                     del at_work[worker.connection]
@@ -72,7 +73,7 @@ def in_processes(
 
 
 class _Worker:
-    """A process, the pipe to it, and what it has to do."""
+    """A process, the pipe to it, and its repetitions."""
 
     def __init__(self, payload: bytes) -> None:
         context = multiprocessing.get_context("spawn")
@@ -87,14 +88,14 @@ class _Worker:
             self.connection.close()
             raise
         finally:
-            theirs.close()  # or the end of the process would not end the pipe
+            theirs.close()  # otherwise the pipe stays open after the process has ended
         self.pending: deque[Task] = deque()
-        """Repetitions that it has and has not reported, in their order."""
+        """Repetitions that the process has and has not reported, in their order."""
         self.began = False
         self.ended = False
 
     def read(self) -> tuple[Task, Outcome] | None:
-        """Return what it reports: a repetition that is finished, or with which it ended."""
+        """Return the repetition that the process has finished, or that ended the process."""
         try:
             said: str | Outcome = self.connection.recv()
         except (EOFError, OSError):
@@ -116,16 +117,16 @@ class _Worker:
         return (self.pending.popleft(), died(f" with {how}")) if self.pending else None
 
     def feed(self, waiting: deque[Task], most: int) -> None:
-        """Give it tasks until it has ``most``."""
+        """Send tasks to the process until it has ``most``."""
         while waiting and len(self.pending) < most:
             try:
                 self.connection.send(waiting[0])
-            except OSError:  # it has ended; where it has anything, the next reading finds out
+            except OSError:  # the process has ended; the next reading notices its repetitions
                 return
             self.pending.append(waiting.popleft())
 
     def stop(self) -> None:
-        """Close the pipe, which lets the process end, and wait for that."""
+        """Close the pipe, which ends the process, and wait for its end."""
         self.connection.close()
         self.process.join()
         self.code = self.process.exitcode or 0
@@ -133,11 +134,11 @@ class _Worker:
 
 
 def _serve(connection: Connection, payload: bytes) -> None:
-    """Be a worker: say whether the trial is there, then run what arrives until nothing does."""
-    # Ctrl-C reaches every process of a terminal; the one that asked for the run decides.
+    """Run a worker: report whether the trial can be loaded, then run tasks until the pipe ends."""
+    # Ctrl-C reaches every process of a terminal; the parent process decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     use_one_blas_thread()
-    with contextlib.suppress(EOFError, OSError):  # the one that asked is gone
+    with contextlib.suppress(EOFError, OSError):  # the parent process has ended
         try:
             trial, cells = pickle.loads(payload)
         except Exception as error:

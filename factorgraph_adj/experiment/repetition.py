@@ -1,4 +1,4 @@
-"""One repetition of an experiment, whoever runs it: figures, or why there are none."""
+"""One repetition of an experiment on any computer: its figures, or its error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from .study import RESERVED, Levels, Trial
 
 DIED = "WorkerDied"
-"""What stands for the type of an error where the process that ran a repetition ended."""
+"""Type of error of a repetition whose process ended while it ran."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,21 +21,21 @@ class Task:
     cell: int
     """Number of the cell among the experiment's combinations."""
     repetition: int
-    """Counted from 0."""
+    """Number of the repetition, counted from 0."""
     seed: int
-    """What the trial gets."""
+    """Seed that the trial gets."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a repetition gave."""
+    """The outcome of a repetition."""
 
     figures: Mapping[str, float] = field(default_factory=dict)
-    """Figures by name; none where it failed."""
+    """Figures by name; empty if the repetition failed."""
     error: str = ""
-    """Type of the error; empty where it did not fail."""
+    """Type of the error; empty if the repetition succeeded."""
     message: str = ""
-    """What the error says."""
+    """Message of the error."""
 
 
 @dataclass(frozen=True)
@@ -45,15 +45,15 @@ class Repetition:
     levels: Levels
     """Level of every factor."""
     repetition: int
-    """Counted from 0."""
+    """Number of the repetition, counted from 0."""
     seed: int
-    """Seed that the trial was given; with it the repetition can be run again alone."""
+    """Seed of the trial; with this seed the repetition can be run again alone."""
     figures: Mapping[str, float]
-    """Figures that the trial returned, by name; empty where it failed."""
+    """Figures that the trial returned, by name; empty if the repetition failed."""
     error: str = ""
-    """Type of the error; empty where it did not fail."""
+    """Type of the error; empty if the repetition succeeded."""
     message: str = ""
-    """What the error says."""
+    """Message of the error."""
 
     @classmethod
     def of(cls, levels: Levels, task: Task, outcome: Outcome) -> Repetition:
@@ -63,7 +63,7 @@ class Repetition:
 
 
 def repeat(trial: Trial, seed: int, levels: Levels) -> Outcome:
-    """Run a trial once. Whatever goes wrong in it is an outcome; only an interruption is not."""
+    """Run a trial once; every error in it is an outcome, except an interruption."""
     try:
         return Outcome(_figures(trial(seed, **levels), levels))
     except (Exception, SystemExit) as error:
@@ -76,13 +76,13 @@ def failed(error: BaseException) -> Outcome:
         message = str(error)
     except Exception:
         message = "(its message cannot be made)"
-    # What no file could hold is written as an escape.
+    # Characters that UTF-8 cannot encode are written as escapes.
     message = message.encode("utf-8", "backslashreplace").decode("utf-8")
     return Outcome(error=type(error).__name__, message=message)
 
 
 def not_sent(why: object) -> str:
-    """Say that other processes cannot have a trial."""
+    """Return the message that a trial cannot be sent to other processes."""
     return (
         f"cannot be sent to other processes ({why}): it must be a function of a module, not a "
         "lambda or a function inside another, nor defined under `if __name__ == '__main__':`"
@@ -95,7 +95,7 @@ def died(how: str) -> Outcome:
 
 
 def _figures(returned: object, levels: Levels) -> dict[str, float]:
-    """Return what a trial returned as floats."""
+    """Return the figures of a trial as floats."""
     if not isinstance(returned, Mapping):
         what = f"a trial returns a mapping of names to numbers, not {type(returned).__name__}"
         raise TypeError(what)

@@ -34,10 +34,10 @@ class Results(Shown):
     factors: tuple[str, ...]
     """Names of the factors."""
     rows: tuple[Repetition, ...]
-    """Every repetition, failed ones among them."""
+    """Every repetition, including failed ones."""
 
     def headline(self) -> str:
-        """Say how many there are."""
+        """Return the numbers of repetitions and of failed ones."""
         failed = len(self.failed)
         return f"Results of {self.name!r}: {len(self.rows)} repetitions, {failed} failed"
 
@@ -55,14 +55,14 @@ class Results(Shown):
         """Return a figure of every repetition at some levels, (n,) in the order of rows.
 
         Args:
-            figure: its name.
-            **levels: levels of the cells that count; all without any.
+            figure: name of the figure.
+            **levels: levels of the wanted cells; without levels, all cells.
 
         Returns:
             The values; NaN where a repetition failed or lacks the figure.
 
         Raises:
-            InputError: no such figure, factor or level.
+            InputError: the figure, factor or level is unknown.
         """
         if figure not in self.figures:
             what = f"unknown figure {figure!r}; known: {known(self.figures)}"
@@ -94,8 +94,8 @@ class Results(Shown):
     def table(self) -> str:
         """Return all rows as CSV: factors, repetition, seed, figures, error, message.
 
-        Floats have all their digits (``repr``). The cell of a figure is empty where the
-        repetition failed or lacks it; ``nan`` is a figure that is not a number.
+        Floats have all their digits (``repr``). The entry of a figure is empty if the repetition
+        failed or lacks the figure; ``nan`` is a figure that is not a number.
         """
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
@@ -115,10 +115,10 @@ class Results(Shown):
         return text.getvalue()
 
     def write(self, path: str | Path) -> None:
-        """Write the table to a file, all of it or nothing.
+        """Write the whole table to a file.
 
         Raises:
-            InputError: the file cannot be written; what was there is left as it was.
+            InputError: the file cannot be written; an existing file is left unchanged.
         """
         path = Path(path)
         write_files(path.parent, {path.name: self.table()})
@@ -148,8 +148,9 @@ class Results(Shown):
         """Return mean, standard deviation and RMS of each figure in each cell, with intervals.
 
         Args:
-            confidence: of each interval, between 0 and 1: the share of experiments of this kind
-                in which it holds the true value, for figures that are normally distributed.
+            confidence: confidence level of each interval, between 0 and 1: the share of such
+                experiments whose interval contains the true value, for normally distributed
+                figures.
 
         Raises:
             InputError: the confidence is not between 0 and 1.

@@ -1,4 +1,4 @@
-"""Run an experiment: every repetition of every cell, on whatever computes it.
+"""Run an experiment: every repetition of every cell, in this process, in others or on a cluster.
 
 >>> results = run(Experiment("distances", trial, {"distances": [24, 28, 60]}, 1986), 500,
 ...               out="distances.jsonl", processes=2)                      # doctest: +SKIP
@@ -40,36 +40,36 @@ def run(
     retry: bool = False,
     progress: Callable[[int, int], object] | None = None,
 ) -> Results:
-    """Run an experiment, or what is left of it.
+    """Run an experiment, or its unfinished repetitions.
 
-    The results are the same bit for bit whoever computes them and in whatever order: seeds do
-    not depend on it, BLAS gets one thread everywhere (another number of threads gives other last
-    digits), and rows are in the order of cells and repetitions. On a cluster this holds for
-    processors of one kind and one version of all libraries. The trial must do its part: what is
-    random in it follows from its seed alone, and it depends on nothing that the program has set
-    (warnings turned into errors, `numpy.seterr`), which other processes do not know.
+    The results are bitwise identical for every number of processes, every cluster and every order:
+    seeds do not depend on these, BLAS uses one thread everywhere (another number of threads changes
+    the last digits), and rows are in the order of cells and repetitions. On a cluster this holds
+    for processors of one kind and one version of all libraries. It requires that all random numbers
+    of the trial follow from its seed alone, and that the trial does not depend on settings of the
+    program (warnings turned into errors, `numpy.seterr`), which other processes do not have.
 
     With ``out``, every finished repetition is in the file at once. After an interruption
-    (Ctrl-C, a killed process, a cluster that is gone) the same call goes on where it stopped;
-    with more levels or repetitions it adds those. A failed repetition is a result too: it has
-    its seed, the type of its error and what that says.
+    (Ctrl-C, a killed process, a lost cluster) the same call continues; a call with more levels or
+    repetitions adds these. A failed repetition is a result too, with its seed, and the type and
+    message of its error.
 
-    The file knows the names of experiment and trial, the seed, and the levels of each repetition:
-    another name, trial or seed is refused. It does not know the code of the trial, nor specs and
-    other files that the trial reads: after a change of these give another ``out``, or results of
-    both stand side by side.
+    The file contains the names of experiment and trial, the seed, and the levels of each
+    repetition: another name, trial or seed is refused. The file contains neither the code of the
+    trial nor the specs and other files that the trial reads. After a change of these, give another
+    ``out``; otherwise the file mixes results from before and after the change.
 
     Args:
-        experiment: what is repeated.
-        repetitions: number of repetitions of each cell. More in the file stay there and are
-            left out of the results.
-        out: file of finished repetitions (JSON Lines), its folder made if it is not there; none
-            keeps them in memory only.
-        processes: processes of this machine, each with one BLAS thread. With 1 the trial runs in
-            this process; a trial that ends its process is then the end of this one too.
+        experiment: the experiment.
+        repetitions: number of repetitions of each cell. Further repetitions of the file stay in
+            the file and are left out of the results.
+        out: file of finished repetitions (JSON Lines), whose folder is created if absent; none:
+            repetitions are kept in memory only.
+        processes: number of processes of this machine, each with one BLAS thread. With 1 the trial
+            runs in this process, and a trial that ends its process ends the program.
         client: client of a Dask cluster to compute on instead (extra ``cluster``), best with
             one thread for each worker.
-        retry: run failed repetitions of the file again.
+        retry: whether failed repetitions of the file are run again.
         progress: is called with the numbers of finished and of all repetitions: at the start, and
             after each repetition.
 
@@ -77,9 +77,9 @@ def run(
         The results, sorted by cell and repetition.
 
     Raises:
-        InputError: bad arguments; a trial that other processes cannot import; the file is of
-            another experiment, is in use or cannot be written; worker processes or the cluster
-            cannot work. What is finished stays in the file.
+        InputError: arguments are invalid; other processes cannot import the trial; the file
+            belongs to another experiment, is in use or cannot be written; or worker processes or
+            the cluster do not work. Finished repetitions stay in the file.
     """
     _check(experiment, repetitions, processes, client)
     cells = experiment.combinations
@@ -98,7 +98,7 @@ def run(
         if progress is not None:
             progress(finished, total)
         outcomes = _outcomes(experiment.trial, cells, tasks, processes, client)
-        # Whatever happens here, what is under way is stopped before the file is closed.
+        # In every case, repetitions under way are stopped before the file is closed.
         stack.enter_context(closing(outcomes))
         for task, outcome in outcomes:
             if journal is not None:
@@ -122,7 +122,7 @@ def _outcomes(
     processes: int,
     client: Client | None,
 ) -> Generator[tuple[Task, Outcome], None, None]:
-    """Give repetitions as they are finished."""
+    """Yield repetitions with their outcomes as they are finished."""
     if not tasks:
         return
     if client is not None:
@@ -131,7 +131,7 @@ def _outcomes(
         yield from in_processes(trial, cells, tasks, processes=processes)
     else:
         for task in tasks:
-            with one_blas_thread():  # not for those who look at the outcome
+            with one_blas_thread():  # only for the trial, not for the caller between two outcomes
                 outcome = repeat(trial, task.seed, cells[task.cell])
             yield task, outcome
 

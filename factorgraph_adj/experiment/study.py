@@ -19,56 +19,57 @@ import numpy as np
 from ..errors import InputError, Problem
 
 Level: TypeAlias = "bool | int | float | str | tuple[Level, ...] | None"
-"""A value of a factor: what can be written down, and told from others by its value."""
+"""A value of a factor, which can be written as text and compared with other values."""
 Levels: TypeAlias = Mapping[str, Level]
-"""One level of every factor, by its name: a cell of the experiment."""
+"""A cell of the experiment: one level of every factor, by name of the factor."""
 Trial: TypeAlias = Callable[..., Mapping[str, float]]
-"""``trial(seed, **levels)`` returns figures by name."""
+"""Function ``trial(seed, **levels)`` that returns figures by name."""
 
 RESERVED = ("repetition", "seed", "error", "message")
-"""Columns of every table of results; no factor and no figure has such a name."""
+"""Columns of every table of results; factors and figures must have other names."""
 SEED_BITS = 48
-"""Bits of a repetition's seed: at most 15 decimal digits, which a spreadsheet does not round."""
+"""Number of bits of a repetition's seed: at most 15 decimal digits, which a spreadsheet does not
+round."""
 _EXACT = 2.0**53
-"""Below this, a float without decimals and the integer are the same number."""
+"""Limit below which a float without decimals equals an integer exactly."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """What is repeated, and under which conditions.
+    """A trial and the conditions under which it is repeated.
 
     A trial is a function of a module, ``trial(seed, **levels)``, that simulates, adjusts and
-    returns figures by name. All that is random in it follows from the seed; then every
-    repetition gives the same figures whenever and wherever it runs.
+    returns figures by name. All its random numbers must follow from the seed; then every
+    repetition gives the same figures at any time and on any machine.
 
-    Every combination of levels is a cell (full factorial), or the listed ``cells`` are. The seed
+    The cells are all combinations of levels (full factorial), or the listed ``cells``. The seed
     of a repetition is drawn with `numpy.random.SeedSequence` from the experiment's seed and the
-    number of the repetition, and without ``common`` from the cell's levels too: from the names
-    and values, not from their place. So neither more levels, nor more repetitions, nor another
-    order of either changes the repetitions that there were. 28 and 28.0 are one value.
+    number of the repetition, and without ``common`` also from the names and values of the cell's
+    levels. More levels, more repetitions or another order therefore leave existing repetitions
+    unchanged. 28 and 28.0 are one value.
 
     Raises:
-        InputError: a level that cannot be written down or stands twice, a reserved name, a
-            trial that does not take the factors; all problems at once.
+        InputError: a level cannot be written as text or occurs twice, a name is reserved, or the
+            trial does not take the factors; the error lists all problems.
     """
 
     name: str
-    """What it is called, in its file too."""
+    """Name of the experiment, also in its file."""
     trial: Trial
-    """What is repeated; a function of a module wherever other processes take part."""
+    """The repeated function; a function of a module if other processes take part."""
     factors: Mapping[str, Sequence[Level]] = field(default_factory=dict)
     """Levels of every factor."""
     seed: int = 0
     """Seed of the experiment, not negative."""
     cells: Sequence[Levels] | None = field(default=None, kw_only=True)
-    """The cells, where not every combination is one; instead of ``factors``."""
+    """The cells instead of ``factors``, if they are not all combinations of levels."""
     common: bool = field(default=True, kw_only=True)
     """Whether repetition k has the same seed in all cells (common random numbers). Differences
-    between cells are then paired: what is random and the same in both drops out of them.
-    Without it the cells are independent samples."""
+    between cells are then paired, and common random effects cancel in them. If false, the cells
+    are independent samples."""
 
     def __post_init__(self) -> None:
-        """Check everything, and turn sequences into tuples and numpy's scalars into Python's."""
+        """Check all fields; turn sequences into tuples, and numpy's scalars into Python's."""
         problems: list[Problem] = []
         if not isinstance(self.name, str) or not self.name:
             problems.append(Problem("must be a text that is not empty", "name"))
@@ -96,7 +97,7 @@ class Experiment:
 
     @property
     def combinations(self) -> tuple[Levels, ...]:
-        """All cells, in order: the last factor varies first."""
+        """All cells in order; the last factor varies fastest."""
         if self.cells is not None:
             return tuple(self.cells)
         every = product(*self.factors.values())
@@ -115,7 +116,7 @@ class Experiment:
         return int(drawn.generate_state(1, np.uint64)[0]) >> (64 - SEED_BITS)
 
     def trial_name(self) -> str:
-        """Return module and name of the trial; those of a script are called as it is."""
+        """Return module and name of the trial; the module of a script has the name of its file."""
         module = getattr(self.trial, "__module__", "") or ""
         if module == "__main__":
             main = sys.modules["__main__"]
@@ -140,12 +141,12 @@ class Experiment:
 
 
 def key(levels: Levels) -> str:
-    """Return what tells a cell from others: names and values as JSON, in the order of names."""
+    """Return the key of a cell: names and values as JSON, in the order of names."""
     return json.dumps(encoded(levels), sort_keys=True)
 
 
 def encoded(levels: Levels) -> dict[str, Any]:
-    """Return levels as JSON has them; equal values give equal ones."""
+    """Return levels as JSON types; equal values give equal results."""
     return {name: _encoded(level) for name, level in levels.items()}
 
 
@@ -167,7 +168,7 @@ def _encoded(level: Level) -> Any:
 
 
 def _level(value: object) -> Level:
-    """Return a level in Python's own types; ValueError says what it cannot be."""
+    """Return a level in Python's own types; raise ValueError for other types and values."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, str):
@@ -250,7 +251,7 @@ def _of_name(name: object, where: str) -> Iterator[Problem]:
 
 
 def _checked(value: object, where: str, problems: list[Problem]) -> list[Level]:
-    """Return the level in a list, which is empty where it is none: None is a level too."""
+    """Return a list with the level, empty if it is invalid (None is a valid level)."""
     try:
         return [_level(value)]
     except ValueError as error:

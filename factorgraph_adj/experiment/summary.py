@@ -1,4 +1,4 @@
-"""Summaries of an experiment: what each cell gave on average, how it scattered, how surely."""
+"""Summaries of an experiment: mean, standard deviation and their confidence intervals by cell."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .repetition import Repetition
 from .study import Level, Levels, encoded, key, said, written
 
 SHOWN = 3
-"""Messages of failed repetitions that a table shows."""
+"""Largest number of messages of failed repetitions that a table shows."""
 LONGEST = 200
-"""Characters of a message that it shows."""
+"""Largest number of characters of a message that a table shows."""
 
 
 @dataclass(frozen=True)
 class FigureSummary:
-    """One figure in one cell; NaN where there are too few values.
+    """One figure in one cell; statistics of too few values are NaN.
 
     With n values xᵢ of mean x̄ and standard deviation s, and t and χ² of n − 1 degrees of
     freedom at probability p, α = 1 − confidence:
@@ -33,8 +33,8 @@ class FigureSummary:
         standard deviation:  s √((n − 1) / χ²(1 − α/2)) … s √((n − 1) / χ²(α/2))
         RMS:                 √(Σ xᵢ² / n)
 
-    Each interval alone has the confidence, for values that are normally distributed; that of the
-    mean holds approximately for any others when n is large, that of s does not.
+    Each single interval has the confidence level for normally distributed values. With large n,
+    the interval of the mean holds approximately for other distributions; that of s does not.
     """
 
     levels: Levels
@@ -42,36 +42,37 @@ class FigureSummary:
     figure: str
     """Name of the figure."""
     n: int
-    """Values that count: finite ones."""
+    """Number of finite values."""
     n_failed: int
-    """Failed repetitions of the cell."""
+    """Number of failed repetitions of the cell."""
     n_missing: int
-    """Repetitions that did not fail and have no finite value."""
+    """Number of successful repetitions without a finite value."""
     mean: float
+    """Mean x̄; NaN without values."""
     mean_interval: tuple[float, float]
     """Lower and upper bound; NaN with less than two values."""
     standard_deviation: float
-    """With divisor n − 1; NaN with less than two values."""
+    """Standard deviation s with divisor n − 1; NaN with less than two values."""
     standard_deviation_interval: tuple[float, float]
     """Lower and upper bound; NaN with less than two values."""
     rms: float
-    """Root mean square: the size of a figure that is an error, bias and scatter together."""
+    """Root mean square; for a figure that is an error, it combines bias and scatter."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why repetitions failed: all those with one message."""
+    """The failed repetitions with one error message."""
 
     error: str
     """Type of the error."""
     message: str
-    """What it says."""
+    """Message of the error."""
     n: int
-    """Repetitions that failed so."""
+    """Number of repetitions that failed with this error."""
     seed: int
-    """Seed of the first of them."""
+    """Seed of the first of these repetitions."""
     levels: Levels
-    """Its cell."""
+    """Cell of the first of these repetitions."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -83,15 +84,15 @@ class Summary(Shown):
     factors: tuple[str, ...]
     """Names of the factors."""
     confidence: float
-    """Of each interval, between 0 and 1."""
+    """Confidence level of each interval, between 0 and 1."""
     n_repetitions: int
-    """All repetitions, failed ones among them."""
+    """Number of all repetitions, including failed ones."""
     n_failed: int
-    """Failed repetitions."""
+    """Number of failed repetitions."""
     rows: tuple[FigureSummary, ...]
-    """By figure, and in each by cell."""
+    """Summaries in the order of figures, and of cells in each figure."""
     failures: tuple[Failure, ...] = ()
-    """Why repetitions failed, in the order in which it happened first."""
+    """Errors of failed repetitions, in the order of their first occurrence."""
 
     def headline(self) -> str:
         """Return how many repetitions there are."""
@@ -119,11 +120,11 @@ class Summary(Shown):
         """Return the summary of a figure in one cell.
 
         Args:
-            figure: its name.
-            **levels: levels that tell the cell; those of factors with one level may be left out.
+            figure: name of the figure.
+            **levels: levels that identify the cell; factors with one level may be left out.
 
         Raises:
-            InputError: no such figure, or not exactly one cell has these levels.
+            InputError: the figure or a factor is unknown, or the levels do not identify one cell.
         """
         every = [row for row in self.rows if row.figure == figure]
         if not every:
@@ -166,7 +167,7 @@ class Summary(Shown):
         return "\n".join(lines)
 
     def _cells(self, row: FigureSummary) -> list[str]:
-        """Return the cells of a line; a mean is shown as far as its own scatter lets it."""
+        """Return the cells of a line; the digits of a mean follow from its standard deviation."""
         sigma = row.standard_deviation / sqrt(row.n) if row.n else nan
         low, high = row.mean_interval
         return [
@@ -179,7 +180,7 @@ class Summary(Shown):
 
 
 def _why(failure: Failure) -> str:
-    """Return a failure as a line; of a long message its beginning."""
+    """Return a failure as a line; a long message is cut."""
     message = " ".join(failure.message.split())
     if len(message) > LONGEST:
         message = message[: LONGEST - 1] + "…"
@@ -206,8 +207,8 @@ def summarise(
         name: name of the experiment.
         factors: names of its factors.
         figures: names of the figures, in the order of the table.
-        rows: every repetition, failed ones among them.
-        confidence: of each interval, between 0 and 1.
+        rows: every repetition, including failed ones.
+        confidence: confidence level of each interval, between 0 and 1.
 
     Raises:
         InputError: the confidence is not between 0 and 1.
@@ -230,7 +231,7 @@ def summarise(
 
 
 def _failures(failed: Sequence[Repetition]) -> tuple[Failure, ...]:
-    """Return the messages of failed repetitions, each once."""
+    """Return the failures, one for each different error message."""
     same: dict[tuple[str, str], list[Repetition]] = {}
     for row in failed:
         same.setdefault((row.error, row.message), []).append(row)
@@ -267,7 +268,7 @@ def _rows(
 def _moments(values: Array) -> tuple[float, float]:
     """Return mean and standard deviation.
 
-    From differences to the first value: those of equal values are zero to the last bit.
+    They are computed from differences to the first value, which are exactly zero for equal values.
     """
     if not values.size:
         return nan, nan

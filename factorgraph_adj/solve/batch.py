@@ -24,9 +24,10 @@ from .start import Start, start_of
 from .stopping import at_rest, no_worse
 
 OFF_DATUM = "not at rest on the inner constraints of the free network"
-"""Why a free network at its minimum is not at rest."""
+"""Reason that a solution gives when a free network at its minimum misses its inner constraints."""
 MOST_WEIGHINGS = 4
-"""Times that weights are worked out; they depend on lengths, and hardly on the unknowns."""
+"""Largest number of times that weights are computed: they depend on the lengths of sights, which
+hardly change with the unknowns."""
 
 
 def adjust(
@@ -44,30 +45,31 @@ def adjust(
     """Adjust a network by least squares: minimise vᵀPv over all unknowns.
 
     Args:
-        network: what was measured.
+        network: the points, photos, instruments and observations.
         datum: ``given`` (control, fixed, weighted) or ``free`` (inner constraints over the datum
-            points); none: as the network says.
+            points); none: the datum of the network.
         variance: whether covariances are scaled by 1 or by σ̂0².
-        start: start from the values of an earlier solution, or from any others, by name; a few
-            observations more or less need a step or two. Inner constraints refer to the same
-            coordinates as there.
-        weights: what the weight of each scalar observation is multiplied by, in the order of
+        start: an earlier solution or other values by name, from which the iteration starts; it
+            takes a step or two if few observations have changed. The inner constraints refer to
+            the same coordinates x₀ as those of ``start``.
+        weights: factor on the weight of each scalar observation, in the order of
             ``solution.observations``; see `Equations.reweighted`.
         tolerance: bound on the last step of every unknown, relative to its own σ.
-        max_iterations: after as many the solution says that it has not converged.
+        max_iterations: largest number of iterations; a solution that needs more is returned as
+            not converged.
         extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`; they take
             part in solution and covariance.
         progress: called after each iteration; an exception in it ends the adjustment.
 
     Returns:
-        The solution; its ``converged`` and ``reason`` say how it ended.
+        The solution; its ``converged`` and ``reason`` say how the iteration ended.
 
     Raises:
-        InputError: an observation that cannot be computed, a point behind a camera, nothing
-            to adjust: by name, all at once.
-        ApproximationError: no approximate values for the points, photos or sets it names.
-        DatumError: unknowns that the observations do not determine, by name; or defects of
-            datum without a free network asked for.
+        InputError: an observation cannot be computed, a point lies behind a camera, or there is
+            nothing to adjust; the error names all of them at once.
+        ApproximationError: the points, photos or sets that it names have no approximate values.
+        DatumError: the observations do not determine the unknowns that it names, or the network
+            has datum defects and no free network is asked for.
     """
     choice = network.datum if datum is None else datum
     if choice not in ("given", "free"):
@@ -123,7 +125,7 @@ def _minimise(
     factors: Sequence[gtsam.NonlinearFactor],
     progress: Progress | None,
 ) -> tuple[Run, Ended]:
-    """Iterate to the minimum of vᵀPv, again with the weights that sights of those lengths have."""
+    """Iterate to the minimum of vᵀPv; repeat with the weights that follow from the new lengths."""
     state, iterations = start.state, 0
     weighed = equations.weighted_at(state)
     for _ in range(MOST_WEIGHINGS):
@@ -139,9 +141,9 @@ def _minimise(
 
 
 def _carry_to_datum_points(run: Run, ended: Ended, tolerance: float) -> Ended:
-    """Move a free network onto its inner constraints; back, where it loses its shape.
+    """Move a free network onto its inner constraints; move it back if vᵀPv grows on the way.
 
-    The steps of the way hold a well chosen minimal datum.
+    The steps on the way hold a well chosen minimal datum.
     """
     assert run.datum is not None
     if ended.converged:

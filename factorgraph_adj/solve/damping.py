@@ -1,9 +1,9 @@
-"""Damping of Gauss-Newton steps: how much of the diagonal of N is added to it, and when.
+"""Damping of Gauss-Newton steps: how much of the diagonal of N is added to N, and when.
 
-Steps are tried without damping, λ = 0. Where one fails, λ D with D = diag(N) makes the next one
-shorter and turns it towards the steepest descent (Levenberg 1944, Marquardt 1963), with Nielsen's
-rule for λ (Nielsen 1999): it grows faster and faster while steps fail, and shrinks smoothly by
-what part of the predicted decrease a step brought.
+Steps are tried without damping, λ = 0. Where a step fails, λ D with D = diag(N) makes the next
+step shorter and turns it towards the steepest descent (Levenberg 1944, Marquardt 1963). λ follows
+Nielsen's rule (Nielsen 1999): λ grows faster and faster while steps fail, and shrinks smoothly
+with the part of the predicted decrease that a step brought.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DampingRule:
-    """Between which bounds damping moves, and how fast."""
+    """Bounds of the damping λ, and how fast λ changes."""
 
     first: float = 1e-4
-    """Damping of the first step that is tried after an undamped one failed."""
+    """Damping of the first step that is tried after an undamped step failed."""
     least: float = 1e-12
-    """Damping below which a step is as good as undamped: N itself has errors of this size."""
+    """Damping below which a step counts as undamped: N itself has errors of this size."""
     most: float = 1e12
-    """Damping at which steps are smaller than any rounding: there is no way on."""
+    """Largest damping that is tried: beyond it steps are smaller than rounding."""
     near: float = 1e-4
-    """Step relative to σ after which the next one is tried without damping: so near the minimum
+    """Step relative to σ below which the next step is tried without damping: so near the minimum
     vᵀPv is a parabola."""
     growth: float = 2.0
-    """Factor on the damping after a first failure; every further one doubles the factor."""
+    """Factor on the damping after a first failure; every further failure doubles the factor."""
     relief: float = 0.1
-    """Smallest factor on the damping after a step that brought all that was predicted."""
+    """Smallest factor on the damping, after a step that brought all of the predicted decrease."""
 
 
 DAMPING = DampingRule()
@@ -36,18 +36,18 @@ DAMPING = DampingRule()
 
 @dataclass(frozen=True)
 class Damping:
-    """How far the next step is damped; every change is another value."""
+    """The damping of the next step; every change returns a new value."""
 
     value: float = 0.0
-    """λ, the share of the diagonal of N that is added; zero: none."""
+    """λ, the share of the diagonal of N that is added; zero is an undamped step."""
     resume: float = DAMPING.first
-    """λ of the next step if an undamped one fails."""
+    """λ of the next step if an undamped step fails."""
     growth: float = DAMPING.growth
-    """Factor on λ if a damped one fails."""
+    """Factor on λ if a damped step fails."""
 
     @property
     def hopeless(self) -> bool:
-        """Whether no damping leads any further."""
+        """Whether the damping has passed its largest value, so that the iteration must end."""
         return self.value > DAMPING.most
 
     def harder(self) -> Damping:
@@ -59,8 +59,8 @@ class Damping:
         """Return the damping after a step that was taken.
 
         Args:
-            gain: part of the predicted decrease of vᵀPv that it brought.
-            bound: of the step, relative to σ.
+            gain: part of the predicted decrease of vᵀPv that the step brought.
+            bound: size of the step relative to σ.
         """
         value = self.value * max(DAMPING.relief, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
         if value < DAMPING.least or bound < DAMPING.near:

@@ -1,17 +1,17 @@
-"""What the observations leave undetermined: datum defects, and the free network.
+"""Datum defects of a network, and the inner constraints of a free network.
 
 A similarity transformation of the object moves every variable in a known way (`generators`).
-The combinations of the seven that no observation notices, A g = 0, are the datum defects: they
-are found from the linearised observations, not assumed, for each connected part.
+The combinations g of the seven motions that no observation notices, A g = 0, are the datum
+defects. They are computed from the linearised observations, for each connected part.
 
 A free network is solved with a minimal datum (one held component for each defect, chosen by
 pivoting), and transformed to inner constraints over the datum points by an S-transformation:
 
     G_Dᵀ (x − x₀)_D = 0          Q = S Q_min Sᵀ,  S = I − G (G_DᵀG_D)⁻¹ G_Dᵀ
 
-with G at the solution. The iteration itself keeps the minimal datum; when it is at rest the
-whole solution is moved onto the inner constraints by a finite similarity transformation, which
-no observation notices (`transform`).
+with G at the solution. The iteration itself keeps the minimal datum; when the iteration is at
+rest, a finite similarity transformation, which no observation notices, moves the whole solution
+onto the inner constraints (`transform`).
 """
 
 from __future__ import annotations
@@ -44,10 +44,11 @@ MOTIONS = (
     "scale",
 )
 UNNOTICED = 1e-9
-"""|A g| relative to that of independent unknowns, below which a motion goes unnoticed."""
+"""Ratio |A g| / |√diag(N) g| below which a motion g counts as unnoticed; the ratio is 1 if the
+unknowns are independent."""
 UNNOTICED_IF_FREE = 1e-7
-"""The same where a free network is asked for: a rotation that only the heights of antennas on
-the curved Earth notice, or the like, is no datum."""
+"""Ratio as `UNNOTICED` where a free network is asked for. The larger value keeps weak effects, such
+as a rotation that only antenna heights on the curved Earth notice, from serving as datum."""
 About: TypeAlias = tuple[Array, float]
 """Centre (3,) of rotations and scale, and the mean distance from it, metres."""
 
@@ -60,8 +61,8 @@ def generators(equations: Equations, state: State, about: About | None = None) -
 
     Args:
         equations: the network.
-        state: where its variables are.
-        about: centre and mean distance; those of the points if none.
+        state: values of its variables.
+        about: centre and mean distance; none: those of the points.
 
     Returns:
         G, (n_columns, 7).
@@ -82,7 +83,7 @@ def generators(equations: Equations, state: State, about: About | None = None) -
 
 
 def motions_of(equations: Equations, state: State, about: About | None = None) -> Motions:
-    """Return the seven motions of a network about a centre, that of the points if none."""
+    """Return the seven motions of a network about a centre; none: the centre of the points."""
     unknowns = equations.unknowns
     centre, size = middle(state) if about is None else about
     verticals = unknowns["vertical"]
@@ -99,7 +100,7 @@ def motions_of(equations: Equations, state: State, about: About | None = None) -
 
 
 def _places(equations: Equations, kind: VariableKind, on: Index) -> Index:
-    """Return the numbers of the points at which variables stand, −1 where they do not."""
+    """Return the number of the point at which each variable stands; −1: at no point."""
     if not UNKNOWNS[kind].at_point:
         return np.full(len(on), -1, dtype=np.intp)
     unknowns = equations.unknowns
@@ -112,7 +113,10 @@ def _places(equations: Equations, kind: VariableKind, on: Index) -> Index:
 
 
 def middle(state: State) -> About:
-    """Return the centre of the points (of the photos where there are none) and their distance."""
+    """Return the centre of the points, and the root mean square of their distances from it.
+
+    A network without points has the centre of its photos and distance 1.
+    """
     points = state["point"]
     centre = points.mean(axis=0) if len(points) else state["pose"][:, 9:].mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum((points - centre) ** 2, axis=1)))) if len(points) else 1.0
@@ -161,18 +165,19 @@ def in_part(table: Variables, inside: Mask) -> Mask:
 
 @dataclass(frozen=True)
 class Defect:
-    """Motions of one part that no observation notices."""
+    """Motions of one connected part that no observation notices."""
 
     part: Index
     """Columns of the part."""
     motions: Array
     """Unnoticed motions G (n_columns, d), zero outside the part."""
     mixture: Array
-    """The same as combinations of the seven, (7, d)."""
+    """Coefficients of the unnoticed motions in the seven motions, (7, d)."""
     about: About
-    """What the seven refer to."""
+    """Centre and mean distance of the seven motions."""
     inside: Mask
-    """Columns that they move, (n_columns,): those of the part, and shared ones if it is alone."""
+    """Columns that the motions move, (n_columns,): those of the part, and the columns of shared
+    variables if the network has one part."""
 
     @property
     def size(self) -> int:
@@ -197,8 +202,8 @@ def find_defects(
 
     Args:
         system: the linearised network.
-        state: where it was linearised.
-        diagonal: that of N, (n_columns,).
+        state: the state at which it was linearised.
+        diagonal: diagonal of N, (n_columns,).
         free: whether a free network is asked for.
     """
     unknowns = system.unknowns
@@ -239,7 +244,7 @@ def _unnoticed(system: LinearSystem, g: Array, diagonal: Array, threshold: float
     noticed = system.times(g[:, real] @ basis)
     _, values, right = np.linalg.svd(noticed, full_matrices=False)
     null = right[values < threshold].T
-    # Fewer rows than motions leave the rest unnoticed too.
+    # With fewer rows than motions, the other motions are unnoticed too.
     if len(values) < basis.shape[1]:
         _, values, right = np.linalg.svd(noticed, full_matrices=True)
         padded = np.zeros(basis.shape[1])
@@ -253,10 +258,10 @@ def _unnoticed(system: LinearSystem, g: Array, diagonal: Array, threshold: float
 
 
 def minimal_datum(motions: Array, datum: Mask) -> Index:
-    """Choose one column for each unnoticed motion whose holding removes them all.
+    """Choose one column to hold for each unnoticed motion, so that all motions are removed.
 
     Args:
-        motions: G (n_columns, d), rows in units of what the observations determine, so that
+        motions: G (n_columns, d), rows scaled by the precision of the observations, so that
             well-observed points are chosen.
         datum: columns to choose from, (n_columns,).
     """
@@ -269,14 +274,14 @@ def transform(equations: Equations, state: State, defect: Defect, amounts: Array
     """Move the part of a defect by a finite similarity transformation.
 
     Points and projection centres: X ← c + e^s R (X − c) + t; attitudes turn with R. Orientation
-    unknowns, verticals and scales of distance meters follow linearly; what is then left to do
-    for them, and where a mixture of motions does not commute, is for the next step.
+    unknowns, verticals and scales of distance meters follow linearly; the next step of the
+    adjustment corrects their second-order terms, and those of motions that do not commute.
 
     Args:
         equations: the network.
-        state: what is moved.
+        state: the values before the motion.
         defect: the motions that may be used, at ``state``.
-        amounts: how far along each of them, (d,).
+        amounts: amount of each motion, (d,).
     """
     centre, size = defect.about
     motion = defect.mixture @ amounts
@@ -314,8 +319,8 @@ class FreeDatum:
     def basis(self) -> Array:
         """B = G R⁻¹ (n_columns, d): the same motions with B_DᵀB_D = I.
 
-        Cofactors are transformed with B: the terms of the transformation cancel by many digits
-        where columns of G_D are nearly parallel, as where one datum point lies far away.
+        Cofactors are transformed with B, as the terms of a transformation with G lose many digits
+        where columns of G_D are nearly parallel (one datum point lies far away).
         """
         r = np.linalg.qr(self.motions[self.columns], mode="r")
         return np.asarray(solve_triangular(r, self.motions.T, trans="T").T)

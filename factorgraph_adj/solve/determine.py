@@ -1,4 +1,4 @@
-"""What an adjustment finds out about its datum, and about unknowns that nothing determines."""
+"""The search of an adjustment for datum defects and for undetermined unknowns."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .tree import SingularError
 
 
 def settle_datum(run: Run, normal: NormalEquations) -> None:
-    """Find the datum defects; hold what a free network needs, or say what is missing.
+    """Find the datum defects; hold a minimal datum in a free network, otherwise raise an error.
 
     Raises:
-        DatumError: unknowns without observations; defects of datum without a free network asked
-            for, or in several parts.
+        DatumError: unknowns have no observations; or the network has datum defects and no free
+            network is asked for, or has them in several parts.
     """
     unknowns = run.equations.unknowns
     if np.any(run.unobserved(normal)):
@@ -47,9 +47,9 @@ def settle_datum(run: Run, normal: NormalEquations) -> None:
 
 
 def refuse_unnoticed(run: Run, normal: NormalEquations) -> None:
-    """Raise what is not determined, by name, where a pivot is poor.
+    """Raise an error that names the undetermined unknowns, after a poor pivot.
 
-    Rounding turns the pivot of a singular N into a small one, and its step into anything.
+    Rounding gives a singular N a small pivot instead of zero, and its step is then arbitrary.
     """
     try:
         factor = normal.factorise(run.constraint)
@@ -63,19 +63,19 @@ def refuse_unnoticed(run: Run, normal: NormalEquations) -> None:
 
 
 def explain(run: Run, normal: NormalEquations, known: Array | None = None) -> None:
-    """Raise what is not determined, by name; ``known`` as in `undetermined`."""
+    """Raise an error that names the undetermined unknowns; ``known`` as in `undetermined`."""
     error = what_is_undetermined(run, normal, known)
     try:
         if error is not None:
             raise error from None
     finally:
-        del error  # or frame and traceback hold each other, and everything in them
+        del error  # otherwise frame and traceback keep each other and all their objects alive
 
 
 def what_is_undetermined(
     run: Run, normal: NormalEquations, known: Array | None = None
 ) -> DatumError | None:
-    """Return an error that names what is not determined, or none."""
+    """Return an error that names the undetermined unknowns; none: all are determined."""
     free = run.datum is not None
     defects = (
         [d.at(run.equations, run.state) for d in run.defects]
@@ -86,7 +86,7 @@ def what_is_undetermined(
 
 
 def name_overflow(run: Run) -> None:
-    """Raise which observations have residuals that are no numbers."""
+    """Raise an error that names the observations whose residuals are not finite."""
     v = run.equations.residuals(run.state)
     bad = np.flatnonzero(~np.isfinite(v))[:LISTED]
     raise InputError(
@@ -95,7 +95,7 @@ def name_overflow(run: Run) -> None:
 
 
 def drifting(run: Run, bound: float) -> str:
-    """Say why an iteration ended whose unknowns still move without any gain."""
+    """Return the reason of an iteration that ended while unknowns still moved without gain."""
     names = [f"{UNKNOWNS[kind].noun} {name!r}" for kind, name in run.drifting]
     listed = ": " + ", ".join(names[:LISTED]) if names else ""
     more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""

@@ -1,4 +1,4 @@
-"""Who eliminates what: made once for a network, before the first iteration.
+"""The layers of the elimination; they are made once for a network, before the first iteration.
 
 Three layers, in the order of elimination:
 
@@ -6,7 +6,7 @@ Three layers, in the order of elimination:
 2. ``tree``: everything else on the terrestrial side, by GTSAM;
 3. ``border``: poses and calibrations of the cameras of layer 1, dense, by LAPACK.
 
-Where there are no such points, or the border would be too large, GTSAM has everything.
+GTSAM eliminates all unknowns where a network has no such points or the border would be too large.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     import gtsam
 
 LARGEST_BORDER = 9000
-"""Columns above which a dense border costs more memory and time than a sparse elimination."""
+"""Largest number of columns of a dense border: above it a sparse elimination needs less memory
+and time."""
 
 
 @dataclass
@@ -37,15 +38,15 @@ class Layers:
     unknowns: Unknowns
     """The unknowns."""
     reduced: Mask
-    """Which points are in the first layer, (number of points,)."""
+    """Points of the first layer, (number of points,)."""
     border: Index
-    """Columns of the third layer, in their order there."""
+    """Columns of the third layer, in the order of the border."""
     in_border: Index
     """Place of each column in the border, −1 elsewhere, (n_columns,)."""
     tree: tuple[tuple[VariableKind, int], ...]
     """Variables of the second layer."""
     ordering: gtsam.Ordering | None = None
-    """Their order of elimination, once it has been found."""
+    """Order of elimination of the second layer; none before it has been computed."""
 
     @cached_property
     def columns_at(self) -> dict[int, Index]:
@@ -60,11 +61,12 @@ class Layers:
 
 
 def layers_of(equations: Equations, *, reduce_points: bool, touched: Mask) -> Layers:
-    """Divide the unknowns.
+    """Divide the unknowns into the three layers.
 
     Args:
         equations: the network.
-        reduce_points: false gives everything to GTSAM (QR, for systems of poor condition).
+        reduce_points: whether there is a first layer; false leaves all unknowns to GTSAM (QR, for
+            systems of poor condition).
         touched: columns of factors that the user added; their points stay in the tree.
     """
     unknowns = equations.unknowns
@@ -105,18 +107,19 @@ def layers_of(equations: Equations, *, reduce_points: bool, touched: Mask) -> La
 
 
 def _rays(block: Block, reduced: Mask) -> tuple[Index, Index]:
-    """Return photo and calibration of the rays to reduced points."""
+    """Return photo and calibration of the rays to points of the first layer."""
     (_, photo), (_, calibration), (_, point) = block.variables
     keep = reduced[point]
     return photo[keep], calibration[keep]
 
 
 def _border(unknowns: Unknowns, rays: list[tuple[Index, Index]]) -> Index:
-    """Return the columns of photos, each with the calibration that only it has, then the others.
+    """Return the columns of photos, each followed by its own calibration, then shared calibrations.
 
     Args:
         unknowns: the unknowns.
-        rays: numbers of photo and calibration of every ray to a reduced point, for each block.
+        rays: numbers of photo and calibration of every ray to a point of the first layer, for
+            each block.
     """
     of_photo: dict[int, int] = {}
     for photo, calibration in rays:

@@ -40,7 +40,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class CalibrationEstimate(Estimate):
-    """Calibration of a camera, image units."""
+    """Calibration of a camera, in image units."""
 
     unit: str = "mm"
     """Unit of image coordinates."""

@@ -1,4 +1,4 @@
-"""Factors that the user adds to an adjustment, and their rows where it is."""
+"""Factors that the user adds to an adjustment, and their rows at a state."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from .linear import ExtraRows
 class Extra:
     """A user's factors, linearised at one state.
 
-    GTSAM cannot pickle factors of every type, those written in Python for one. A pickled `Extra`
-    keeps the rows at its state: a solution with it has all its estimates, covariances and figures
-    of reliability. It cannot be linearised anywhere else: a free network with such factors cannot
-    be carried to other datum points by `s_transform` after it was pickled. Copies share the
-    factors.
+    GTSAM cannot pickle factors of every type, for instance factors written in Python. A pickled
+    `Extra` keeps only the rows at its state. A solution with these rows has all its estimates,
+    covariances and reliability figures. The rows cannot be linearised at another state: after
+    pickling, `s_transform` cannot move a free network with such factors to other datum points.
+    Copies share the factors.
     """
 
     factors: tuple[gtsam.NonlinearFactor, ...] | None = ()
-    """The factors; none where they were left behind."""
+    """The factors; none after pickling."""
     rows: tuple[ExtraRows, ...] = ()
-    """Their rows."""
+    """Rows of the factors."""
 
     @classmethod
     def of(
@@ -48,7 +48,7 @@ class Extra:
         """Return the same factors, linearised at another state.
 
         Raises:
-            InputError: they were left behind when this was pickled; or as `linearise_extra`.
+            InputError: the factors were lost in pickling; or as `linearise_extra`.
         """
         if self.factors is None:
             raise InputError(
@@ -62,13 +62,13 @@ class Extra:
         return Extra(self.factors, tuple(ExtraRows(*rows) for rows in found))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Extra:
-        """Copy the rows."""
+        """Return a copy with copied rows and the same factors."""
         return Extra(self.factors, deepcopy(self.rows, memo))
 
     def __copy__(self) -> Extra:
-        """Return the same: nothing of it changes."""
+        """Return the object itself, as it is immutable."""
         return self
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is pickled; the factors are left behind."""
+        """Return the rows for pickling, without the factors."""
         return {"factors": None if self.factors else (), "rows": self.rows}

@@ -1,10 +1,10 @@
-"""Steps beyond Gauss-Newton's where these converge slowly: Anderson's extrapolation.
+"""Anderson's extrapolation of Gauss-Newton steps that converge slowly.
 
-Where residuals bend along something that is hardly determined (two photos on a short base), every
-Gauss-Newton step leaves the same share ρ of the way, and 1e-7 of ρ = 0.85 takes a hundred steps.
-The last few steps tell that share for each direction in which the iteration is slow.
+Where residuals are curved along a weakly determined direction (two photos on a short base), every
+Gauss-Newton step leaves the same share ρ of the way; with ρ = 0.85, a hundred steps lead to 1e-7.
+The last few steps give an estimate of ρ for each direction in which the iteration is slow.
 
-With steps fₖ, and dₖ what unknowns moved by after fₖ, the next movement is
+With the steps fₖ, and the movement dₖ of the unknowns after fₖ, the next movement is
 
     dₖ = fₖ − Σ γᵢ (dᵢ + fᵢ₊₁ − fᵢ),    γ = argmin ‖fₖ − Σ γᵢ (fᵢ₊₁ − fᵢ)‖²_N
 
@@ -21,34 +21,34 @@ import numpy as np
 from ..types import Array
 
 MEMORY = 6
-"""Differences of steps that are kept."""
+"""Number of differences of steps that are kept."""
 RCOND = 1e-8
-"""Singular values of their matrix, relative, below which they tell nothing new."""
+"""Relative singular value of the matrix of differences of steps below which it counts as zero."""
 
 
 class Extrapolation:
-    """The last steps of an adjustment, and where they lead together."""
+    """The last steps of an adjustment and their extrapolation."""
 
     def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all steps: what follows is not one of the same iteration."""
+        """Forget all steps: the next step starts a new sequence."""
         self._step: Array | None = None
         self._rows: Array = np.zeros(0)
         self._moves: list[Array] = []
         self._bends: list[Array] = []
 
     def beyond(self, step: Array, rows: Callable[[Array], Array]) -> Array | None:
-        """Return the extrapolated movement; none where nothing is known yet.
+        """Return the extrapolated movement; none: there is no earlier step yet.
 
         Args:
-            step: of Gauss-Newton at the present state, (n_columns,).
-            rows: A times a vector, whitened, (n_rows,).
+            step: Gauss-Newton step at the present state, (n_columns,).
+            rows: function that returns A times a vector, whitened, (n_rows,).
         """
         now = rows(step)
         if self._step is not None:
-            # moved() has put what followed the last step at the end of the list.
+            # moved() has put the movement after the last step at the end of the list.
             self._moves[-1] = self._moves[-1] + step - self._step
             self._bends.append(now - self._rows)
             del self._moves[:-MEMORY], self._bends[:-MEMORY]
@@ -59,6 +59,6 @@ class Extrapolation:
         return step - np.stack(self._moves, axis=1) @ share
 
     def moved(self, movement: Array) -> None:
-        """Note what the unknowns were moved by after the last step, (n_columns,)."""
+        """Note the movement of the unknowns after the last step, (n_columns,)."""
         if self._step is not None:
             self._moves.append(movement)

@@ -1,4 +1,4 @@
-"""The factorised normal equations of a whole network, and what they give."""
+"""The factorised normal equations of a whole network: solutions and covariances."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from .triangular import lower_solve
 class Factor:
     """N + diag(extra) of one linearisation, factorised in three `Layers`.
 
-    Held components have a one on the diagonal and nothing beside it, so that their steps and
-    covariances come out as zero after masking.
+    Held components have a one on the diagonal and zeros elsewhere, so that their steps and
+    covariances are zero after masking.
     """
 
     uncertainty: float = 0.0
-    """Relative error of variances that probes of it have shown; zero before, see `trust`."""
+    """Relative error of variances that random probes have shown, see `trust`; zero before them."""
 
     def __init__(
         self,
@@ -40,12 +40,12 @@ class Factor:
         """Factorise.
 
         Args:
-            layers: what is eliminated where.
-            rays: index lists of the first layer, none where it is empty.
+            layers: the layers of the elimination.
+            rays: index lists of the first layer; none: the layer is empty.
             system: the linearised network.
-            factors: its factors for GTSAM.
+            factors: GTSAM's factors of the network.
             extra: added to the diagonal (damping, minimal datum), (n_columns,).
-            qr: QR for the tree's part.
+            qr: whether the tree is eliminated by QR.
 
         Raises:
             SingularError: a pivot vanished.
@@ -68,7 +68,7 @@ class Factor:
         if not n:
             self.root = np.zeros((0, 0))
             return
-        with np.errstate(over="ignore", invalid="ignore"):  # where a step went astray
+        with np.errstate(over="ignore", invalid="ignore"):  # coordinates may have diverged
             scaled = self.border * self.scale[:, None] * self.scale
         if not np.isfinite(scaled).all():
             raise SingularError("the cameras' normal equations have no pivots")
@@ -77,12 +77,12 @@ class Factor:
             raise SingularError(f"pivot {info} of the cameras' normal equations")
 
     def smallest_pivot(self, diagonal: Array, *, tree: float, point: float) -> float:
-        """Return the least that is left of a diagonal element after elimination, relative.
+        """Return the smallest pivot relative to its diagonal element before the elimination.
 
         Args:
-            diagonal: that of N with what was added, (n_columns,).
+            diagonal: diagonal of N with the added terms, (n_columns,).
             tree: factor on the pivots of the tree, whose QR resolves more than normal equations.
-            point: factor on those of single points.
+            point: factor on the pivots of single points.
         """
         free = self.free
         safe = np.where(free, np.maximum(diagonal, np.finfo(float).tiny), 1.0)
@@ -132,7 +132,7 @@ class Factor:
         return self._border_covariance
 
     def ray_covariances(self) -> RayCovariances | None:
-        """Return the joint covariances of the first layer with the border; none without it."""
+        """Return the joint covariances of the first layer with the border; none: no first layer."""
         if self.points is None:
             return None
         joint = self.points.joint(self.border_covariance())
@@ -149,7 +149,7 @@ class Factor:
 
     @cached_property
     def selected(self) -> SelectedInverse:
-        """Joint covariances of tree and border, wherever an observation needs them."""
+        """Joint covariances of tree and border between the variables of one observation."""
         layers = self.layers
         return SelectedInverse(
             self.cliques, self.border_covariance(), layers.in_border, layers.unknowns.n_columns

@@ -1,8 +1,8 @@
-"""A free network on its inner constraints: which coordinates carry the datum, and the way there.
+"""Inner constraints of a free network: datum coordinates, and the motion onto the constraints.
 
-The iteration keeps a minimal datum; a solution at rest is then carried onto the inner constraints
-G_Dᵀ (x − x₀)_D = 0 over any datum points by finite similarity transformations, which no
-observation notices.
+The iteration keeps a minimal datum; finite similarity transformations, which no observation
+notices, then carry a solution at rest onto the inner constraints G_Dᵀ (x − x₀)_D = 0 over any
+datum points.
 """
 
 from __future__ import annotations
@@ -31,22 +31,23 @@ class MotionRule:
     steps: int = 100
     """Largest number of steps of one motion; two or three suffice as a rule."""
     far: float = 0.5
-    """Largest rotation, radians, and logarithm of the scale, of one step: beyond, second
-    derivatives say little of where |x − x₀|² is least."""
+    """Largest rotation, radians, and logarithm of the scale, of one step: over larger steps second
+    derivatives predict the minimum of |x − x₀|² badly."""
     negligible: float = 1e-9
-    """Relative decrease of |x − x₀|² that its own rounding may hide."""
+    """Relative decrease of |x − x₀|² that rounding of |x − x₀|² may hide."""
     halvings: int = 30
     """Largest number of times that a step which does not descend is halved."""
     near: float = 1e-4
-    """Step relative to σ up to which steps that do not shrink may be rounding."""
+    """Step relative to σ up to which a step that does not shrink may be rounding."""
     blurred: float = 1e-12
-    """Decrease of vᵀPv, relative to 1 + vᵀPv, that such a step promises at most if it is rounding;
+    """Largest predicted decrease of vᵀPv, relative to 1 + vᵀPv, of a step that counts as rounding;
     as `StoppingRule.rounding`."""
     again: float = 2.0
-    """Ratio up to which a later step may exceed one that was rounding, and be rounding too."""
+    """Largest ratio of a later step to a step that was rounding, for the later one to count as
+    rounding too."""
     carried: float = 1e-12
-    """Motion that is left, relative to the coordinates, where a solution is on its constraints:
-    a few units of the last digit."""
+    """Largest remaining motion, relative to the coordinates, of a solution on its constraints: a
+    few units of the last digit."""
 
 
 MOTION = MotionRule()
@@ -61,10 +62,11 @@ def datum_columns(
     Args:
         equations: the network.
         motions: G of the defect, (n_columns, d).
-        points: names of the datum points; none: those with the flag, or all if none has it.
+        points: names of the datum points; none: the points with the datum flag, or all points if
+            no point has the flag.
 
     Raises:
-        DatumError: they are too few, or lie on one line.
+        DatumError: the datum points are too few, or lie on one line.
     """
     unknowns, network = equations.unknowns, equations.network
     chosen = np.zeros(unknowns.n_columns, dtype=bool)
@@ -91,7 +93,7 @@ def datum_columns(
 
 
 def moved_from(equations: Equations, state: State, start: State) -> Array:
-    """Return x − x₀ of the points, (n_columns,): what inner constraints act on."""
+    """Return x − x₀ of the points, (n_columns,), zero for all other unknowns."""
     table = equations.unknowns["point"]
     on = np.flatnonzero(table.offset >= 0)
     out = np.zeros(equations.unknowns.n_columns)
@@ -104,15 +106,15 @@ def moved_from(equations: Equations, state: State, start: State) -> Array:
 def onto_constraints(
     equations: Equations, state: State, start: State, defect: Defect, columns: Mask
 ) -> State:
-    """Move a network to where |x − x₀|² over the datum points is least.
+    """Move a network so that |x − x₀|² over the datum points is least.
 
-    There G_Dᵀ (x − x₀)_D = 0, as G holds the derivatives of x by the motions. Newton's method
-    with the second derivatives of the points, damped so that it descends: those are what counts
-    where the network has another shape than x₀.
+    At the minimum G_Dᵀ (x − x₀)_D = 0, as G holds the derivatives of x by the motions. The method
+    is Newton's, damped so that it descends; its second derivatives of the points matter where the
+    network has another shape than x₀.
 
     Args:
         equations: the network.
-        state: where it is.
+        state: the values before the motion.
         start: x₀.
         defect: the motions that may be used, at ``state``.
         columns: coordinates of the datum points, (n_columns,).
@@ -128,7 +130,7 @@ def onto_constraints(
         g = defect.motions[columns]
         gradient = g.T @ r[columns]
         second = defect.mixture.T @ _bend(equations, state, r, defect) @ defect.mixture
-        # In the norm of GᵀG, and turned around where it bends downwards: that way it descends.
+        # In the norm of GᵀG; negative eigenvalues are made positive, so that the step descends.
         root = np.linalg.cholesky(g.T @ g)
         half = np.linalg.solve(root, np.linalg.solve(root, second).T)
         values, vectors = np.linalg.eigh(np.eye(len(half)) + 0.5 * (half + half.T))
@@ -152,7 +154,7 @@ def onto_constraints(
 
 
 def is_nothing(motion: Array, state: State) -> bool:
-    """Return whether a motion (n_columns,) is nothing to working precision."""
+    """Return whether a motion (n_columns,) is zero to working precision."""
     extent = 1.0 + float(np.abs(state["point"]).max())
     return float(np.abs(motion).max()) < MOTION.carried * extent
 
@@ -178,20 +180,20 @@ def _bend(equations: Equations, state: State, r: Array, defect: Defect) -> Array
 
 @dataclass(frozen=True)
 class Carried:
-    """A free network on its way to its inner constraints."""
+    """A free network after its motion onto the inner constraints."""
 
     state: State
-    """Where it is."""
+    """Values of all variables."""
     normal: NormalEquations | None
-    """Its normal equations, if they are there."""
+    """Normal equations at the state; none: they have not been made."""
     defects: tuple[Defect, ...]
-    """Its defect at that state, or the last one on the way."""
+    """Datum defect at the state, or the last one on the way."""
     datum: FreeDatum
     """The inner constraints."""
     at_rest: bool
-    """Whether it is at rest, and on the constraints."""
+    """Whether the network is at rest, and on the constraints."""
     left: float = 0.0
-    """Bound of the step from there relative to σ, where it is at rest."""
+    """Bound of the step from the state relative to σ, where the network is at rest."""
 
 
 def carry(
@@ -209,21 +211,21 @@ def carry(
 ) -> Carried:
     """Move a solution onto inner constraints.
 
-    The motions of the defect are renewed at every state: inner constraints and covariances
-    belong to those at the solution.
+    The motions of the defect are renewed at every state, as inner constraints and covariances
+    belong to the motions at the solution.
 
     Args:
         equations: the network.
         state: a solution on any minimal datum.
-        start: x₀, what the constraints refer to.
-        datum: the constraints: its columns are kept.
-        defects: the defect so far.
-        normal_at: makes the normal equations at a state.
-        step: returns a step of the adjustment; none where there is no answer.
-        tolerance: bound at which a state is at rest.
-        at_rest: whether ``state`` is, or is as near as vᵀPv can tell: where a step from there gets
-            no smaller, that is enough. One that is not at rest may have points on their way to
-            infinity: it is moved once.
+        start: x₀, to which the constraints refer.
+        datum: the constraints; their columns are kept.
+        defects: the defect at ``state``.
+        normal_at: function that makes the normal equations at a state.
+        step: function that returns a step of the adjustment; none: the system is singular.
+        tolerance: bound of the step relative to σ at which a state is at rest.
+        at_rest: whether ``state`` is at rest, or as near as vᵀPv can tell; steps that do not
+            shrink are then accepted as rounding. A state that is not at rest may have points on
+            their way to infinity: it is moved once.
         free: as in `find_defects`.
     """
     enough, left = tolerance, 0.0
@@ -242,7 +244,7 @@ def carry(
                 if left > enough:
                     hidden = MOTION.blurred * (1.0 + normal.system.vtpv)
                     blurred = last < MOTION.near and last**2 < hidden
-                    if blurred and left > STOPPING.shrinking * last:  # the one before is as good
+                    if blurred and left > STOPPING.shrinking * last:  # the last state is as good
                         state, enough = before, MOTION.again * last
                     else:
                         before, last = state, left
@@ -253,7 +255,7 @@ def carry(
         if is_nothing(datum.motions @ amounts, state):
             return Carried(state, normal, defects, datum, at_rest, left)
         moved = onto_constraints(equations, state, start, found[0], datum.columns)
-        if moved is state:  # what is left of the motion is the rounding of its own equations
+        if moved is state:  # the remaining motion is rounding of the motion's own equations
             return Carried(state, normal, defects, datum, at_rest, left)
         state = moved
     return Carried(state, None, defects, datum, False)

@@ -1,9 +1,9 @@
 """Inner iterations: each point that only cameras see follows a step of the cameras on its own.
 
-One point near a camera, or far away, can spoil a step that is good for all others, and damping
-would then slow the whole block down. With the cameras held, every point is a problem of three
-unknowns with a damping of its own; all of them are solved at once. (Inner iterations of
-Ceres, after Ruhe & Wedin's separable least squares.)
+One point near a camera, or far away, can spoil a step that is good for all other points, and
+damping would then slow the whole block down. With the cameras held, every point is a problem of
+three unknowns with its own damping; all points are solved at once. (Inner iterations of Ceres,
+after Ruhe & Wedin's separable least squares.)
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from ..types import Array
 from .elimination import Layers
 
 STEPS = 2
-"""Steps for each point."""
+"""Number of inner steps of each point."""
 
 
 def follow(equations: Equations, layers: Layers, before: State, moved: State) -> State:
-    """Return ``moved`` with every point of the first layer at a better place, where there is one.
+    """Return ``moved`` with the points of the first layer improved where their vᵀPv decreases.
 
     Args:
         equations: the network.
-        layers: of which the first one has the points.
+        layers: the layers; the points of the first one are moved.
         before: the state before the step; its points are candidates too.
-        moved: the state after it.
+        moved: the state after the step.
     """
     on = layers.reduced
     if not on.any():
@@ -62,7 +62,7 @@ def follow(equations: Equations, layers: Layers, before: State, moved: State) ->
 
 
 def _costs(equations: Equations, state: State) -> Array:
-    """Return vᵀPv of the rows of each point; infinite where it lies behind a camera."""
+    """Return vᵀPv of the rows of each point; infinite where the point lies behind a camera."""
     n = len(state["point"])
     out = np.zeros(n)
     for place, block in enumerate(equations.blocks):
@@ -102,7 +102,7 @@ def _normals(equations: Equations, state: State) -> tuple[Array, Array]:
 
 
 def _of_points(equations: Equations, place: int) -> bool:
-    """Return whether a block observes points one by one: images and coordinates."""
+    """Return whether each observation of a block has one point: images and coordinates."""
     block = equations.blocks[place]
     if block.kind == "image":
         return True

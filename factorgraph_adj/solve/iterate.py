@@ -1,11 +1,11 @@
-"""The iteration: steps of Gauss and Newton, damped where they fail, until nothing moves.
+"""The iteration: Gauss-Newton steps, damped where they fail, until the unknowns are at rest.
 
 The criterion is rigorous and free of units: for a step dx of N dx = −AᵀPv, Cauchy-Schwarz
-bounds the step of every unknown, and of every function of them, relative to its own standard
-deviation by √(dxᵀ N dx).
+bounds the step of every unknown, and of every function of the unknowns, relative to its own
+standard deviation by √(dxᵀ N dx).
 
-Its parts stand alone: `Step` is one step, `Damping` says how far it is damped, `Stop` whether it is
-taken and when to stop, `Extrapolation` where several steps lead together.
+The parts stand alone: `Step` is one step, `Damping` damps it, `Stop` decides whether it is taken
+and when the iteration ends, and `Extrapolation` combines the last steps.
 """
 
 from __future__ import annotations
@@ -36,27 +36,27 @@ from .stopping import STOPPING, Judgement, Stop, at_rest, no_higher
 from .tree import SingularError
 
 Progress: TypeAlias = Callable[[int, float, float], None]
-"""Called with iteration, vᵀPv and the bound of the step relative to σ."""
+"""Function that is called with iteration, vᵀPv and the bound of the step relative to σ."""
 
 
 @dataclass(frozen=True)
 class IterationRule:
-    """What an iteration does beside stepping."""
+    """Limits at which an iteration searches for defects, or moves points on their own."""
 
     suspicious: float = 1e-11
-    """What is left of a diagonal element of N in its elimination, relative, below which datum
-    defects are looked for: rounding leaves less where nothing is determined."""
+    """Pivot relative to its diagonal element of N below which datum defects are searched: rounding
+    leaves smaller pivots for undetermined unknowns."""
     poor: float = 1e-6
-    """The same below which any undetermined unknown is looked for: rounding leaves up to 10⁻¹⁰ of
-    the smallest pivot of a singular N, as it depends on the order of elimination."""
+    """Pivot relative to its diagonal element of N below which any undetermined unknown is searched:
+    rounding leaves pivots up to 10⁻¹⁰ in a singular N, depending on the order of elimination."""
     explained: int = 5000
-    """Number of columns up to which a vanished pivot is explained at once, and not at the end of
-    the iteration: the search for a null space takes seconds beyond."""
+    """Largest number of columns for which a vanished pivot is explained at once. In larger networks
+    the search for a null space takes seconds and waits for the end of the iteration."""
     doubtful: float = 0.25
     """Part of the predicted decrease below which points follow a step of the cameras on their own:
-    one point near a camera may have spoilt it."""
+    one point near a camera may have spoilt the step."""
     following: float = 1.0
-    """Step relative to σ above which they do."""
+    """Step relative to σ above which points may follow a step of the cameras on their own."""
     passing: float = 0.1
     """Step relative to σ up to which no point can pass a camera."""
 
@@ -72,38 +72,38 @@ class Ended:
     iterations: int
     """Number of iterations."""
     converged: bool
-    """Whether it came to rest."""
+    """Whether the iteration came to rest."""
     reason: str
-    """Why it ended."""
+    """Why the iteration ended."""
     vtpv: float
-    """VᵀPv where it ended."""
+    """Value of vᵀPv after the last iteration."""
 
 
 class Movement(NamedTuple):
-    """Where the unknowns go."""
+    """The state to which the unknowns move."""
 
     state: State
-    """The state."""
+    """Values of all variables."""
     vtpv: float
-    """VᵀPv there."""
+    """Value of vᵀPv at the state."""
     plain: bool
-    """Whether a step leads there, and not an extrapolation of several."""
+    """Whether one step leads to the state; false: an extrapolation of several steps."""
 
 
 def iterate(
     run: Run, *, tolerance: float, max_iterations: int, progress: Progress | None = None
 ) -> Ended:
-    """Step until nothing moves; ``run.state`` is where that was.
+    """Step until the unknowns are at rest; ``run.state`` is the last state.
 
     Args:
         run: the adjustment.
         tolerance: bound on the last step of every unknown, relative to its own σ.
-        max_iterations: after as many the iteration ends.
-        progress: called after each of them.
+        max_iterations: largest number of iterations.
+        progress: called after each iteration.
 
     Raises:
-        InputError: an observation that cannot be computed.
-        DatumError: unknowns that the observations do not determine.
+        InputError: an observation cannot be computed.
+        DatumError: the observations do not determine all unknowns.
     """
     damping, stop, beyond = Damping(), Stop(tolerance), Extrapolation()
     vtpv = np.inf
@@ -143,12 +143,12 @@ def iterate(
 def _descend(
     run: Run, normal: NormalEquations, stop: Stop, damping: Damping, *, first: bool
 ) -> tuple[Damping, tuple[Attempt, Judgement] | None]:
-    """Damp until a step is accepted; none where no damping leads to one."""
+    """Damp until a step is accepted; none: no damping leads to an accepted step."""
     while True:
         damped = damping.value > 0.0
         step = step_from(run, normal, damping.value)
         if first and not damped:
-            # A defect of datum leaves a pivot without anything: no need to search without.
+            # Datum defects leave vanishing pivots; without such a pivot no search is needed.
             suspicious = step is None or normal.smallest_pivot < ITERATION.suspicious
             if suspicious and run.datum is None:
                 settle_datum(run, normal)
@@ -165,16 +165,16 @@ def _descend(
 
 
 def step_from(run: Run, normal: NormalEquations, damping: float = 0.0) -> Step | None:
-    """Return the step from a linearisation, with some damping.
+    """Return the step from a linearisation, with some damping; none: the system is singular.
 
-    None where undamped normal equations have no answer: damping may lead where they have one. At
-    the end of the way the error says what is missing.
+    Damping may lead to a state at which the undamped normal equations are regular; otherwise the
+    end of the iteration raises an error that names the undetermined unknowns.
     """
     damped = normal.diagonal * damping
     if damping == 0.0:
         run.smallest_pivot = 0.0
     try:
-        # Damping fills the datum too, and without taking sides for the points that are held.
+        # Damping fills the datum too, and treats all points alike.
         factor = normal.factorise(damped if damping > 0.0 else run.constraint)
     except SingularError:
         if damping > 0.0:
@@ -188,7 +188,7 @@ def step_from(run: Run, normal: NormalEquations, damping: float = 0.0) -> Step |
 
 
 def _try(run: Run, step: Step, before: float) -> Attempt:
-    """Return where a step leads; where it brings little, points follow the cameras on their own."""
+    """Try a step; where vᵀPv decreases little, points follow the cameras on their own."""
     equations, layers = run.equations, run.solver.layers
     plain = equations.unknowns.retract(run.state, step.movement)
     moved: State | None = plain
@@ -211,7 +211,7 @@ def _movement(
     judged: Judgement,
     stop: Stop,
 ) -> Movement:
-    """Return where the unknowns go: by an accepted step, or beyond it where that is better."""
+    """Return the movement by an accepted step, or by the extrapolation where vᵀPv is lower."""
     assert attempt.state is not None
     by_step = Movement(attempt.state, attempt.vtpv, True)
     step = attempt.step
@@ -221,7 +221,7 @@ def _movement(
     if judged.done:
         return by_step
     movement = beyond.beyond(step.movement, lambda dx: normal.system.times(dx[:, None])[:, 0])
-    # Where steps shrink fast, their own convergence is better than any guess.
+    # Steps that shrink fast converge better by themselves.
     if movement is not None and stop.slows_down(step.bound):
         guess = run.equations.unknowns.retract(run.state, movement)
         further = before_the_cameras(run.equations, run.state, guess)
@@ -238,13 +238,13 @@ def _movement(
 
 
 def _undamped(run: Run, normal: NormalEquations) -> float:
-    """Return the bound of the step without damping, infinite where there is none."""
+    """Return the bound of the undamped step; infinite where the system is singular."""
     step = step_from(run, normal)
     return np.inf if step is None else step.bound
 
 
 def _at_smallest_step(run: Run, stop: Stop, iteration: int) -> Ended:
-    """End after the smallest step of those that vᵀPv cannot tell from rounding."""
+    """End at the state after the smallest of the steps that vᵀPv cannot tell from rounding."""
     assert stop.rest.state is not None
     run.state = stop.rest.state
     reason = at_rest(stop.rest.bound, stop.tolerance)
@@ -252,12 +252,12 @@ def _at_smallest_step(run: Run, stop: Stop, iteration: int) -> Ended:
 
 
 def _no_way_on(run: Run, normal: NormalEquations, stop: Stop, iteration: int) -> Ended:
-    """End where no damping leads to a step: at rest, if the undamped step is small."""
+    """End where no damping leads to a step: at rest if the undamped step is small."""
     vtpv = normal.system.vtpv
     left = _undamped(run, normal)
     if stop.near_enough(left, vtpv):
         return Ended(iteration, True, at_rest(left, stop.tolerance), vtpv)
-    if stop.rest.state is not None:  # it was there before, as near as vᵀPv can tell
+    if stop.rest.state is not None:  # an earlier state was at rest, as near as vᵀPv can tell
         return _at_smallest_step(run, stop, iteration)
     explain(run, normal)
     reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
@@ -265,7 +265,7 @@ def _no_way_on(run: Run, normal: NormalEquations, stop: Stop, iteration: int) ->
 
 
 def _in_vain(run: Run, stop: Stop, iteration: int, vtpv: float) -> Ended:
-    """End where many steps in a row brought nothing, and name what drifts."""
+    """End after many consecutive steps without progress, and name the unknowns that drift."""
     normal = run.normal_at(run.state)
     left = _undamped(run, normal)
     if stop.near_enough(left, vtpv):

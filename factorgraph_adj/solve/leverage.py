@@ -1,9 +1,9 @@
-"""What each observation has to do with its own adjusted value: A Q Aᵀ, in one pass.
+"""Leverage of each observation on its own adjusted value: the hat matrix A Q Aᵀ, in one pass.
 
 With whitened rows A of an observation, its hat matrix H = A Q Aᵀ needs only the joint covariance
-of the observation's own variables. Those of the tree come from the selected inverse; those of
-points that only cameras see from the elimination itself: with U = L⁻¹A_pᵀ and M = W Σ_b of the
-point (`ReducedPoints.joint`),
+of the observation's own variables. The selected inverse gives the covariances of the tree; the
+elimination itself gives those of points that only cameras see: with U = L⁻¹A_pᵀ and M = W Σ_b of
+the point (`ReducedPoints.joint`),
 
     Q_p Aᵀ = L⁻ᵀ (K U − Z),   H = A_b Σ_b A_bᵀ − UᵀZ − ZᵀU + UᵀK U,   K = I + W Σ_b Wᵀ,
     Z = M A_bᵀ.
@@ -32,30 +32,31 @@ from .selected_inverse import SelectedInverse
 from .tree import TreeFactors
 
 AT_ONCE = 8_000_000
-"""Elements of joint covariances that are held at once."""
+"""Largest number of elements of joint covariances in memory at once."""
 POINTS: tuple[VariableKind, ...] = ("point",)
 CANCELLING = 1e3
-"""Σ |a| σ over the unknowns of an observation, σ of its own being 1, from which on the sum A Q Aᵀ,
-at most 1, loses six digits and more."""
+"""Value of Σ |a| σ over the unknowns of a whitened observation above which the sum A Q Aᵀ ≤ 1 loses
+six digits and more by cancellation."""
 POINTS_ALONE = 1e-9
-"""Relative length of what a motion of the datum moves besides points, where that is nothing."""
+"""Relative length of the part of a datum motion outside the points below which the motion counts
+as moving points alone."""
 
 
 @dataclass(frozen=True)
 class BlockLeverage:
-    """A block's part of A Q Aᵀ, whitened; zero for members of clusters."""
+    """Leverages of the observations of a block, whitened; zero for members of clusters."""
 
     hat: Array
     """H = A Q Aᵀ of each observation, (n, d, d)."""
     others: Array
     """A1 Q11 A1ᵀ, the part of all unknowns but the points, (n, d, d)."""
     own: Array
-    """Q_p Aᵀ for the coordinates of its own points, (n, 3 × points, d); metres."""
+    """Q_p Aᵀ for the coordinates of each observation's own points, (n, 3 × points, d); metres."""
 
 
 @dataclass(frozen=True)
 class ClusterLeverage:
-    """The same for correlated rows across observations, or for a factor that the user added."""
+    """Leverages of correlated rows across observations, or of a factor that the user added."""
 
     hat: Array
     """H, (k, k)."""
@@ -72,15 +73,15 @@ class Leverages:
     """A Q Aᵀ of all observations."""
 
     blocks: tuple[BlockLeverage, ...]
-    """One for each block."""
+    """Leverages of each block."""
     clusters: tuple[ClusterLeverage, ...]
-    """One for each cluster."""
+    """Leverages of each cluster."""
     extra: tuple[ClusterLeverage, ...]
-    """One for each factor that the user added."""
+    """Leverages of each factor that the user added."""
 
     @property
     def hats(self) -> tuple[list[Array], list[Array]]:
-        """H of blocks and of clusters."""
+        """Hat matrices H of the blocks and of the clusters."""
         return [b.hat for b in self.blocks], [c.hat for c in self.clusters]
 
 
@@ -90,8 +91,8 @@ def leverages(system: LinearSystem, factor: Factor, transform: STransform | None
     Args:
         system: the linearised network.
         factor: its normal equations, factorised; with a minimal datum where it has a defect.
-        transform: leads to the inner constraints of a free network. H does not depend on the
-            datum; the parts of single unknowns do.
+        transform: S-transformation onto the inner constraints of a free network. H does not
+            depend on the datum; the parts of single unknowns do.
     """
     inverse = factor.selected
     reduced = factor.ray_covariances()
@@ -130,8 +131,9 @@ def point_leverages(
 ) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
     """Return A2 N22⁻¹ A2ᵀ of every block (n, d, d), and of every cluster (k, k), whitened.
 
-    N22 is that of the object points, all other unknowns held. Where it is singular (a free
-    network whose datum the other unknowns do not share) any generalised inverse gives the same.
+    N22 is the normal matrix of the object points with all other unknowns held. Where N22 is
+    singular (a free network whose datum the other unknowns do not share), any generalised inverse
+    gives the same A2 N22⁻¹ A2ᵀ.
     """
     only = system.only(POINTS)
     parts = _split(system, None if factor.points is None else True, factor)
@@ -142,7 +144,7 @@ def point_leverages(
     tree = _points_of_tree(system, only, factor, datum)
     local = np.cumsum(factor.layers.reduced) - 1
     if factor.points is not None:
-        # Without what a minimal datum adds to the diagonal of a point.
+        # Without the terms that a minimal datum adds to the diagonal of a point.
         rays = factor.points.rays
         rows = joined([system.blocks[i].a[2] for i in rays.places], rays)
         alone = factorise_points(rays, system, rows, np.zeros(system.unknowns.n_columns))
@@ -167,7 +169,7 @@ def point_leverages(
     return tuple(blocks), tuple(clusters)
 
 
-# -- where the rows find their covariances --------------------------------------------------------
+# -- covariances of the rows ----------------------------------------------------------------------
 
 
 def _empty(lb: LinearBlock) -> BlockLeverage:
@@ -177,7 +179,7 @@ def _empty(lb: LinearBlock) -> BlockLeverage:
 
 
 def _split(system: LinearSystem, reduced: object, factor: Factor) -> list[tuple[Index, Index]]:
-    """Return, for each block, the rows of points of the first layer, and those of the tree."""
+    """Return, for each block, its rows with points of the first layer and its other rows."""
     out = []
     clustered = system.equations.in_cluster
     for place, lb in enumerate(system.blocks):
@@ -194,7 +196,7 @@ def _split(system: LinearSystem, reduced: object, factor: Factor) -> list[tuple[
 
 
 def _from_tree(lb: LinearBlock, rows: Index, inverse: SelectedInverse, out: BlockLeverage) -> None:
-    """Fill in rows whose variables are in tree and border."""
+    """Fill in the rows whose variables are in tree and border."""
     slots = [j for j, a in enumerate(lb.a) if len(a)]
     if not slots:
         return
@@ -238,7 +240,7 @@ def _chunks(rows: Index, size: int) -> Iterator[Index]:
 def _from_points(
     lb: LinearBlock, rows: Index, points: ReducedPoints, inner: Array, out: BlockLeverage
 ) -> None:
-    """Fill in coordinates of points of the first layer."""
+    """Fill in the rows of observed coordinates of points of the first layer."""
     if not len(lb.a[0]):
         return
     local = (np.cumsum(points.rays.layers.reduced) - 1)[lb.block.variables[0][1][rows]]
@@ -307,7 +309,7 @@ def _from_rays(
 def _dense(
     columns: Index, a: Array, inverse: SelectedInverse, system: LinearSystem
 ) -> ClusterLeverage:
-    """Return the part of rows (k, m) over any number of columns (m,)."""
+    """Return the leverages of rows (k, m) over any number of columns (m,)."""
     joint = inverse.joint(columns[None])[0]
     own = joint @ a.T
     other = ~_of_points(system)[columns]
@@ -347,7 +349,7 @@ def _points_of_tree(
         diagonal = only.diagonal()
         weighted = datum.motions * np.sqrt(system.diagonal())[:, None]
         points = _of_points(only)
-        # Motions of the datum that leave everything but the points where it is.
+        # Motions of the datum that move points alone.
         q, _ = np.linalg.qr(weighted)
         _, s, vt = np.linalg.svd(q[~points], full_matrices=True)
         still = np.ones(q.shape[1], dtype=bool)
@@ -377,7 +379,7 @@ class STransform:
     """E = B_Dᵀ F (d, d)."""
 
     def blocks(self, system: LinearSystem, blocks: list[BlockLeverage]) -> None:
-        """Carry the parts of single unknowns over, in place."""
+        """Transform the parts of single unknowns of blocks, in place."""
         of_f = system.times(self.cross)
         others = system.only([k for k in system.unknowns.tables if k != "point"])
         g1, f1 = others.times(self.basis), others.times(self.cross)
@@ -400,7 +402,7 @@ class STransform:
     def dense(
         self, system: LinearSystem, columns: Index, a: Array, c: ClusterLeverage
     ) -> ClusterLeverage:
-        """The same for dense rows."""
+        """Return the transformed leverages of dense rows."""
         other = ~_of_points(system)[columns]
         g = a[:, other] @ self.basis[columns[other]]
         f = a[:, other] @ self.cross[columns[other]]

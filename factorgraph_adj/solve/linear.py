@@ -1,6 +1,6 @@
 """The linearised observation equations of a whole network.
 
-All columns of variables with a free component are there; partials by held components are
+The system has all columns of variables with a free component; partials by held components are
 zero. Rows are whitened, except those of clusters, whose whitening joins several observations
 and is applied where rows are used.
 """
@@ -26,7 +26,7 @@ class ExtraRows:
     """Whitened rows of a factor that the user added."""
 
     columns: Index
-    """Columns that it touches, (m,)."""
+    """Columns that the rows touch, (m,)."""
     a: Array
     """Partials, (k, m)."""
     residual: Array
@@ -40,7 +40,7 @@ class LinearBlock:
     block: Block
     """The observations."""
     offsets: tuple[Index, ...]
-    """First column of each variable (n,), −1 where it is a constant."""
+    """First column of each variable (n,), −1 where the variable is a constant."""
     a: tuple[Array, ...]
     """Partials by each variable, (n, d, k), whitened outside clusters."""
 
@@ -52,7 +52,7 @@ class LinearSystem:
         """Linearise all observations at ``state``.
 
         Raises:
-            InputError: names the observations whose geometry has no answer.
+            InputError: observations cannot be computed at ``state``; the error names them.
         """
         self.equations = equations
         self.unknowns: Unknowns = equations.unknowns
@@ -114,7 +114,7 @@ class LinearSystem:
 
     @property
     def vtpv(self) -> float:
-        """VᵀPv."""
+        """Weighted sum of squared residuals vᵀPv."""
         return float(self.residual @ self.residual) + sum(
             float(e.residual @ e.residual) for e in self.extra
         )
@@ -194,7 +194,7 @@ class LinearSystem:
                                 piece = pieces.setdefault(column, np.zeros(len(c.rows)))
                                 piece[row] += a[i, component, j]
             columns = np.array(sorted(pieces), dtype=np.intp)
-            a = np.zeros((len(c.rows), len(columns)))  # none where all that they touch is held
+            a = np.zeros((len(c.rows), len(columns)))  # no columns if all their variables are held
             for j, column in enumerate(columns.tolist()):
                 a[:, j] = pieces[column]
             out.append((columns, c.whitener @ a))
@@ -202,7 +202,7 @@ class LinearSystem:
 
 
 def _mask(a: Array, table: Variables, index: Index) -> None:
-    """Set the partials (n, d, k) by held components of variables with free ones to zero."""
+    """Set the partials (n, d, k) by held components of partly free variables to zero."""
     active = table.offset >= 0
     for j in range(a.shape[2]):
         held = active & ~table.free[:, j]
@@ -218,7 +218,7 @@ def _add_product(rows: Array, a: Array, offset: Index, g: Array) -> None:
     """Add A G to rows (n, d, k), for partials (n, d, j) by the variable at each offset."""
     starts = _runs(offset)
     if len(starts) < len(offset) / 8:
-        # One photo or camera after the other: its part of G is the same in all its rows.
+        # Rows of one photo or camera lie together and share its part of G.
         for start, stop in zip(starts, np.r_[starts[1:], len(offset)], strict=True):
             first = offset[start]
             if first >= 0:
@@ -260,7 +260,7 @@ def _runs(offset: Index) -> Index:
 
 
 def _add(out: Array, offset: Index, values: Array) -> None:
-    """Add values (n, k) to the k columns from each offset; −1: nowhere."""
+    """Add values (n, k) to the k columns from each offset; rows with offset −1 are skipped."""
     on = offset >= 0
     if not on.all():
         offset, values = offset[on], values[on]
@@ -268,7 +268,7 @@ def _add(out: Array, offset: Index, values: Array) -> None:
         return
     starts = _runs(offset)
     if len(starts) < len(offset) / 8:
-        # Rows of one photo or camera lie together: sum them in one go.
+        # Rows of one photo or camera lie together: they are summed at once.
         values = np.add.reduceat(values, starts, axis=0)
         offset = offset[starts]
     for j in range(values.shape[1]):

@@ -1,4 +1,4 @@
-"""One linearisation, ready to be factorised with any addition to its diagonal."""
+"""Normal equations of one linearisation, to be factorised with any addition to their diagonal."""
 
 from __future__ import annotations
 
@@ -19,32 +19,34 @@ from .tree import SingularError, TreeFactors
 from .trust import SAMPLES, TRUSTED, held_well, refusal, sample, uncertainty
 
 LARGEST_QR = 3000
-"""Variables in the tree up to which every factorisation is by QR."""
+"""Largest number of variables in the tree for which every factorisation is by QR."""
 VANISHED = 1e-14
-"""What is left of a diagonal element of N, relative, below which nothing is left of it."""
+"""Pivot relative to its diagonal element of N that counts as zero in a Cholesky factorisation."""
 POOR = 1e-10
-"""The same for the normal equations of the cameras, below which covariances are not trusted to
-them and QR of everything takes over."""
+"""Smallest relative pivot of the cameras' normal equations from which covariances are computed;
+below it QR of all unknowns is used."""
 POOR_POINT = 1e-12
-"""The same for single points, whose poor pivot is nobody else's."""
+"""Smallest relative pivot of a single point from which covariances are computed. It is smaller than
+`POOR`, as the poor pivot of a point affects no other point."""
 VANISHED_QR = 1e-19
-"""What is left of a diagonal element in a QR factorisation where nothing is left of it."""
+"""Pivot relative to its diagonal element of N that counts as zero in a QR factorisation."""
 ENLARGED = 4.0
-"""Factor by which a minimal datum may enlarge a standard deviation before a better one is taken."""
+"""Largest factor by which a minimal datum may enlarge a standard deviation; above it a better
+minimal datum is chosen."""
 
 
 @dataclass
 class Solver:
-    """How a network is factorised; turns to QR of everything when the pivots ask for it."""
+    """How a network is factorised; poor pivots turn it to QR of all unknowns."""
 
     equations: Equations
     """The network."""
     layers: Layers
-    """Who eliminates what."""
+    """Layers of the elimination."""
     rays: Rays | None
-    """Index lists of the points that are reduced."""
+    """Index lists of the points of the first layer; none: the layer is empty."""
     qr_everywhere: bool = False
-    """Whether the pivots asked for it."""
+    """Whether all unknowns are factorised by QR."""
 
     @classmethod
     def of(cls, equations: Equations, extra: Sequence[ExtraRows] = ()) -> Solver:
@@ -65,7 +67,7 @@ class Solver:
 
 
 class NormalEquations:
-    """N and the right side at one state."""
+    """The normal matrix N and the right side at one state."""
 
     def __init__(self, solver: Solver, state: State, extra: Sequence[ExtraRows] = ()) -> None:
         """Linearise at ``state``."""
@@ -75,15 +77,16 @@ class NormalEquations:
         self.diagonal = self.system.diagonal()
         self._factors: TreeFactors | None = None
         self.smallest_pivot = 0.0
-        """What was left of the weakest diagonal element in the last factorisation."""
+        """Smallest pivot of the last factorisation, relative to its diagonal element."""
 
     def factorise(self, extra: Array, *, exact: bool = False) -> Factor:
         """Factorise N + diag(extra).
 
         Args:
             extra: added to the diagonal, (n_columns,).
-            exact: for covariances: QR for the tree even where it is large, and of everything
-                where pivots are poor. A step that is a little wrong is corrected by the next.
+            exact: whether covariances are needed. QR then factorises the tree even if it is
+                large, and all unknowns if pivots are poor. Steps need less precision, as the next
+                step corrects their errors.
 
         Raises:
             SingularError: an unknown is not determined.
@@ -119,14 +122,14 @@ class NormalEquations:
     def for_covariances(self, constraint: Array, datum: FreeDatum | None = None) -> Factor:
         """Factorise N with a minimal datum so that covariances are right.
 
-        In a free network the minimal datum is chosen anew where that of the iteration enlarges
-        standard deviations: rounding grows with their square. A factorisation whose probes fail
-        is replaced by QR of everything.
+        A free network gets a new minimal datum if the one of the iteration enlarges standard
+        deviations, as rounding grows with their square. QR of all unknowns replaces a
+        factorisation whose probes fail.
 
         Args:
-            constraint: what the minimal datum of the iteration adds to the diagonal of N,
+            constraint: terms that the minimal datum of the iteration adds to the diagonal of N,
                 (n_columns,).
-            datum: inner constraints of a free network; none where the datum is given.
+            datum: inner constraints of a free network; none: the datum is given.
 
         Raises:
             SingularError: an unknown is not determined, or so weakly that covariances would be
@@ -149,13 +152,13 @@ class NormalEquations:
         return factor
 
     def held_better(self, constraint: Array, datum: FreeDatum, *, exact: bool = False) -> Array:
-        """Return what a well chosen minimal datum adds to the diagonal of N, (n_columns,).
+        """Return the terms of a well chosen minimal datum on the diagonal of N, (n_columns,).
 
         Args:
-            constraint: what any minimal datum adds; it is returned where it holds well.
+            constraint: terms of any minimal datum; they are returned if this datum is good enough.
             datum: inner constraints of the free network.
-            exact: QR of everything where there is no other answer; otherwise ``constraint`` is
-                returned then.
+            exact: whether a singular factorisation is repeated by QR of all unknowns; otherwise
+                ``constraint`` is returned.
 
         Raises:
             SingularError: an unknown is not determined, and ``exact`` asks for an answer.

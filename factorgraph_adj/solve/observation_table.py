@@ -19,10 +19,10 @@ class ObservationRecord:
     id: str
     """Id of the observation."""
     kind: str
-    """Its kind."""
+    """Kind of the observation."""
     component: str
-    """Which component of it, empty for scalar kinds: x, y; an axis of control or a weighted point;
-    a parameter of a weighted calibration."""
+    """Component of the observation, empty for scalar kinds: x, y; an axis of control or a weighted
+    point; a parameter of a weighted calibration."""
     observed: float
     """Observed value."""
     residual: float
@@ -32,7 +32,7 @@ class ObservationRecord:
 
 
 class ObservationTable(Sequence[ObservationRecord]):
-    """All scalar observations, weighted unknowns among them; a sequence of records.
+    """A sequence of records of all scalar observations, including weighted unknowns.
 
     ``residuals`` and ``sigmas`` are arrays in the same order.
     """
@@ -76,11 +76,11 @@ class ObservationTable(Sequence[ObservationRecord]):
         """Return the row of an observation by its id.
 
         Args:
-            id: its id; ``photo/point`` for image points.
-            component: such as ``x``; needed where it has several.
+            id: id of the observation; ``photo/point`` for image points.
+            component: component such as ``x``; needed if the observation has several.
 
         Raises:
-            InputError: there is none, or several components and none was named.
+            InputError: no observation has this id, or it has several components and none is named.
         """
         rows = self._rows.get(id, [])
         if not rows:

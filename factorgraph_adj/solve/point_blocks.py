@@ -9,15 +9,17 @@ from .linear import LinearSystem
 from .rays import Rays
 
 POOR = 1e-6
-"""Pivot, relative, below which a point is factorised twice: its rays meet at 1000 bases."""
+"""Relative pivot below which a point is factorised twice; a point at a distance of 1000 bases has
+this pivot."""
 
 
 def factorise_points(rays: Rays, system: LinearSystem, j: Array, extra: Array) -> PointCholesky:
     """Factorise the 3 × 3 normal matrices H = AᵀA of the points.
 
-    H has the square of the condition of A: of a point at 10⁵ bases it keeps 6 digits. Where
-    pivots are poor the rows are factorised again, in the axes of the first factor (Cholesky-QR,
-    Yamamoto et al. 2015): A L⁻ᵀ is nearly orthogonal, AᵀA = L (L⁻¹AᵀA L⁻ᵀ) Lᵀ = L L' (L L')ᵀ.
+    H has the square of the condition of A: a point at a distance of 10⁵ bases keeps 6 digits.
+    Where pivots are poor the rows are factorised again, in the axes of the first factor
+    (Cholesky-QR, Yamamoto et al. 2015): A L⁻ᵀ is nearly orthogonal,
+    AᵀA = L (L⁻¹AᵀA L⁻ᵀ) Lᵀ = L L' (L L')ᵀ.
 
     Args:
         rays: the index lists.
@@ -49,7 +51,7 @@ def point_blocks(
         system: the linearised network.
         j: whitened partials of the rays by their points, (m, 2, 3).
         extra: added to the diagonal of the normal matrix, (n_columns,).
-        axes: factors L of all points: return L⁻¹ H L⁻ᵀ, summed from the rows A L⁻ᵀ.
+        axes: factors L of all points; with them L⁻¹ H L⁻ᵀ is returned, summed from the rows A L⁻ᵀ.
     """
     layers = rays.layers
     n = rays.n_points
@@ -91,7 +93,7 @@ class PointCholesky:
     def __init__(self, h: Array) -> None:
         """Factorise H given as (6, p): xx xy xz yy yz zz.
 
-        ``pivots`` (p, 3) are what is left of each diagonal, relative.
+        ``pivots`` (p, 3) are the pivots relative to their diagonal elements of H.
         """
         xx, xy, xz, yy, yz, zz = h
         tiny = np.finfo(float).tiny
@@ -108,7 +110,7 @@ class PointCholesky:
         np.nan_to_num(self.pivots, copy=False, nan=0.0)
 
     def refine(self, second: PointCholesky, points: Index) -> None:
-        """Multiply the factors L of some points by those of L⁻¹ H L⁻ᵀ."""
+        """Multiply the factors L of some points by the factors of L⁻¹ H L⁻ᵀ."""
         l11, l21, l31, l22, l32, l33 = (x[points] for x in self.l)
         m11, m21, m31, m22, m32, m33 = second.l
         found = (

@@ -1,4 +1,4 @@
-"""Explain by name what the observations do not determine."""
+"""Names of the unknowns that the observations do not determine, and the reasons."""
 
 from __future__ import annotations
 
@@ -18,27 +18,29 @@ from .rays import Rays
 from .tree import SingularError, TreeFactors
 
 NULL = 1e-7
-"""|A z| relative to independent unknowns, below which z counts as undetermined."""
+"""Ratio |A z| / |√diag(N) z| below which a combination z counts as undetermined."""
 REGULARISED = NULL**2
-"""Share of its diagonal added to N to make it invertible for the search: what it adds to |A z|²
-of a combination that is just determined. With more, many weak ones hide one without anything."""
+"""Share of the diagonal of N that is added to N, so that the search can invert it. It equals |A z|²
+of a combination that is just determined; a larger share would let many weak combinations hide an
+undetermined one."""
 MOST = 40
-"""Largest number of undetermined combinations that are looked for."""
+"""Largest number of undetermined combinations that are searched."""
 PROBES = 4
-"""Number of vectors of the inverse iteration with a factor: the weakest combinations apart."""
+"""Number of vectors of the inverse iteration with a factor; it separates the weakest
+combinations."""
 MOST_UNOBSERVED = 400
-"""The same for unknowns without any observation."""
+"""Largest number of unknowns without any observation that are listed."""
 CONCERNED = 0.05
-"""Share of an unknown in undetermined combinations, above which it is named."""
+"""Share of an unknown in undetermined combinations above which the unknown is named."""
 LISTED = 12
-"""Unknowns that a message names."""
+"""Largest number of unknowns that a message names."""
 
 
 def null_space(system: LinearSystem, diagonal: Array) -> Array:
-    """Return an orthonormal basis (n_columns, d) of what is undetermined, scaled by √diagonal.
+    """Return an orthonormal basis (n_columns, d) of the null space of N, scaled by √diagonal.
 
-    Inverse iteration with a block of vectors on the regularised normal equations; unknowns
-    without any observation are among the result.
+    The method is inverse iteration with a block of vectors on the regularised normal equations;
+    the result includes unknowns without any observation.
     """
     unknowns = system.unknowns
     empty = unknowns.free & (diagonal <= 0)
@@ -71,18 +73,18 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
 def unnoticed(
     system: LinearSystem, diagonal: Array, factor: Factor, defects: Sequence[Defect]
 ) -> Array:
-    """Return what a factorised network leaves undetermined beside its datum.
+    """Return the undetermined combinations of a factorised network beside its datum defects.
 
-    Inverse iteration with the factor. Rounding makes of a singular N a factor of N + E with
-    |E| ≈ 10⁻¹⁶, whose pivots tell little: the last one is |E| / z², z the share of its unknown
-    in the undetermined combination. That combination itself comes out well, and |A z| of it
-    without the squares of N. The motions of the datum are projected out, so that the choice of a
-    minimal datum has no influence.
+    The method is inverse iteration with the factor. Rounding turns the factor of a singular N
+    into that of N + E with |E| ≈ 10⁻¹⁶. Its pivots tell little: the last one is |E| / z², where z
+    is the share of its unknown in the undetermined combination. The combination z itself is
+    precise, and so is |A z|, which avoids the squares of N. The motions of the datum are projected
+    out, so that the choice of a minimal datum has no influence.
 
     Args:
         system: the linearised network.
-        diagonal: that of N, (n_columns,).
-        factor: N, with a minimal datum where there are defects.
+        diagonal: diagonal of N, (n_columns,).
+        factor: N, with a minimal datum if there are defects.
         defects: the datum defects that this datum fills.
 
     Returns:
@@ -97,7 +99,7 @@ def unnoticed(
         z = scale * factor.solve(scale * z)
         z -= motions @ (motions.T @ z)
         z[live], _ = np.linalg.qr(z[live])
-    # Columns that are parallel to rounding leave anything beside the first: motions as well.
+    # Columns that are parallel up to rounding leave arbitrary vectors after QR, motions included.
     z = _beside(z, motions)
     az = system.times(z / scale)
     empty = np.zeros((z.shape[1], z.shape[1]))  # there may be fewer observations than columns
@@ -113,7 +115,7 @@ def _motions(scale: Array, defects: Sequence[Defect]) -> Array:
 
 
 def _beside(z: Array, motions: Array) -> Array:
-    """Return an orthonormal basis of z beside the motions of the datum, all of them scaled."""
+    """Return an orthonormal basis of z orthogonal to the motions of the datum, all scaled."""
     u, s, _ = np.linalg.svd(z - motions @ (motions.T @ z), full_matrices=False)
     return np.asarray(u[:, s > 0.5])
 
@@ -126,19 +128,19 @@ def undetermined(
     free: bool = False,
     known: Array | None = None,
 ) -> DatumError | None:
-    """Return an error that names everything that is not determined, or none.
+    """Return an error that names all undetermined unknowns; none: all are determined.
 
     Args:
         system: the linearised network.
-        diagonal: that of N, (n_columns,).
-        defects: its datum defects.
-        free: whether inner constraints fill them, so that they are no fault.
-        known: combinations beside the defects that are undetermined, see `unnoticed`. The search
-            for all of them may miss these among many weak ones.
+        diagonal: diagonal of N, (n_columns,).
+        defects: datum defects of the network.
+        free: whether inner constraints fill the datum defects, so that these are no error.
+        known: undetermined combinations beside the defects, see `unnoticed`. The search of this
+            function may miss them among many weak combinations.
     """
     try:
         z = null_space(system, diagonal)
-    except SingularError:  # nothing more is to be learnt than the defects of datum
+    except SingularError:  # only the datum defects are known
         z = np.zeros((len(diagonal), 0))
     unknowns = system.unknowns
     scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)[:, None]
@@ -213,13 +215,13 @@ def _shares(unknowns: Unknowns, z: Array) -> list[tuple[VariableKind, int, float
         component = unknowns.component_names(kind, number)[int(np.argmax(own))]
         out.append((kind, number, float(own.sum()), component))
     out.sort(key=lambda item: -item[2])
-    # What turns as a whole has small shares everywhere.
+    # In a network that turns as a whole, every unknown has a small share.
     least = min(CONCERNED, 0.5 * out[0][2])
     return [item for item in out if item[2] > least]
 
 
 def _support(system: LinearSystem, kind: str, number: int, diagonal: Array) -> str:
-    """Say what observes a variable."""
+    """Return the numbers of observations of a variable by kind, in words."""
     counts: dict[str, int] = {}
     for lb in system.blocks:
         for what, index in lb.block.variables:

@@ -1,4 +1,4 @@
-"""Index lists of the rays to object points that only cameras see; made once for a network."""
+"""Index lists of the rays to object points that only cameras see; a network makes them once."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ class Participant:
     """A photo (with its own calibration) or a shared calibration in the reduced system."""
 
     rows: slice
-    """Its rays (photo) or points (shared calibration), in the order of their arrays."""
+    """Rays of the photo, or points of the shared calibration, in the order of their arrays."""
     columns: Index
-    """Columns of its block in the border; −1 for components that are not unknown."""
+    """Columns of the participant's block in the border; −1 for held components."""
 
     @property
     def run(self) -> slice | None:
-        """The columns as a slice, where they are one run with nothing missing before its end."""
+        """The columns as a slice; none: they are not consecutive."""
         n = int(np.sum(self.columns >= 0))
         first = int(self.columns[0])
         if first < 0 or not np.array_equal(self.columns[:n], np.arange(first, first + n)):
@@ -31,10 +31,10 @@ class Participant:
 
 
 class Rays:
-    """Index lists of the rays to the points of the first layer; made once for a network."""
+    """Index lists of the rays to the points of the first layer; a network makes them once."""
 
     def __init__(self, equations: Equations, layers: Layers) -> None:
-        """Sort the rays out."""
+        """Sort the rays by photo, calibration and point."""
         self.layers = layers
         unknowns = layers.unknowns
         local = np.cumsum(layers.reduced) - 1
@@ -56,8 +56,8 @@ class Rays:
         self.calibration = np.concatenate(calibration)
         self.point = np.concatenate(point)
 
-        # Photos lie together: one participant each. A calibration that only one photo has
-        # joins it; the others are participants of their own.
+        # Rays of one photo lie together; each photo is one participant. A calibration that only
+        # one photo uses joins this photo; shared calibrations are participants of their own.
         starts = np.flatnonzero(np.r_[True, self.photo[1:] != self.photo[:-1]])
         stops = np.r_[starts[1:], len(self.photo)]
         pose, lens = unknowns["pose"], unknowns["calibration"]
@@ -131,7 +131,7 @@ class Rays:
 
 
 def joined(parts: list[Array], rays: Rays) -> Array:
-    """Join partials of several image blocks; missing ones (held variables) are zero."""
+    """Join partials of several image blocks; partials by held variables are zero."""
     width = max(p.shape[2] for p in parts)
     chosen = []
     for part, rows, size in zip(parts, rays.selected, rays.sizes, strict=True):

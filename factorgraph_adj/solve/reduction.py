@@ -2,7 +2,7 @@
 
 With H = Σ JₚᵀJₚ of a point, H = L Lᵀ, and W = L⁻¹ JₚᵀJ_c of each of its rays, the reduced
 normal matrix of the cameras is S = Σ J_cᵀJ_c − Σ WᵀW, the second sum over pairs of photos
-that share points. Index lists are made once (`Rays`); an iteration only computes.
+that share points. The index lists (`Rays`) are the same in all iterations.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class ReducedPoints:
     def _rays(self, j_pose: Array, j_lens: Array, j_point: Array) -> None:
         """Compute W of every ray (m, 3, width), and of every point and shared calibration."""
         rays = self.rays
-        # L⁻¹Jₚᵀ first: it is small, and W is its product with any other partials.
+        # L⁻¹Jₚᵀ is small; W is its product with the partials by poses and calibrations.
         half = self.cholesky.lower(j_point.transpose(0, 2, 1), rays.point)
         if rays.width == 6:
             self.w = half @ j_pose
@@ -144,11 +144,11 @@ class ReducedPoints:
     # -- use ----------------------------------------------------------------------------------
 
     def forward(self, y: Array, border: Array) -> Array:
-        """Return L⁻¹ y_p (p, 3, k), and take its part off the right side of the border.
+        """Return L⁻¹ y_p (p, 3, k), and subtract its part from the right sides of the border.
 
         Args:
             y: right sides, (n_columns, k).
-            border: right sides of the border (b, k), changed.
+            border: right sides of the border (b, k), changed in place.
         """
         rays = self.rays
         z = self.cholesky.lower(y[rays.layers.point_columns])
@@ -164,7 +164,7 @@ class ReducedPoints:
         return z
 
     def backward(self, z: Array, border: Array) -> Array:
-        """Return the points' part of the solution (p, 3, k) from that of the border (b, k)."""
+        """Return the solution of the points (p, 3, k) from the solution of the border (b, k)."""
         rays = self.rays
         n, k = rays.n_points, z.shape[2]
         along = np.empty((len(rays.point), 3, k))
@@ -186,11 +186,11 @@ class ReducedPoints:
         return self.cholesky.upper(t)
 
     def joint(self, border: Array) -> RayCovariances:
-        """Return what the covariance of the border (b, b) makes of the points'.
+        """Return the joint covariances of points and border from that of the border (b, b).
 
-        With W over all rays of a point and its shared calibrations, and L of its own block:
-        Q_pp = L⁻ᵀ (I + W Σ_b Wᵀ) L⁻¹ and Q_pb = −L⁻ᵀ W Σ_b. Vectorised over the points with
-        the same number of rays.
+        With W over all rays of a point and its shared calibrations, and L of the point's block:
+        Q_pp = L⁻ᵀ (I + W Σ_b Wᵀ) L⁻¹ and Q_pb = −L⁻ᵀ W Σ_b. The computation is vectorised over the
+        points with the same number of rays.
         """
         rays, d = self.rays, self.rays.width
         n = rays.n_points
@@ -198,7 +198,7 @@ class ReducedPoints:
         counts = np.bincount(rays.point, minlength=n)
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
         padded = np.zeros((len(border) + 1, len(border) + 1))
-        padded[:-1, :-1] = border  # the last row serves components that are not unknown
+        padded[:-1, :-1] = border  # the last row and column serve held components
         columns = np.array([p.columns for p in rays.photos])
         all_shared = np.concatenate([*rays.shared_columns, np.zeros(0, dtype=np.intp)])
         width = len(all_shared)
@@ -245,17 +245,17 @@ class ReducedPoints:
 
 @dataclass(frozen=True)
 class RayCovariances:
-    """W Σ_b of points with the border, see `ReducedPoints.joint`."""
+    """Products W Σ_b of points with the border, see `ReducedPoints.joint`."""
 
     rays: Array
-    """Its columns of the photo of each ray, (m, 3, width)."""
+    """Columns of W Σ_b of the photo of each ray, (m, 3, width)."""
     shared: Array
-    """Its columns of the shared calibrations, one after the other, (p, 3, k)."""
+    """Columns of W Σ_b of the shared calibrations, one after the other, (p, 3, k)."""
     inner: Array
     """I + W Σ_b Wᵀ, (p, 3, 3)."""
 
 
 def _scatter(s: Array, rows: Index, columns: Index, block: Array) -> None:
-    """Add a block to S where both components are unknown."""
+    """Add a block to S, without its rows and columns of held components."""
     r, c = rows >= 0, columns >= 0
     s[np.ix_(rows[r], columns[c])] += block[np.ix_(r, c)]

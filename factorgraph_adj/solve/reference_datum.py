@@ -1,4 +1,4 @@
-"""Covariances that refer to datum points where the datum itself is given."""
+"""Covariances that refer to datum points although the datum itself is given."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from .datum import FreeDatum
 
 @dataclass(frozen=True, eq=False)
 class ReferenceDatum:
-    """Datum points to which covariances refer where the datum itself is given."""
+    """Datum points to which covariances refer although the datum itself is given."""
 
     points: tuple[str, ...]
-    """Their names."""
+    """Names of the datum points."""
     motions: tuple[str, ...]
-    """The motions that are taken out; mixtures are named by their main part."""
+    """Names of the motions that are removed; mixtures are named by their main part."""
     datum: FreeDatum
-    """G and the datum coordinates among all components, held ones too."""
+    """G and the datum coordinates among all components, including held ones."""
     unknowns: Unknowns
-    """Layout of these components."""
+    """Layout of all components, including held ones."""
     cross: Array
-    """F = Q B_D (components, d), see `FreeDatum.basis`; zero for held ones."""
+    """F = Q B_D (components, d), see `FreeDatum.basis`; zero for held components."""
     square: Array
     """E = B_DᵀF (d, d)."""
 

@@ -1,4 +1,4 @@
-"""An adjustment under way: what is minimised, where it is, and what carries its datum."""
+"""An adjustment under way: its equations, its state and its datum."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from .normal import NormalEquations, Solver
 
 @dataclass
 class Run:
-    """What an adjustment carries along."""
+    """The changing values of an adjustment under way."""
 
     solver: Solver
     """How normal equations are factorised."""
     extra: Extra
     """Factors that the user added."""
     state: State
-    """Where the adjustment is."""
+    """Present values of all variables."""
     start: State
     """Values x₀ that inner constraints refer to."""
     free: bool
     """Whether a free network is asked for."""
     constraint: Array
-    """What a minimal datum adds to the diagonal of N, (n_columns,)."""
+    """Terms that a minimal datum adds to the diagonal of N, (n_columns,)."""
     datum: FreeDatum | None = None
     """Inner constraints of a free network, once its defects are known."""
     defects: tuple[Defect, ...] = ()
     """Datum defects that were found."""
     at_solution: NormalEquations | None = None
-    """Normal equations at the state, if they are there already."""
+    """Normal equations at the state; none: they have not been made."""
     smallest_pivot: float = 0.0
-    """What was left of the weakest diagonal element of N at the last undamped step, relative; 0
-    where there was no such step."""
+    """Smallest pivot of the last undamped step, relative to its diagonal element of N; 0: there was
+    no undamped step."""
     drifting: tuple[tuple[str, str], ...] = ()
-    """Kind and name of unknowns that nothing holds, where the iteration is in vain."""
+    """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
 
     @classmethod
     def at(
@@ -74,7 +74,7 @@ class Run:
         return NormalEquations(self.solver, state, self.extra.at(self.equations, state).rows)
 
     def vtpv(self, state: State) -> float:
-        """Return vᵀPv; infinite where a sight has no answer."""
+        """Return vᵀPv; infinite where an observation cannot be computed."""
         try:
             v = self.equations.residuals(state)
         except InputError:

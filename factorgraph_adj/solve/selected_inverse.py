@@ -5,8 +5,8 @@ Takahashi's selected inverse: with R x_F = d − S x_S of a clique and T = R⁻�
     Σ_FS = −T Σ_SS,   Σ_FF = R⁻¹R⁻ᵀ − Σ_FS Tᵀ,
 
 and Σ_SS is a part of the parent's joint covariance. All variables of a factor lie in the clique
-where the first of them is eliminated, so that the sets of any number of observations are looked
-up at once.
+that eliminates the first of them, so that the covariances of many observations are looked up at
+once.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ class SelectedInverse:
     def __init__(
         self, cliques: Sequence[Clique], border: Array, in_border: Index, n_columns: int
     ) -> None:
-        """Go down the tree.
+        """Compute the joint covariance of each clique, from the roots to the leaves.
 
         Args:
-            cliques: those of the tree, parents first.
+            cliques: the cliques of the tree, parents first.
             border: covariance of the border (b, b).
             in_border: place of each column in the border, −1 elsewhere, (n_columns,).
             n_columns: number of columns.
@@ -53,7 +53,7 @@ class SelectedInverse:
         code = owner * n_columns + columns
         order = np.argsort(code)
         self._code, self._place = code[order], place[order]
-        # Where the separators stand: in the parent, or in the border.
+        # Places of the separators in the parent, or in the border.
         there = parent[owner[~own]]
         within = np.where(
             there >= 0, self._find(np.maximum(there, 0), columns[~own]), in_border[columns[~own]]
@@ -81,7 +81,7 @@ class SelectedInverse:
             joints.append(joint)
 
     def _find(self, clique: Index, columns: Index) -> Index:
-        """Return the places of columns in cliques that hold them."""
+        """Return the places of columns in the cliques that contain them."""
         if not len(self._code):
             return np.zeros(np.shape(columns), dtype=np.intp)
         found = np.searchsorted(self._code, clique * self._n + columns)
@@ -90,14 +90,15 @@ class SelectedInverse:
     def joint(self, columns: Index) -> Array:
         """Return the joint covariances (n, k, k) of sets of columns (n, k).
 
-        The columns of a set belong to variables of one observation; −1 and held ones give zeros.
+        The columns of a set belong to variables of one observation; −1 and held components give
+        zeros.
         """
         out = np.zeros((*columns.shape, columns.shape[1]))
         safe = np.maximum(columns, 0)
-        # Held components have no place anywhere.
+        # Held components have no place in a clique or in the border.
         free = (self._clique[safe] >= 0) | (self._in_border[safe] >= 0)
         known = (columns >= 0) & free
-        # Parents come first: the clique of the first variable that is eliminated is the last.
+        # Parents come first, so that the last clique eliminates the first variable.
         clique = np.where(known, self._clique[safe], -1).max(axis=1, initial=-1)
         inside = np.flatnonzero(clique >= 0)
         if len(inside):
@@ -120,14 +121,14 @@ class SelectedInverse:
     def leverage(self, columns: Index, a: Array) -> Array:
         """Return A Σ Aᵀ (d, d) of one observation with partials (d, k) by columns (k,).
 
-        The same as with its `joint`, but from its clique's own R: with y = R⁻ᵀ A_Fᵀ and
-        B = A_S − A_F T,  A Σ Aᵀ = yᵀy + B Σ_SS Bᵀ.  No digits cancel where Σ_FF is large along a
-        direction that the observation hardly sees, as that of a point far away.
+        The value equals that from `joint`, but is computed from the clique's own R: with
+        y = R⁻ᵀ A_Fᵀ and B = A_S − A_F T,  A Σ Aᵀ = yᵀy + B Σ_SS Bᵀ.  No digits cancel if Σ_FF is
+        large along a direction that the observation hardly measures, such as to a far point.
         """
         known = columns >= 0
         columns, a = columns[known], a[:, known]
         free = (self._clique[columns] >= 0) | (self._in_border[columns] >= 0)
-        columns, a = columns[free], a[:, free]  # held components have no place anywhere
+        columns, a = columns[free], a[:, free]  # held components have no place
         number = int(self._clique[columns].max(initial=-1))
         if number < 0:
             at = self._in_border[columns]

@@ -1,4 +1,4 @@
-"""Points in front of their cameras: steps keep them there, and solutions have them there."""
+"""Points in front of their cameras: steps keep them in front, and solutions are checked for it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..types import Mask
 
 
 def behind(equations: Equations, state: State) -> Mask:
-    """Return which image points have their object point behind the camera, block by block."""
+    """Return whether each image point has its object point behind the camera, block by block."""
     out = [np.zeros(0, dtype=bool)]
     for block in equations.blocks:
         if block.kind == "image":
@@ -22,17 +22,17 @@ def behind(equations: Equations, state: State) -> Mask:
 
 
 def before_the_cameras(equations: Equations, state: State, moved: State) -> State | None:
-    """Keep points that a step takes from before to behind a camera where they were.
+    """Hold points that a step would take from the front of a camera to behind it.
 
-    Through the focal plane or infinity there is no descent: such a step only changes sides.
+    Such a step passes the focal plane or infinity, where vᵀPv does not descend continuously.
 
     Args:
         equations: the network.
-        state: before the step.
-        moved: after it.
+        state: the state before the step.
+        moved: the state after the step.
 
     Returns:
-        The state after the step; none where the cameras themselves pass points.
+        The state after the step; none: the cameras themselves pass points.
     """
     now = behind(equations, moved)
     if not now.any():

@@ -24,40 +24,40 @@ from .observation_table import ObservationTable
 from .reference_datum import ReferenceDatum
 
 ROUNDING = 1e-15
-"""Relative error that a variance has at least."""
+"""Smallest relative error of a variance that is assumed."""
 CANCELLED = 1e-6
-"""Relative error of a variance from which on a solution of the normal equations takes the place of
-the S-transformation of a block: there σ cancels, not σ²."""
+"""Largest relative error of a variance from the S-transformation of a block. Above it the normal
+equations are solved instead, where σ cancels and not σ²."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(Shown):
-    """An adjusted network: data alone, all that follows from them is worked out when asked for.
+    """An adjusted network: the object stores data; derived quantities are computed on request.
 
-    A solution can be copied and pickled. What is pickled of factors that the user added are their
-    rows at the solution, see `factorgraph_adj.solve.extra.Extra`.
+    A solution can be copied and pickled. Factors that the user added are pickled as their rows at
+    the solution, see `factorgraph_adj.solve.extra.Extra`.
     """
 
     network: Network
-    """What was adjusted."""
+    """The adjusted network."""
     equations: Equations
-    """Its observation equations, weights evaluated."""
+    """Observation equations of the network, with evaluated weights."""
     state: State
     """Values of all variables."""
     start: State
-    """Given or approximate values x₀: what the inner constraints of a free network refer to."""
+    """Given or approximate values x₀, to which the inner constraints of a free network refer."""
     converged: bool
     """Whether the iteration came to rest."""
     reason: str
-    """Why it ended."""
+    """Why the iteration ended."""
     iterations: int
     """Number of iterations."""
     vtpv: float
-    """VᵀPv, a-priori standard deviation of unit weight 1."""
+    """Weighted sum vᵀPv, for an a-priori standard deviation of unit weight 1."""
     solver: Solver = field(repr=False)
-    """How its normal equations are factorised."""
+    """How the normal equations are factorised."""
     constraint: Array = field(repr=False)
-    """What a free network adds to their diagonal, (n_columns,)."""
+    """Terms that a free network adds to the diagonal of the normal equations, (n_columns,)."""
     datum: FreeDatum | None = None
     """Inner constraints of a free network."""
     defects: tuple[Defect, ...] = ()
@@ -65,18 +65,19 @@ class Solution(Shown):
     variance: Literal["a-priori", "a-posteriori"] = "a-priori"
     """Whether covariances are scaled by 1 or by σ̂0²."""
     weights: Array | None = None
-    """What the weights of the scalar observations were multiplied by; none where nothing was."""
+    """Factor on the weight of each scalar observation; none: all factors are 1."""
     extra: Extra = field(default_factory=Extra, repr=False)
     """Factors that the user added, linearised at the solution."""
     drifting: tuple[tuple[str, str], ...] = ()
-    """Kind and name of unknowns that no observation held where an iteration in vain ended."""
+    """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
     reference: ReferenceDatum | None = None
     """Datum points that covariances refer to instead of a given datum, see `s_transform`."""
     linearised: NormalEquations | None = field(default=None, repr=False)
-    """Normal equations that are there already; they serve as long as they are those of `state`."""
+    """Normal equations that the adjustment has made already; they are used if they belong to
+    `state`."""
 
     def headline(self) -> str:
-        """Say how it ended."""
+        """Return the numbers of the adjustment, and how it ended."""
         ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
         return (
             f"Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "
@@ -95,14 +96,14 @@ class Solution(Shown):
         )
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is copied and pickled: the data, and nothing that follows from them."""
+        """Return the data for copies and pickles, without derived quantities."""
         return {f.name: getattr(self, f.name) for f in fields(self)} | {"linearised": None}
 
     def at(self, state: State) -> Solution:
-        """Return the same at another state, of which nothing says that it is a solution.
+        """Return a solution object at another state, which need not be a minimum.
 
         Raises:
-            InputError: the solution was pickled, and factors that the user added left behind.
+            InputError: the solution was pickled and has lost factors that the user added.
         """
         return replace(self, state=state, extra=self.extra.at(self.equations, state))
 
@@ -110,7 +111,7 @@ class Solution(Shown):
 
     @property
     def n_observations(self) -> int:
-        """Number of scalar observations n, weighted unknowns among them."""
+        """Number of scalar observations n, including weighted unknowns."""
         return self.equations.n_rows + self.n_extra
 
     @property
@@ -140,7 +141,7 @@ class Solution(Shown):
 
     @property
     def variance_factor(self) -> float:
-        """What covariances are scaled by: 1, or σ̂0² where asked for and redundant."""
+        """Scale of covariances: 1, or σ̂0² if asked for and the redundancy is positive."""
         if self.variance == "a-posteriori" and self.redundancy > 0:
             return self.sigma0**2
         return 1.0
@@ -161,7 +162,7 @@ class Solution(Shown):
         """Return the adjusted calibration of a camera, image units.
 
         Args:
-            camera: its name; ``camera@photo`` where every photo has its own.
+            camera: name of the camera; ``camera@photo`` if every photo has its own calibration.
         """
         e = self._estimate("calibration", camera)
         unit = self.network.cameras[camera.split("@")[0]].unit
@@ -172,7 +173,7 @@ class Solution(Shown):
         return self._estimate("orientation", f"{station}/{set}")
 
     def refraction(self, group: str = "") -> Estimate:
-        """Return the coefficient of refraction of a group; the network's by default."""
+        """Return the refraction coefficient of a group; by default that of the network."""
         return self._estimate("refraction", group)
 
     def vertical(self, station: str) -> Estimate:
@@ -202,8 +203,8 @@ class Solution(Shown):
     def covariance(self, a: str, b: str | None = None) -> Array:
         """Return the covariance of a point, or between two points, (3, 3) metres².
 
-        Σ = σ² Q, with σ² = 1 or σ̂0² as the adjustment was asked; zero for held components. In
-        a free network it belongs to the inner constraints.
+        Σ = σ² Q, with σ² = 1 or σ̂0² as chosen for the adjustment; zero for held components. In a
+        free network Σ belongs to the inner constraints.
         """
         return self.variable_covariance(("point", a), ("point", a if b is None else b))
 
@@ -279,7 +280,7 @@ class Solution(Shown):
 
     @cached_property
     def factor(self) -> Factor:
-        """The normal equations at the solution, factorised; with a minimal datum if free.
+        """The factorised normal equations at the solution; a free network has a minimal datum.
 
         Raises:
             SingularError: an unknown is not determined, or so weakly that covariances would be
@@ -304,7 +305,7 @@ class Solution(Shown):
         return self.datum.transformed(block, (g[a], f[a]), (g[b], f[b]), e)
 
     def cofactor_times(self, y: Array) -> Array:
-        """Return Q y for y (n_columns, k), Q on the inner constraints if the network is free.
+        """Return Q y for y (n_columns, k); in a free network Q is on the inner constraints.
 
         Q = S Q_min Sᵀ with S = I − B B_Dᵀ, B of `FreeDatum.basis`.
         """
@@ -321,12 +322,12 @@ class Solution(Shown):
 
     @cached_property
     def _reduced(self) -> tuple[Array, Index]:
-        """Cofactors of the points of the first layer, and their place by number of point."""
+        """Cofactors of the points of the first layer, and the place of each point in them."""
         place = np.cumsum(self.factor.layers.reduced) - 1
         return self.factor.point_covariances(), place
 
     def _own(self, kind: VariableKind, number: int, columns: Index) -> Array:
-        """Return the cofactor of one variable: from the selected inverse, no solution needed."""
+        """Return the cofactor of one variable, from the selected inverse if digits suffice."""
         if kind == "point" and self.factor.layers.reduced[number]:
             every, place = self._reduced
             block = every[place[number]]
@@ -349,7 +350,7 @@ class Solution(Shown):
         """Return the number of a variable.
 
         Raises:
-            InputError: there is none of that name; lists what there is.
+            InputError: no variable has this name; the error lists the valid names.
         """
         table = self.equations.unknowns[kind]
         if name not in table.number:

@@ -1,4 +1,4 @@
-"""Values that an adjustment starts from."""
+"""Start values of an adjustment."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from .solution import Solution
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """Values of unknowns, which are found by kind and name, of this or another network."""
+    """Start values of unknowns, identified by kind and name, of this or another network."""
 
     unknowns: Unknowns
-    """The unknowns whose values they are."""
+    """The unknowns to which the values belong."""
     state: State
-    """Values to start from."""
+    """Values from which the iteration starts."""
     origin: State
     """Values x₀ that the inner constraints of a free network refer to."""
 
     @classmethod
     def of(cls, given: Solution | Start) -> Start:
-        """Return where a solution is: an adjustment of nearly the same needs a step or two."""
+        """Return the values of a solution as start: a similar adjustment needs a step or two."""
         if isinstance(given, Start):
             return given
         return cls(given.equations.unknowns, given.state, given.start)
 
     def carried_to(self, unknowns: Unknowns) -> Start | None:
-        """Return the same for the unknowns of another network; none where values are missing.
+        """Return the start for the unknowns of another network; none: values are missing.
 
-        Values that the other network gives of what it holds, or of its unknowns as x₀, stay.
+        Values that the other network gives, for held components or as x₀, are kept.
         """
         given = unknowns.start()
         missing = {kind: np.isnan(values) for kind, values in given.items()}
@@ -46,10 +46,10 @@ class Start:
 
 
 def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start | None) -> Start:
-    """Return where an adjustment starts: what is given, else approximate values.
+    """Return the start of an adjustment: the given values, otherwise approximate values.
 
     Raises:
-        ApproximationError: there are no approximate values for what it names.
+        ApproximationError: the unknowns that it names have no approximate values.
     """
     unknowns = equations.unknowns
     if given is not None:

@@ -1,4 +1,4 @@
-"""One step of Gauss and Newton, and where it leads."""
+"""One Gauss-Newton step, and the state after it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..types import Array
 
 
 class Factorised(Protocol):
-    """What solves a system, such as `factorgraph_adj.solve.factor.Factor`."""
+    """A factorised system, such as `factorgraph_adj.solve.factor.Factor`."""
 
     def solve(self, y: Array) -> Array:
         """Return Q y for y (n, k)."""
@@ -28,8 +28,8 @@ class Step:
     decrease: float
     """Decrease of vᵀPv that the linear model predicts."""
     bound: float
-    """√(dxᵀ (N + λD) dx): without damping no unknown, and no function of them, moves further
-    relative to its own standard deviation."""
+    """Bound √(dxᵀ (N + λD) dx): without damping, every unknown and every function of the unknowns
+    moves by at most this multiple of its own standard deviation."""
 
     @classmethod
     def of(cls, factor: Factorised, gradient: Array, damped: Array | float = 0.0) -> Step:
@@ -47,11 +47,11 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """Where a step leads."""
+    """A step and the state after it."""
 
     step: Step
     """The step."""
     state: State | None
-    """The state after it; none where it has no answer, or takes cameras past their points."""
+    """The state after the step; none: the step takes cameras past their points."""
     vtpv: float
-    """VᵀPv there; infinite where there is no state."""
+    """Value of vᵀPv after the step; infinite where it cannot be computed."""

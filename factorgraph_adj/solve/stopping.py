@@ -1,9 +1,9 @@
-"""When an adjustment is at rest, when a step is taken, and when going on is in vain.
+"""When an adjustment is at rest, when a step is taken, and when the iteration ends without success.
 
-Two criteria, free of units, decide. Near the minimum the bound of a step says how far every unknown
-is from it relative to its own σ. vᵀPv says whether a step leads downhill, as long as it can: it is
-a sum whose rounding hides decreases below 10⁻¹² of it. From there on steps are taken while they
-shrink, and the smallest one counts.
+Two criteria without units decide. Near the minimum, the bound of a step is the distance of every
+unknown from the minimum relative to its own σ. The sum vᵀPv tells whether a step descends, unless
+its decrease is smaller than the rounding of vᵀPv, 10⁻¹² of its value. Below this limit steps are
+taken while they shrink, and the smallest step counts.
 """
 
 from __future__ import annotations
@@ -18,34 +18,34 @@ from .step import Attempt
 
 @dataclass(frozen=True)
 class StoppingRule:
-    """What counts as small, as slow and as nothing."""
+    """Limits by which steps are judged."""
 
     worthwhile: float = 1e-3
-    """Part of the predicted decrease of vᵀPv that a step must bring to be taken."""
+    """Smallest part of the predicted decrease of vᵀPv that a step must bring to be taken."""
     unchanged: float = 1e-6
-    """Part of 1 + vᵀPv that is no change of it: it may be more by that after the last step."""
+    """Growth of vᵀPv, relative to 1 + vᵀPv, up to which the last step leaves vᵀPv unchanged."""
     rounding: float = 1e-12
-    """Decrease relative to vᵀPv that vᵀPv cannot tell any more: a sum of thousands of squares has
-    rounding errors of that size."""
+    """Decrease relative to vᵀPv that its rounding hides: a sum of thousands of squares has rounding
+    errors of this size."""
     blind: float = 1e-9
-    """Change relative to vᵀPv that may still be rounding of a thousand such decreases: less does
-    not show that vᵀPv can tell after all."""
+    """Largest change relative to vᵀPv that may still be the rounding of a thousand steps; a larger
+    decrease shows that vᵀPv can tell again."""
     still: float = 1.0
-    """Step relative to σ from which on nothing is at rest, whether vᵀPv can tell or not."""
+    """Step relative to σ from which the unknowns are never at rest, even if vᵀPv cannot tell."""
     fast: float = 0.1
-    """Ratio of a step to the last one below which convergence is fast: it is quadratic there, and
-    what is left after a step b that follows one of a is b²/a."""
+    """Ratio of a step to the last one below which convergence counts as quadratic: after a step b
+    that follows a step a, the remaining way is b²/a."""
     close: float = 0.1
-    """Step relative to σ below which fast convergence is believed."""
+    """Step relative to σ below which quadratic convergence is assumed."""
     slow: float = 1e-6
     """Relative decrease of vᵀPv by a step below which the step does not count as progress."""
     patience: int = 20
-    """Number of steps in a row without progress after which the iteration ends."""
+    """Number of consecutive steps without progress after which the iteration ends."""
     shrinking: float = 0.8
     """Ratio of a step to the last one below which steps still converge."""
     in_vain: int = 10
-    """Number of steps in a row, where vᵀPv cannot tell, that do not shrink before the iteration
-    ends: rounding is all that is left of them."""
+    """Number of consecutive steps that do not shrink, where vᵀPv cannot tell, after which the
+    iteration ends: such steps are only rounding."""
 
 
 STOPPING = StoppingRule()
@@ -58,17 +58,17 @@ def no_worse(after: float, before: float) -> bool:
 
 
 def no_higher(after: float, before: float) -> bool:
-    """Return whether vᵀPv has grown by no more than it may where it cannot tell any more."""
+    """Return whether vᵀPv has grown by no more than the rounding of many steps."""
     return after <= before * (1.0 + STOPPING.blind)
 
 
 def cannot_tell(bound: float, decrease: float, vtpv: float) -> bool:
-    """Return whether a step and its decrease are too small to be seen in vᵀPv."""
+    """Return whether a step is small and the rounding of vᵀPv hides its decrease."""
     return decrease < STOPPING.rounding * max(vtpv, STOPPING.rounding) and bound < STOPPING.still
 
 
 def at_rest(left: float, tolerance: float) -> str:
-    """Say why an adjustment that is at rest ended."""
+    """Return the reason of an adjustment that ended at rest."""
     if left < tolerance:
         return f"at rest: no unknown is further than {tolerance:.0e} of its σ from the minimum"
     return f"at rest: vᵀPv cannot tell any more; the last step was at most {left:.1g} σ"
@@ -76,14 +76,14 @@ def at_rest(left: float, tolerance: float) -> str:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a attempt is worth."""
+    """The judgement of an attempted step."""
 
     gain: float
-    """Part of the predicted decrease of vᵀPv that came true."""
+    """Ratio of the decrease of vᵀPv to the predicted decrease."""
     left: float
-    """Bound of what is left of the way after the step, relative to σ."""
+    """Bound of the remaining way after the step, relative to σ."""
     small: bool
-    """Whether the step is one of the last: as small as asked, or as vᵀPv can tell."""
+    """Whether the step is below the tolerance, or below the rounding of vᵀPv."""
     accepted: bool
     """Whether the step is taken."""
     done: bool
@@ -92,14 +92,14 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Rest:
-    """The smallest step where vᵀPv cannot tell any more: steps are taken while they shrink."""
+    """The smallest of the steps whose decrease the rounding of vᵀPv hides."""
 
     bound: float = np.inf
     """Bound of the smallest step so far, relative to σ."""
     state: State | None = field(default=None, repr=False)
-    """The state after it; none before the first."""
+    """The state after the smallest step; none before the first step."""
     in_vain: int = 0
-    """Number of steps since that did not shrink."""
+    """Number of consecutive steps that did not shrink."""
 
     @property
     def exhausted(self) -> bool:
@@ -117,26 +117,26 @@ class Rest:
 
 @dataclass(frozen=True)
 class Stop:
-    """What the steps so far say of the next one; every change is another value."""
+    """Record of the steps so far, which judges the next one; every change returns a new value."""
 
     tolerance: float
     """Bound on the last step, relative to σ."""
     last: float = np.inf
     """Bound of the last step."""
     plain: bool = True
-    """Whether the unknowns moved by that step, and not by an extrapolation of several."""
+    """Whether the unknowns moved by the last step alone; false: by an extrapolation of several."""
     slow: int = 0
-    """Number of steps in a row without progress."""
+    """Number of consecutive steps without progress."""
     rest: Rest = field(default_factory=Rest)
-    """The steps where vᵀPv cannot tell any more."""
+    """The smallest of the steps whose decrease the rounding of vᵀPv hides."""
 
     def judge(self, attempt: Attempt, before: float, *, damped: bool) -> Judgement:
-        """Judge a step by where it leads.
+        """Judge a step by the state after it.
 
         Args:
-            attempt: the step.
-            before: vᵀPv before it.
-            damped: whether it was damped: then it may be small without anything being at rest.
+            attempt: the step and the state after it.
+            before: vᵀPv before the step.
+            damped: whether the step was damped; a damped step may be small far from the minimum.
         """
         bound, decrease, after = attempt.step.bound, attempt.step.decrease, attempt.vtpv
         gain = (before - after) / decrease if decrease > 0 else 0.0
@@ -147,20 +147,20 @@ class Stop:
         return Judgement(gain, left, small, accepted, small and left < self.tolerance)
 
     def _left(self, bound: float) -> float:
-        """Return what is left after a step, by the rate of convergence so far."""
+        """Return the remaining way after a step, from the rate of convergence so far."""
         fast = self.plain and np.isfinite(self.last)
         if fast and bound < STOPPING.fast * self.last and bound < STOPPING.close:
             return bound * bound / self.last
         return bound
 
     def slows_down(self, bound: float) -> bool:
-        """Return whether a step shrinks so slowly that extrapolating pays."""
+        """Return whether the step shrinks so slowly that an extrapolation may help."""
         return bound > STOPPING.fast * self.last
 
     def noted(self, attempt: Attempt, judged: Judgement, before: float) -> Stop:
-        """Return the same once a step is to be taken."""
+        """Return the record with a step that is to be taken."""
         rest = self.rest
-        if attempt.vtpv < before - STOPPING.blind * (1.0 + before):  # vᵀPv could tell, after all
+        if attempt.vtpv < before - STOPPING.blind * (1.0 + before):  # vᵀPv can tell again
             rest = Rest()
         if judged.small and not judged.done:
             assert attempt.state is not None
@@ -168,13 +168,13 @@ class Stop:
         return replace(self, rest=rest)
 
     def moved(self, bound: float, before: float, after: float, *, plain: bool) -> Stop:
-        """Return the same after the unknowns were moved.
+        """Return the record after the unknowns have moved.
 
         Args:
-            bound: of the step.
-            before: vᵀPv before it.
-            after: vᵀPv where the unknowns are now.
-            plain: whether they moved by the step alone.
+            bound: bound of the step relative to σ.
+            before: vᵀPv before the movement.
+            after: vᵀPv after the movement.
+            plain: whether the unknowns moved by the step alone.
         """
         no_progress = before - after < STOPPING.slow * before
         slow = self.slow + 1 if no_progress and bound > STOPPING.shrinking * self.last else 0
@@ -182,9 +182,9 @@ class Stop:
 
     @property
     def in_vain(self) -> bool:
-        """Whether the iteration gets nowhere."""
+        """Whether too many consecutive steps made no progress."""
         return self.slow >= STOPPING.patience
 
     def near_enough(self, left: float, vtpv: float) -> bool:
-        """Return whether an undamped step from here is as small as asked, or as vᵀPv can tell."""
+        """Return whether an undamped step is below the tolerance, or below the rounding of vᵀPv."""
         return left < self.tolerance or cannot_tell(left, left * left, vtpv)

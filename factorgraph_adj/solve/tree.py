@@ -1,7 +1,7 @@
-"""Elimination by GTSAM of what is not reduced in numpy, and what its Bayes tree gives.
+"""Elimination by GTSAM of the unknowns outside the first layer, and the cliques of its Bayes tree.
 
 GTSAM eliminates multifrontally in its ordering, by QR or Cholesky; each clique of the Bayes tree
-gives R and S of  R x_F = d − S x_S.  They are copied once (GTSAM's views do not own their
+gives R and S of  R x_F = d − S x_S.  R and S are copied once (GTSAM's views do not own their
 memory) and serve every right side and the selected inverse:
 
     Σ_FS = −T Σ_SS,   Σ_FF = R⁻¹R⁻ᵀ − Σ_FS Tᵀ,   T = R⁻¹ S       (top down).
@@ -24,11 +24,11 @@ from .triangular import upper_solve, upper_transposed_solve
 
 UNIT = {d: gtsam.noiseModel.Unit.Create(d) for d in range(1, 7)}
 MOST_KEYS = 3
-"""Keys that the JacobianFactor constructor takes in Python."""
+"""Largest number of keys that the JacobianFactor constructor takes in Python."""
 
 
 class SingularError(AdjustmentError):
-    """GTSAM met a pivot of zero; the caller finds out which unknowns are concerned."""
+    """A pivot of the elimination is zero; the caller determines the unknowns concerned."""
 
 
 @dataclass(frozen=True)
@@ -36,21 +36,21 @@ class Clique:
     """One clique of the Bayes tree."""
 
     frontal: Index
-    """Columns eliminated here."""
+    """Columns that the clique eliminates."""
     separator: Index
-    """Columns that they depend on."""
+    """Columns on which the eliminated columns depend."""
     r: Array
     """Upper triangular R, (f, f)."""
     t: Array
     """T = R⁻¹ S, (f, s)."""
     parent: int
-    """Number of the clique that holds the separator; −1 where only the border does."""
+    """Number of the clique that contains the separator; −1: only the border contains it."""
 
 
 def down(cliques: Sequence[Clique], y: Array) -> list[Array]:
-    """Go from the leaves to the roots: R⁻ᵀ y of each clique, (f, k), from y (n_columns, k).
+    """Return R⁻ᵀ y of each clique, (f, k), for y (n_columns, k), from the leaves to the roots.
 
-    The parts of y that belong to separators are changed.
+    The parts of y that belong to separators are changed in place.
     """
     halves = []
     for c in reversed(cliques):
@@ -62,7 +62,7 @@ def down(cliques: Sequence[Clique], y: Array) -> list[Array]:
 
 
 def up(cliques: Sequence[Clique], halves: Sequence[Array], x: Array) -> None:
-    """Go from the roots to the leaves: fill x (n_columns, k) with R⁻¹ (R⁻ᵀ y − S x_S)."""
+    """Fill x (n_columns, k) with R⁻¹ (R⁻ᵀ y − S x_S), from the roots to the leaves."""
     for c, half in zip(cliques, halves, strict=True):
         x[c.frontal] = upper_solve(c.r, half)
         if len(c.separator):
@@ -70,13 +70,13 @@ def up(cliques: Sequence[Clique], halves: Sequence[Array], x: Array) -> None:
 
 
 class TreeFactors:
-    """The factors that GTSAM eliminates: made once for each linearisation."""
+    """The factors that GTSAM eliminates; each linearisation makes them once."""
 
     def __init__(self, layers: Layers, system: LinearSystem) -> None:
         """Turn the rows outside the first layer into GTSAM's Jacobian factors."""
         self.layers = layers
         self.system = system
-        # GTSAM's keys are first columns: they sort, and give the place of a block at once.
+        # A GTSAM key is the first column of its variable: keys sort, and give the place of a block.
         self.size = layers.unknowns.size_at
         self.columns = layers.columns_at
         graph = gtsam.GaussianFactorGraph()
@@ -105,7 +105,7 @@ class TreeFactors:
         rows: Index,
         d: int,
     ) -> None:
-        """Add one factor for each row, by which of the variables are unknown."""
+        """Add one factor for each row, over those of its variables that are unknown."""
         slots = [j for j, a in enumerate(arrays) if len(a)]
         pattern = np.zeros(len(rows), dtype=np.int64)
         for bit, j in enumerate(slots):
@@ -163,10 +163,10 @@ class TreeFactors:
 
         Args:
             extra: added to the diagonal of the normal matrix, (n_columns,).
-            qr: QR instead of Cholesky.
+            qr: whether QR is used instead of Cholesky.
 
         Returns:
-            The cliques, parents first, and the normal matrix left for the border (b, b).
+            The cliques, parents first, and the reduced normal matrix of the border (b, b).
 
         Raises:
             SingularError: a pivot vanished.
@@ -212,7 +212,7 @@ class TreeFactors:
         return cliques_of(tree, self.columns), border
 
     def _ordering_of(self, graph: gtsam.GaussianFactorGraph, first: list[int]) -> gtsam.Ordering:
-        """Return the ordering, found once: all graphs of the same layers have one structure."""
+        """Return the ordering; it is computed once, as graphs of the same layers are alike."""
         if self.layers.ordering is None:
             self.layers.ordering = self._ordering(graph, first)
         return self.layers.ordering
@@ -244,7 +244,7 @@ class TreeFactors:
         return ordering
 
     def _collect(self, graph: gtsam.GaussianFactorGraph, border: Array) -> None:
-        """Add the normal matrix of factors over the border."""
+        """Add the normal matrix of factors over the border to ``border``."""
         if graph.size() == 0 or not len(border):
             return
         keys = sorted(graph.keyVector())
@@ -288,13 +288,14 @@ def cliques_of(tree: gtsam.GaussianBayesTree, columns: Mapping[int, Index]) -> l
 
 
 SMALL = 300
-"""Variables up to which COLAMD's fill is as good as nested dissection's."""
+"""Largest number of variables for which the fill of COLAMD is as good as that of nested
+dissection."""
 
 
 def nested_dissection(graph: gtsam.GaussianFactorGraph) -> gtsam.Ordering:
     """Return the order of METIS; variables without neighbours come first.
 
-    METIS writes where it must not as soon as a graph has such variables beside others.
+    They are ordered without METIS, which writes to invalid memory if a graph contains them.
     """
     joined = gtsam.GaussianFactorGraph()
     for i in range(graph.size()):

@@ -1,7 +1,7 @@
-"""Triangular solves straight by BLAS.
+"""Triangular solves directly by BLAS.
 
-``scipy.linalg.solve_triangular`` goes through LAPACK's trtrs, which wakes the threads of the
-library even for blocks of three; with other work on the machine that costs milliseconds each.
+``scipy.linalg.solve_triangular`` calls LAPACK's trtrs, which wakes the threads of the library even
+for blocks of three; on a busy machine each call then costs milliseconds.
 """
 
 from __future__ import annotations

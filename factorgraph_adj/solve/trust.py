@@ -1,12 +1,12 @@
-"""Whether the covariances of a factorisation are right, told by a few random probes.
+"""Check of the covariances of a factorisation by a few random probes.
 
 With white noise Z of the whitened observations, X = Q Aᵀ Z are estimates whose covariance is
-Q N Q = Q, and A X = H Z with H = A Q Aᵀ. H is a projector, whatever the datum: N Q N = N and
-H H = H are the same. Rounding in the factorisation gives H other eigenvalues 1 − ε instead of
-ones, and ε is the relative error of the variance of the function of the estimates that belongs
-to it; the variance of no function is off by more than the largest |ε|. Each column of H H Z − H Z
-holds every ε times a standard normal number, so that its length shows the largest. Two columns
-suffice where they show next to nothing; otherwise many are taken.
+Q N Q = Q, and A X = H Z with H = A Q Aᵀ. H is a projector with every datum, as N Q N = N is
+equivalent to H H = H. Rounding in the factorisation changes the eigenvalues 1 of H to 1 − ε. Each ε
+is the relative error of the variance of the function of the estimates that belongs to its
+eigenvector; no function has a variance with a larger error than the largest |ε|. Each column of
+H H Z − H Z contains every ε times a standard normal number, so that its length shows the largest.
+Two columns suffice if they are almost zero; otherwise more columns are used.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from .factor import Factor
 from .linear import LinearSystem
 
 FEW = 2
-"""Number of probes of a first look. The chance that both show less than ε/1000 is 6e-7."""
+"""Number of probes of the first check. The probability that both show less than ε/1000 is 6e-7."""
 CLEAN = 4e-7
-"""Largest |H H z − H z| in a first look after which no other follows: variances are off by less
-than 4e-4 of their value, standard deviations by half of that, with the probability of `FEW`."""
+"""Largest |H H z − H z| of the first check for which no second check follows. Variances then have
+relative errors below 4e-4, and standard deviations half of that, with the probability of `FEW`."""
 MANY = 8
-"""Number of probes of a second look. The chance that all of them show less than ε/5 is 4e-7."""
+"""Number of probes of the second check. The probability that all show less than ε/5 is 4e-7."""
 TRUSTED = 1e-4
-"""Largest |H H z − H z| in a second look with which covariances are given out: variances are off
-by less than 5e-4 of their value with the probability of `MANY`."""
+"""Largest |H H z − H z| of the second check for which covariances are returned. Variances then have
+relative errors below 5e-4, with the probability of `MANY`."""
 SAMPLES = 4
-"""Number of estimates from white noise whose root mean squares stand for standard deviations."""
+"""Number of estimates from white noise whose root mean squares approximate standard deviations."""
 SEED = 1
 """Seed of the probes: the same network gives the same figures."""
 HELD_STILL = 1e-6
-"""Standard deviation of an unknown relative to the one it had if all others were held, which is
-none: where a datum holds it, rounding alone is left."""
+"""Standard deviation of an unknown that a datum holds, relative to the standard deviation that it
+has if all others are held: below this value only rounding is left."""
 WEAKEST = 5
 """Number of unknowns that a refusal names."""
 
@@ -56,8 +56,8 @@ def sample(system: LinearSystem, factor: Factor, n: int) -> Array:
 def uncertainty(system: LinearSystem, factor: Factor) -> float:
     """Return the relative error of variances from a factorisation: the largest |H H z − H z|.
 
-    Covariances may be given out where it is at most `TRUSTED`. It costs two solutions with `FEW`
-    right sides where there is no error.
+    Covariances may be returned if the error is at most `TRUSTED`. A factorisation without error
+    costs two solutions with `FEW` right sides.
 
     Args:
         system: the linearised network.
@@ -76,21 +76,21 @@ def _error(system: LinearSystem, factor: Factor, n: int) -> float:
 
 
 def held_well(datum: FreeDatum, steps: Array, diagonal: Array) -> tuple[Index, float]:
-    """Choose the minimal datum that enlarges no standard deviation much.
+    """Choose a minimal datum that enlarges standard deviations little.
 
-    Rounding in Q grows with the squares of what the minimal datum adds to two things: to the
-    estimates on inner constraints over all unknowns in the metric of the diagonal of N, which
-    rounding of N acts on, and to those on the constraints of the datum, which the
-    S-transformation takes as a small difference. Let σ be the smaller one of the two standard
-    deviations of each unknown. Holding the components h adds −G G_h⁻¹ x_h. Where the rows
-    g_i / σ_i of h span the largest volume, no element of σ_i⁻¹ g_i G_h⁻¹ σ_h is above one.
-    Pivoting comes close to that.
+    Rounding in Q grows with the squares of the terms that the minimal datum adds to two estimates:
+    those on inner constraints over all unknowns in the metric of the diagonal of N, on which
+    rounding of N acts, and those on the constraints of the datum, which the S-transformation
+    computes as a small difference. Let σ be the smaller of the two standard deviations of each
+    unknown. Holding the components h adds −G G_h⁻¹ x_h. If the rows g_i / σ_i of h span the
+    largest volume, every element of σ_i⁻¹ g_i G_h⁻¹ σ_h is at most one. Pivoting approximates this
+    choice.
 
     Args:
-        datum: what the observations leave undetermined, and the inner constraints.
+        datum: the undetermined motions, and the inner constraints.
         steps: estimates from white noise on any minimal datum, (n_columns, k); their root mean
-            squares stand for standard deviations.
-        diagonal: that of N, (n_columns,).
+            squares approximate standard deviations.
+        diagonal: diagonal of N, (n_columns,).
 
     Returns:
         The columns to hold (d,), and the largest factor by which the minimal datum of ``steps``
@@ -114,12 +114,12 @@ def _size(x: Array) -> Array:
 
 
 def refusal(system: LinearSystem, factor: Factor, diagonal: Array) -> str:
-    """Say why no covariance is given, and name the unknowns that are determined worst.
+    """Return the reason why covariances are refused, with the most weakly determined unknowns.
 
     Args:
         system: the linearised network.
         factor: its most precise factorisation, which is not precise enough.
-        diagonal: that of N, (n_columns,).
+        diagonal: diagonal of N, (n_columns,).
     """
     unknowns = system.unknowns
     weakness = _size(sample(system, factor, SAMPLES)) * np.sqrt(diagonal)

@@ -1,8 +1,8 @@
-"""Low-rank updates: what a few rows change in a system that is solved already.
+"""Low-rank updates: the change of a solved system by a few rows.
 
-N is the normal matrix of the system and Q = N⁻¹. The whitened rows B (k, n) have signs s: they
-join the system (+1), leave it (−1), or hold without any error (0), as the limit of infinite
-weight. With S = diag(s),
+N is the normal matrix of the system and Q = N⁻¹. The whitened rows B (k, n) have signs s: rows
+join the system (+1), leave it (−1), or are constraints without error (0), as the limit of
+infinite weight. With S = diag(s),
 
     N' = N + Bᵀ S B                     of rows that join or leave
     G  = Q Bᵀ,   D = S + B Q Bᵀ
@@ -11,24 +11,24 @@ weight. With S = diag(s),
     Δ(vᵀPv) = vᵀ D⁻¹ v
 
 v are the whitened residuals B x − l of the rows, computed − observed, at the minimum without the
-change. Nothing of the size of the system is factorised: D has the size of the rows.
+change. Only D, whose size is the number of rows, is factorised.
 
-Rows u of the update are tested against everything else, the other rows of the update included.
-For rows that joined, M_u = (D⁻¹)_uu and e_u = (D⁻¹ v)_u; for rows that left, M_u⁻¹ = −(D⁻¹)_uu
-and e_u = −M_u (D⁻¹ v)_u:
+Rows u of the update are tested against all other observations, including the other rows of the
+update. For rows that joined, M_u = (D⁻¹)_uu and e_u = (D⁻¹ v)_u; for rows that left,
+M_u⁻¹ = −(D⁻¹)_uu and e_u = −M_u (D⁻¹ v)_u:
 
-    d_u = M_u⁻¹ e_u      innovation: computed from everything else − observed
+    d_u = M_u⁻¹ e_u      innovation: computed from all others − observed
     M_u⁻¹                covariance of the innovation
     T² = e_uᵀ M_u⁻¹ e_u  χ² with rank(M_u) degrees of freedom
     w_i = e_i / √M_ii    test value of one component
     r_i = M_ii           redundancy number that the row has, or had
 
 D is factorised in two parts. The rows that join come first: their part D₊ = I + B₊ Q B₊ᵀ is
-positive definite whatever Q is, and has a Cholesky factor. What is left of the other rows is
-E = D₋ − Cᵀ D₊⁻¹ C, which an eigenvalue decomposition takes apart. For rows that leave, −E = M is
-the redundancy matrix that they have after all others joined. By Haynsworth's inertia additivity
-N' is positive definite exactly if M is: an eigenvalue zero of M belongs to a combination of the
-unknowns that the leaving rows alone determine.
+positive definite for every Q, and has a Cholesky factor. The Schur complement of the other rows is
+E = D₋ − Cᵀ D₊⁻¹ C, which is factorised by its eigenvalues. For rows that leave, −E = M is their
+redundancy matrix after all others joined. By Haynsworth's inertia additivity N' is positive
+definite exactly if M is: an eigenvalue zero of M belongs to a combination of the unknowns that
+the leaving rows alone determine.
 """
 
 from __future__ import annotations
@@ -48,25 +48,24 @@ class Limits:
     """Limits within which a low-rank update is as good as a new solution."""
 
     least_left: float = 1e-6
-    """Smallest eigenvalue of E, relative to its scale, that counts as more than nothing.
+    """Smallest eigenvalue of E, relative to its scale, that counts as different from zero.
 
-    Along smaller ones, standard deviations would grow a thousandfold and more when rows leave; it
-    is the bound of `factorgraph_adj.quality.reliability.UNCONTROLLED`.
+    Along smaller eigenvalues, standard deviations would grow a thousandfold and more when rows
+    leave; the value is that of `factorgraph_adj.quality.reliability.UNCONTROLLED`.
     """
     most_gained: float = 1e9
     """Largest factor by which rows that join may reduce a variance.
 
-    Q' is a difference that loses as many digits: of the sixteen of double precision seven are
-    left.
+    Q' is a difference that loses nine of the sixteen digits of double precision.
     """
 
 
 LIMITS = Limits()
-"""The limits that `Update.trusted` goes by."""
+"""The limits of `Update.trusted`."""
 
 
 class Cofactors(Protocol):
-    """Q of a system, however it is kept."""
+    """Cofactors Q of a system, in any representation."""
 
     @property
     def size(self) -> int:
@@ -80,7 +79,7 @@ class Cofactors(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Dense:
-    """Q as a matrix, of unknowns or of any functions of them."""
+    """Q as a matrix, of unknowns or of any functions of unknowns."""
 
     q: Array
     """Q, (n, n)."""
@@ -112,7 +111,7 @@ class Solved:
 
 
 class Statistics(NamedTuple):
-    """Test statistics of observations that are predicted by others; σ0 = 1."""
+    """Test statistics of observations that other observations predict; σ0 = 1."""
 
     t2: Array
     """T² of all components together, (...)."""
@@ -123,7 +122,7 @@ class Statistics(NamedTuple):
 
 
 def statistics(innovation: Array, covariance: Array, own: Array) -> Statistics:
-    """Test observations against a solution that they have no part in.
+    """Test observations against a solution from other observations.
 
     With d = f(x̂) − l, D = Σ + A Q Aᵀ and M = D⁻¹: T² = dᵀMd, w_i = (Md)_i/√M_ii, r_i = (ΣM)_ii.
 
@@ -150,7 +149,7 @@ def whitener(d: Array) -> Array:
 
 
 class Inverse(NamedTuple):
-    """D⁻¹ = Z diag(σ) Zᵀ without directions of D that are nothing."""
+    """D⁻¹ = Z diag(σ) Zᵀ without the null directions of D."""
 
     z: Array
     """Z, (k, rank of D)."""
@@ -164,10 +163,10 @@ class Inverse(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Update:
-    """A system with rows that joined, left or hold beside it; a value, never changed.
+    """A system with rows that joined, left or are constraints; an immutable value.
 
-    `Update.of` begins one, `with_rows` appends rows and returns another one. Functions of the
-    unknowns are told by what is spread to them: F G (j, k) for functions F (j, n).
+    `Update.of` makes an update without rows; `with_rows` returns an update with further rows.
+    Functions F (j, n) of the unknowns are given as F G (j, k).
     """
 
     base: Cofactors
@@ -179,11 +178,11 @@ class Update:
     signs: Array
     """S, (k,)."""
     residuals: Array
-    """v, (k,); zero where only cofactors are asked for."""
+    """v, (k,); zero if only cofactors are needed."""
 
     @classmethod
     def of(cls, base: Cofactors | Array) -> Update:
-        """Return a system without any change; a matrix stands for its own cofactors."""
+        """Return a system without any change; a matrix is taken as Q."""
         if isinstance(base, np.ndarray):
             base = Dense(base)
         nothing = np.zeros(0)
@@ -194,14 +193,13 @@ class Update:
     ) -> Update:
         """Return the system with more rows.
 
-        The cost is that of one solution with Q; what came before is not solved again.
+        The cost is that of one solution with Q; earlier rows are not solved again.
 
         Args:
             at: columns that the rows touch, each once, (m,).
-            b: whitened partials by these, (k, m).
-            v: whitened residuals at the minimum of the system that `of` was given, (k,); none:
-                zero.
-            sign: 1 joins, −1 leaves, 0 holds without error.
+            b: whitened partials by these columns, (k, m).
+            v: whitened residuals at the minimum of the system given to `of`, (k,); none: zero.
+            sign: 1 joins, −1 leaves, 0 is a constraint without error.
         """
         g = self.base.times(at, b)
         cross = self.spread[at].T @ b.T
@@ -214,20 +212,20 @@ class Update:
             np.append(self.residuals, np.zeros(len(b)) if v is None else v),
         )
 
-    # -- what the change is ---------------------------------------------------------------------
+    # -- the change -----------------------------------------------------------------------------
 
     @cached_property
     def parts(self) -> Inverse:
-        """D⁻¹ in its parts."""
+        """Factors of D⁻¹."""
         return _inverse(self.inner, self.signs)
 
     @property
     def condition(self) -> float:
-        """What is left in the worst direction of rows that leave or hold, relative; ≤ 1.
+        """Smallest relative eigenvalue of E for rows that leave or are constraints; ≤ 1.
 
-        It is the smallest eigenvalue of M = −E for rows that leave, the share of the redundancy
-        that they do not take along: 1 where no row leaves, 0 or less where without them
-        something is undetermined. Rows that hold have that of B Q Bᵀ, relative to the largest.
+        For rows that leave, it is the smallest eigenvalue of M = −E, the share of the redundancy
+        that remains: 1 if no row leaves, 0 or less if a combination of unknowns becomes
+        undetermined. For constraints, it is that of B Q Bᵀ relative to the largest.
         """
         return self.parts.condition
 
@@ -243,16 +241,16 @@ class Update:
 
     @property
     def inverse(self) -> Array:
-        """D⁻¹, (k, k); the pseudo-inverse where directions of D are nothing."""
+        """D⁻¹, (k, k); the pseudo-inverse if D has null directions."""
         z, sigma, _, _ = self.parts
         return np.asarray((z * sigma) @ z.T)
 
     def loss(self, f: Array, g: Array | None = None) -> Array:
-        """Return what cofactors between functions lose: F G D⁻¹ (F' G)ᵀ, (..., i, j).
+        """Return the decrease F G D⁻¹ (F' G)ᵀ of cofactors between functions, (..., i, j).
 
         Args:
-            f: F G of functions, (..., i, k).
-            g: the same of others, (..., j, k); none: of the same.
+            f: F G of functions F, (..., i, k).
+            g: F' G of other functions F', (..., j, k); none: F' = F.
         """
         z, sigma, _, _ = self.parts
         half = f @ z
@@ -266,12 +264,12 @@ class Update:
         other = half if g is None else g @ z
         return np.asarray((half * other) @ sigma)
 
-    # -- what the system is with it -------------------------------------------------------------
+    # -- the system with the change -------------------------------------------------------------
 
     def times(self, at: Index, b: Array) -> Array:
         """Return Q' Bᵀ (n, j) of rows that touch the columns ``at`` with ``b`` (j, m).
 
-        With it an update can be the base of another one.
+        This function lets an update be the base of another update.
         """
         return self.base.times(at, b) - self._moved((b @ self.spread[at]).T)
 
@@ -295,7 +293,7 @@ class Update:
 
     @cached_property
     def step(self) -> Array:
-        """What the unknowns move by, dx (n,)."""
+        """Movement dx of the unknowns, (n,)."""
         return -self._moved(self.residuals[:, None])[:, 0]
 
     @property
@@ -305,14 +303,14 @@ class Update:
         return float(np.square(z.T @ self.residuals) @ sigma)
 
     def test(self, rows: Index | Mask | None = None) -> tuple[Statistics, int]:
-        """Test rows of the update against everything else.
+        """Test rows of the update against all other observations.
 
         Args:
-            rows: which of the k rows, all of one sign, +1 or −1; none: all.
+            rows: the rows to test among the k rows, all of one sign, +1 or −1; none: all.
 
         Returns:
-            The statistics, and the degrees of freedom of T². The test value of a row that nothing
-            else controls is NaN.
+            The statistics, and the degrees of freedom of T². The test value of a row that no
+            other observation controls is NaN.
         """
         u = np.arange(len(self.signs)) if rows is None else np.arange(len(self.signs))[rows]
         sign = self.signs[u]
@@ -331,7 +329,7 @@ class Update:
 
 
 def _inverse(d: Array, signs: Array) -> Inverse:
-    """Take D apart, the rows that join first."""
+    """Factorise D⁻¹, the rows that join first."""
     first, rest = np.flatnonzero(signs > 0), np.flatnonzero(signs <= 0)
     z = np.zeros((len(d), len(first)))
     own = np.zeros((0, 0))
