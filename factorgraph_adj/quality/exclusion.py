@@ -152,7 +152,7 @@ def _entity(label: Label) -> Label:
 
 
 def _candidates(test: Significance, keep: frozenset[str]) -> dict[Label, TestedParameter]:
-    """Return the parameters that can be excluded; of several photos the test with the largest |t|."""
+    """Return the parameters that can be excluded, each with its test of the largest |t|."""
     out: dict[Label, TestedParameter] = {}
     for p in test.parameters:
         if p.additional and p.component not in keep:

@@ -123,7 +123,7 @@ class Snooping:
     """Reason why the search ended."""
 
     def __repr__(self) -> str:
-        """Summarise the result."""
+        """Say what was found."""
         return (
             f"<Snooping: {len(self.rejected)} observations and {len(self.points_set_aside)} points "
             f"set aside, {len(self.unresolved)} unresolved, σ̂0 {self.solution.sigma0:.4f}; "

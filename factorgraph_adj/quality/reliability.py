@@ -81,7 +81,7 @@ class Reliability:
     _leverages: Leverages
 
     def __repr__(self) -> str:
-        """Summarise the redundancy numbers and test values."""
+        """Say how much is controlled, and how well."""
         r, n = self.redundancy_numbers, len(self.w)
         largest = float(np.nanmax(np.abs(self.w))) if self.controlled.any() else np.nan
         return (
