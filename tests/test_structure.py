@@ -21,7 +21,7 @@ PACKAGE = "factorgraph_adj"
 SOURCE = ROOT / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "types", "version"),
+    ("errors", "types", "version", "shown"),
     ("units", "rotation", "ellipsoid"),
     ("frames", "stochastic"),
     ("models",),

@@ -12,6 +12,8 @@ import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..io.atomic import write_files
+from ..quality.levels import CONFIDENCE
+from ..shown import Shown
 from ..types import Array
 from .repetition import Repetition
 from .study import Level, Levels, encoded, written
@@ -23,8 +25,8 @@ if TYPE_CHECKING:
 MISSING = "a data frame needs pandas: pip install 'factorgraph_adj[table]'"
 
 
-@dataclass(frozen=True)
-class Results:
+@dataclass(frozen=True, repr=False)
+class Results(Shown):
     """All repetitions of an experiment, sorted by cell and repetition."""
 
     name: str
@@ -34,10 +36,10 @@ class Results:
     rows: tuple[Repetition, ...]
     """Every repetition, failed ones among them."""
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say how many there are."""
         failed = len(self.failed)
-        return f"<Results of {self.name!r}: {len(self.rows)} repetitions, {failed} failed>"
+        return f"Results of {self.name!r}: {len(self.rows)} repetitions, {failed} failed"
 
     @property
     def failed(self) -> tuple[Repetition, ...]:
@@ -142,7 +144,7 @@ class Results:
         columns["message"] = [row.message for row in rows]
         return pandas.DataFrame(columns)
 
-    def summary(self, *, confidence: float = 0.95) -> Summary:
+    def summary(self, *, confidence: float = CONFIDENCE) -> Summary:
         """Return mean, standard deviation and RMS of each figure in each cell, with intervals.
 
         Args:

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import InputError, known
 from ..quality.distributions import chi2_quantile, chi2_upper_quantile, student_quantile
 from ..report import layout
+from ..shown import Rows, Shown
 from ..types import Array
 from .repetition import Repetition
 from .study import Level, Levels, encoded, key, said, written
@@ -73,8 +74,8 @@ class Failure:
     """Its cell."""
 
 
-@dataclass(frozen=True)
-class Summary:
+@dataclass(frozen=True, repr=False)
+class Summary(Shown):
     """Figures of all cells; ``str`` is a table for people."""
 
     name: str
@@ -91,6 +92,28 @@ class Summary:
     """By figure, and in each by cell."""
     failures: tuple[Failure, ...] = ()
     """Why repetitions failed, in the order in which it happened first."""
+
+    def headline(self) -> str:
+        """Return how many repetitions there are."""
+        return f"Summary of {self.name!r}: {self.n_repetitions} repetitions, {self.n_failed} failed"
+
+    def first_rows(self) -> Rows:
+        """Return the figures of the cells."""
+        return Rows(
+            (*self.factors, "figure", "n", "mean", "std. dev.", "RMS"),
+            (
+                (
+                    *(r.levels[f] for f in self.factors),
+                    r.figure,
+                    r.n,
+                    r.mean,
+                    r.standard_deviation,
+                    r.rms,
+                )
+                for r in self.rows
+            ),
+            len(self.rows),
+        )
 
     def of(self, figure: str, /, **levels: Level) -> FigureSummary:
         """Return the summary of a figure in one cell.

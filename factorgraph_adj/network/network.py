@@ -17,6 +17,7 @@ from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds, unknown_kind
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
+from ..shown import Rows, Shown
 from ..types import Array, Mask
 from .checked import checked_camera, checked_image_points, checked_photo, checked_point
 from .entities import (
@@ -32,26 +33,13 @@ from .entities import (
     parameter_key,
     parameter_name,
 )
+from .of_kind import OfKind
 
 DatumChoice: TypeAlias = Literal["given", "free"]
 """Datum from what is given (control, fixed, weighted), or a free network."""
 
 
-class _OfKind:
-    """Attribute of a network: its stated unknowns of one kind by key."""
-
-    def __init__(self, kind: VariableKind) -> None:
-        self.kind = kind
-
-    def __get__(self, network: Network, owner: object = None) -> dict[Any, Parameter]:
-        return network.of_kind(self.kind)
-
-    def __set__(self, network: Network, given: Mapping[Any, Parameter]) -> None:
-        # A copy of the network may share the table of kinds, so that it is not written into.
-        network.parameters = {**network.parameters, self.kind: dict(given)}
-
-
-class Network:
+class Network(Shown):
     """Points, cameras, photos and observations in one frame.
 
     Example:
@@ -325,13 +313,13 @@ class Network:
         held = [n for n, s in sigma.items() if s == np.inf and n not in asked]
         self.set_unknown("edm", name, (scale, zero), fixed=held, sigma=sigma)
 
-    orientations = _OfKind("orientation")
+    orientations = OfKind("orientation")
     """Orientation unknowns by station and set."""
-    refractions = _OfKind("refraction")
+    refractions = OfKind("refraction")
     """Coefficients of refraction by group."""
-    verticals = _OfKind("vertical")
+    verticals = OfKind("vertical")
     """Deflections of the vertical by station."""
-    distance_meters = _OfKind("edm")
+    distance_meters = OfKind("edm")
     """Scales and zero constants by distance meter."""
 
     # -- observations -------------------------------------------------------------------------
@@ -480,9 +468,24 @@ class Network:
         if name not in names:
             raise InputError(Problem(f"unknown {what} {name!r}; known: {known(names)}", where))
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say what the network has."""
         return (
-            f"<Network {self.name!r}: {len(self.points)} points, {len(self.photos)} photos, "
-            f"{self.n_image_points} image points, {len(self.observations)} other observations>"
+            f"Network {self.name!r}: {len(self.points)} points, {len(self.photos)} photos, "
+            f"{self.n_image_points} image points, {len(self.observations)} other observations"
+        )
+
+    def first_rows(self) -> Rows:
+        """Return the points."""
+        return Rows(
+            ("point", "x", "y", "z", "fixed"),
+            (
+                (
+                    p.name,
+                    *p.coordinates,
+                    "".join(a for a, f in zip("xyz", p.fixed, strict=True) if f),
+                )
+                for p in self.points.values()
+            ),
+            len(self.points),
         )

@@ -15,7 +15,9 @@ import numpy as np
 from ..errors import AdjustmentError, InputError, Problem
 from ..network.network import Network
 from ..quality.effects import shifts
+from ..quality.levels import ALPHA, POWER
 from ..quality.reliability import Reliability, check_probabilities, reliability
+from ..shown import Rows, Shown
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array, Mask
@@ -39,7 +41,7 @@ CHUNK = 500
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan:
+class Plan(Shown):
     """A design, adjusted as it was planned; σ0 = 1."""
 
     solution: Solution
@@ -106,12 +108,20 @@ class Plan:
             out[np.isin(rows, part)] = far
         return labels, out
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say whether it meets its targets."""
         return (
-            f"<Plan of {self.network.name!r}: {self.solution.n_observations} observations, "
+            f"Plan of {self.network.name!r}: {self.solution.n_observations} observations, "
             f"redundancy {self.solution.redundancy}, {len(self.targets)} targets, "
-            f"{len(self.shortfalls)} shortfalls>"
+            f"{len(self.shortfalls)} shortfalls"
+        )
+
+    def first_rows(self) -> Rows:
+        """Return the shortfalls."""
+        return Rows(
+            ("shortfall",),
+            ((str(s),) for s in self.shortfalls),
+            len(self.shortfalls),
         )
 
 
@@ -119,8 +129,8 @@ def plan(
     network: Network,
     targets: Sequence[Target] | Target = (),
     *,
-    alpha: float = 0.001,
-    power: float = 0.80,
+    alpha: float = ALPHA,
+    power: float = POWER,
 ) -> Plan:
     """Work out what a design will give.
 

@@ -24,6 +24,8 @@ import numpy as np
 from ..errors import DatumError, InputError, Problem
 from ..graph.equations import compile_network
 from ..network.network import Network
+from ..quality.levels import ALPHA, POWER
+from ..shown import Rows, Shown
 from .candidates import (
     Candidate,
     as_candidates,
@@ -73,7 +75,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Proposal:
+class Proposal(Shown):
     """What to add to a design."""
 
     steps: tuple[Step, ...]
@@ -93,9 +95,20 @@ class Proposal:
         """Names of the candidates."""
         return tuple(s.candidate.name for s in self.steps)
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say how many candidates, and what they cost."""
-        return f"<Proposal: {len(self.steps)} candidates, cost {self.cost:g}>"
+        return f"Proposal: {len(self.steps)} candidates, cost {self.cost:g}"
+
+    def first_rows(self) -> Rows:
+        """Return the steps."""
+        return Rows(
+            ("candidate", "cost", "together", "gain", "lack"),
+            (
+                (s.candidate.name, float(s.candidate.cost), float(s.cost), s.gain, s.lack)
+                for s in self.steps
+            ),
+            len(self.steps),
+        )
 
     def __str__(self) -> str:
         """Tabulate the steps."""
@@ -115,8 +128,8 @@ def propose(
     candidates: Iterable[Candidate],
     targets: Sequence[Target] | Target,
     *,
-    alpha: float = 0.001,
-    power: float = 0.80,
+    alpha: float = ALPHA,
+    power: float = POWER,
 ) -> Proposal:
     """Propose the cheapest additions that make a design meet its targets.
 

@@ -20,7 +20,9 @@ from scipy.sparse import csr_array
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from ..network.selection import without
+from ..quality.levels import ALPHA, POWER
 from ..quality.rows import whitened_unit
+from ..shown import Rows, Shown
 from ..solve.update import Update
 from ..types import Array, Index, Mask
 from .candidates import partials
@@ -52,7 +54,7 @@ LISTED = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Spared:
+class Spared(Shown):
     """What can be left out."""
 
     ids: tuple[str, ...]
@@ -62,9 +64,17 @@ class Spared:
     plan: Plan
     """The design without them; its targets are met."""
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say how many, and what they cost."""
-        return f"<Spared: {len(self.ids)} observations, cost {self.saved:g}>"
+        return f"Spared: {len(self.ids)} observations, cost {self.saved:g}"
+
+    def first_rows(self) -> Rows:
+        """Return what can be left out."""
+        return Rows(
+            ("observation",),
+            ((i,) for i in self.ids),
+            len(self.ids),
+        )
 
     def __str__(self) -> str:
         """List them."""
@@ -80,8 +90,8 @@ def find_sparable(
     *,
     observations: Sequence[str] | str = ("*",),
     cost: Mapping[str, float] | None = None,
-    alpha: float = 0.001,
-    power: float = 0.80,
+    alpha: float = ALPHA,
+    power: float = POWER,
 ) -> Spared:
     """Find observations that can be left out while the targets are met.
 

@@ -17,6 +17,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..graph.equations import Equations
 from ..quality.ellipses import confidence_factor
+from ..quality.levels import CONFIDENCE
 from ..types import Array
 from .patterns import Name, matching, patterns_of, unlike
 
@@ -46,7 +47,7 @@ class SemiAxis:
 
     at_most: float
     """Metres."""
-    confidence: float = 0.95
+    confidence: float = CONFIDENCE
     """Probability of the region, σ0 known."""
     points: tuple[str, ...] = ("*",)
     """Names, or patterns with ``*`` and ``?``."""

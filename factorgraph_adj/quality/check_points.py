@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..shown import Rows, Shown
 from ..solve.solution import Solution
 from ..types import Array
 
 
-@dataclass(frozen=True)
-class CheckPoints:
+@dataclass(frozen=True, repr=False)
+class CheckPoints(Shown):
     """Differences at the check points; NaN where a coordinate is not known."""
 
     names: tuple[str, ...]
@@ -20,6 +21,18 @@ class CheckPoints:
     """Adjusted − known coordinates, (n, 3) metres."""
     sigmas: Array
     """Standard deviations of the adjusted coordinates, (n, 3) metres; zero where held."""
+
+    def headline(self) -> str:
+        """Return how many points were compared, and their RMS differences."""
+        return f"CheckPoints: {len(self.names)} points, RMS of x, y, z {self.rms} m"
+
+    def first_rows(self) -> Rows:
+        """Return the differences, adjusted − given, metres."""
+        return Rows(
+            ("point", "x", "y", "z"),
+            ((name, *map(float, d)) for name, d in zip(self.names, self.differences, strict=True)),
+            len(self.names),
+        )
 
     @property
     def normalised(self) -> Array:

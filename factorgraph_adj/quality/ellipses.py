@@ -28,6 +28,7 @@ from ..errors import InputError
 from ..solve.solution import Solution
 from ..types import Array
 from .distributions import chi2_quantile, fisher_quantile
+from .levels import CONFIDENCE
 from .relative import Place, covariance, covariances, position
 
 FLAT = 1e-13
@@ -135,7 +136,7 @@ class ErrorEllipsoid:
 
 
 def error_ellipse(
-    solution: Solution, a: Place, b: Place | None = None, *, confidence: float | None = 0.95
+    solution: Solution, a: Place, b: Place | None = None, *, confidence: float | None = CONFIDENCE
 ) -> ErrorEllipse:
     """Return the error ellipse of the plan position of a place, or of the difference of two places.
 
@@ -154,7 +155,7 @@ def error_ellipse(
 
 
 def error_ellipsoid(
-    solution: Solution, a: Place, b: Place | None = None, *, confidence: float | None = 0.95
+    solution: Solution, a: Place, b: Place | None = None, *, confidence: float | None = CONFIDENCE
 ) -> ErrorEllipsoid:
     """Return the error ellipsoid of a place, or of a difference; arguments of `error_ellipse`."""
     return _ellipsoids(solution, *_one(solution, a, b), confidence)[0]
@@ -164,7 +165,7 @@ def error_ellipses(
     solution: Solution,
     places: Sequence[Place] | None = None,
     *,
-    confidence: float | None = 0.95,
+    confidence: float | None = CONFIDENCE,
 ) -> tuple[ErrorEllipse, ...]:
     """Return the error ellipses of many places at once, from the selected inverse.
 
@@ -183,14 +184,14 @@ def error_ellipsoids(
     solution: Solution,
     places: Sequence[Place] | None = None,
     *,
-    confidence: float | None = 0.95,
+    confidence: float | None = CONFIDENCE,
 ) -> tuple[ErrorEllipsoid, ...]:
     """Return the error ellipsoids of many places; arguments of `error_ellipses`."""
     return _ellipsoids(solution, *_many(solution, places), confidence)
 
 
 def height_interval(
-    solution: Solution, a: Place, b: Place | None = None, *, confidence: float | None = 0.95
+    solution: Solution, a: Place, b: Place | None = None, *, confidence: float | None = CONFIDENCE
 ) -> ConfidenceInterval:
     """Return the confidence interval of a height, or of a height difference X_b − X_a.
 
@@ -206,7 +207,7 @@ def height_intervals(
     solution: Solution,
     places: Sequence[Place] | None = None,
     *,
-    confidence: float | None = 0.95,
+    confidence: float | None = CONFIDENCE,
 ) -> tuple[ConfidenceInterval, ...]:
     """Return the confidence intervals of many heights; arguments of `error_ellipses`."""
     return _intervals(solution, *_many(solution, places), confidence)

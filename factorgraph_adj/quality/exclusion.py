@@ -12,8 +12,10 @@ from ..errors import InputError, known
 from ..models.variables import UNKNOWNS
 from ..network.entities import Parameter, parameter_name
 from ..network.network import DatumChoice, Network
+from ..shown import Rows, Shown
 from ..solve.batch import adjust
 from ..solve.solution import Solution
+from .levels import ALPHA_OF_MODEL
 from .systematic import (
     STRONG,
     Label,
@@ -54,8 +56,8 @@ class ExcludedParameter:
         return f"{what}, below {p.critical:.2f}"
 
 
-@dataclass(frozen=True)
-class Exclusion:
+@dataclass(frozen=True, repr=False)
+class Exclusion(Shown):
     """Result of backward exclusion."""
 
     solution: Solution
@@ -66,6 +68,18 @@ class Exclusion:
     """Tests and correlations of the remaining parameters."""
     first: Solution
     """The adjustment with all parameters."""
+
+    def headline(self) -> str:
+        """Return how many parameters were excluded."""
+        return f"Exclusion: {len(self.excluded)} parameters excluded, σ̂0 {self.solution.sigma0:.4f}"
+
+    def first_rows(self) -> Rows:
+        """Return the excluded parameters."""
+        return Rows(
+            ("parameter", "t", "why", "round"),
+            ((describe(e.tested.label), e.tested.t, e.reason, e.round) for e in self.excluded),
+            len(self.excluded),
+        )
 
     @property
     def growth(self) -> float:
@@ -80,7 +94,7 @@ class Exclusion:
 def exclude_insignificant(
     network: Network,
     *,
-    alpha: float = 0.05,
+    alpha: float = ALPHA_OF_MODEL,
     correlation: float | None = None,
     keep: Iterable[str] = (),
     datum: DatumChoice | None = None,

@@ -27,6 +27,7 @@ from ..errors import InputError, Problem
 from ..graph.equations import Equations, compile_network
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
+from ..shown import Rows, Shown
 from ..solve.solution import Solution
 from ..solve.update import statistics, whitener
 from ..types import Array, Index, Mask
@@ -40,8 +41,8 @@ AT_REST = 1e-4
 """Step relative to σ below which an intersection has converged."""
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(Shown):
     """Predictions of m observations with k scalar components; all with the a-priori σ0 = 1."""
 
     equations: Equations
@@ -65,6 +66,22 @@ class Prediction:
     members of its correlated group are in the solution, since their redundancy changes too."""
     t2: Array
     """T² (m,), χ² with ``size`` degrees of freedom."""
+
+    def headline(self) -> str:
+        """Return how many observations were predicted, and the largest test value."""
+        largest = float(np.nanmax(self.largest, initial=0.0))
+        return f"Prediction: {len(self.ids)} observations, largest |w| {largest:.2f}"
+
+    def first_rows(self) -> Rows:
+        """Return the predicted observations."""
+        return Rows(
+            ("observation", "|w|", "T²"),
+            (
+                (i, float(w), float(t))
+                for i, w, t in zip(self.ids, self.largest, self.t2, strict=True)
+            ),
+            len(self.ids),
+        )
 
     @cached_property
     def largest(self) -> Array:

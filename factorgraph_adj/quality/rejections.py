@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from ..network.network import Network
+from ..shown import Rows, Shown
 from ..solve.solution import Solution
 from .reliability import Reliability
 
@@ -98,7 +99,7 @@ class Round:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Snooping:
+class Snooping(Shown):
     """Result of data snooping."""
 
     solution: Solution
@@ -122,12 +123,20 @@ class Snooping:
     reason: str
     """Reason why the search ended."""
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say what was found."""
         return (
-            f"<Snooping: {len(self.rejected)} observations and {len(self.points_set_aside)} points "
+            f"Snooping: {len(self.rejected)} observations and {len(self.points_set_aside)} points "
             f"set aside, {len(self.unresolved)} unresolved, σ̂0 {self.solution.sigma0:.4f}; "
-            f"{self.reason}>"
+            f"{self.reason}"
+        )
+
+    def first_rows(self) -> Rows:
+        """Return what was set aside."""
+        return Rows(
+            ("observation", "test value", "estimated error", "round"),
+            ((r.label, r.test, r.estimated_error, r.round) for r in self.rejected),
+            len(self.rejected),
         )
 
     @property

@@ -22,6 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import AdjustmentError, InputError
+from ..shown import FIRST, Rows, Shown
 from ..solve.leverage import Leverages, STransform, leverages, point_leverages
 from ..solve.solution import Solution
 from ..solve.tree import SingularError
@@ -29,6 +30,7 @@ from ..types import Array, Index, Mask
 from .distributions import normal_quantile, student_quantile
 from .effects import Effect, Unknown, effect_of, response
 from .groups import GroupReliability, group_reliabilities
+from .levels import ALPHA, POWER
 from .rows import largest_shift, share_diagonal, weighted, weighted_diagonal, weights
 
 UNCONTROLLED = 1e-6
@@ -41,7 +43,7 @@ TRUSTED = 1e-3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Reliability:
+class Reliability(Shown):
     """Reliability of every scalar observation; arrays (n,) like ``solution.observations``.
 
     Residuals, errors and σ are in SI or image units. An observation that no other controls (r = 0)
@@ -80,14 +82,25 @@ class Reliability:
     """(P Q_vv P)_ii, the inverse variance of an estimated error; 1/unit²."""
     _leverages: Leverages
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say how much is controlled, and how well."""
         r, n = self.redundancy_numbers, len(self.w)
         largest = float(np.nanmax(np.abs(self.w))) if self.controlled.any() else np.nan
         return (
-            f"<Reliability: {n} observations, Σr {float(r.sum()):.3f}, mean r "
+            f"Reliability: {n} observations, Σr {float(r.sum()):.3f}, mean r "
             f"{float(r.mean()):.2f}, {n - int(self.controlled.sum())} not controlled, largest |w| "
-            f"{largest:.2f} (critical {self.critical_w:.2f})>"
+            f"{largest:.2f} (critical {self.critical_w:.2f})"
+        )
+
+    def first_rows(self) -> Rows:
+        """Return the observations with the largest test values."""
+        return Rows(
+            ("observation", "w", "r", "∇"),
+            (
+                (s.label, s.value, float(self.redundancy_numbers[s.row]), float(self.mdb[s.row]))
+                for s in self.suspects(FIRST)
+            ),
+            len(self.w),
         )
 
     # -- parts --------------------------------------------------------------------------------
@@ -243,7 +256,7 @@ class Suspect:
     be in any of these observations."""
 
 
-def reliability(solution: Solution, *, alpha: float = 0.001, power: float = 0.80) -> Reliability:
+def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWER) -> Reliability:
     """Compute the reliability of every observation of an adjustment.
 
     All figures come from one pass over the factorised normal equations (selected inverse), by the

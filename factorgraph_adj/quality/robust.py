@@ -31,6 +31,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..network.network import DatumChoice, Network
+from ..shown import Shown
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
@@ -57,8 +58,8 @@ RobustProgress = Callable[[int, float, float], None]
 """Function called with the iteration, the scale and the largest change of a γ."""
 
 
-@dataclass(frozen=True, eq=False)
-class Robust:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robust(Shown):
     """A robust adjustment; arrays (n,) like ``solution.observations``."""
 
     solution: Solution
@@ -78,6 +79,14 @@ class Robust:
     """Whether the weights converged."""
     reason: str
     """Reason why the iteration ended."""
+
+    def headline(self) -> str:
+        """Return which estimator was used, and how the estimation ended."""
+        ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
+        return (
+            f"Robust: {self.estimator}, {self.iterations} adjustments, scale {self.scale:.4f}, "
+            f"{ended}"
+        )
 
 
 def robust_adjust(

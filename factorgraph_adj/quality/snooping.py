@@ -16,6 +16,7 @@ from ..errors import InputError, Problem
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
 from ..solve.solution import Solution
+from .levels import ALPHA, POWER
 from .rejections import Round, Snooping, Test
 from .robust import ESTIMATORS, Estimator, robust_adjust
 from .snooping_search import SnoopingSearch
@@ -24,8 +25,8 @@ from .snooping_search import SnoopingSearch
 def snoop(
     network: Network,
     *,
-    alpha: float = 0.001,
-    power: float = 0.80,
+    alpha: float = ALPHA,
+    power: float = POWER,
     test: Test = "baarda",
     sidak: bool = False,
     share: float = 0.4,

@@ -17,10 +17,12 @@ import numpy as np
 
 from ..errors import AdjustmentError, InputError, known
 from ..models.variables import UNKNOWNS, VariableKind
+from ..shown import Rows, Shown
 from ..solve.solution import Solution
 from ..solve.tree import SingularError
 from ..types import Array, Index, Mask
 from .distributions import normal_quantile, student_quantile
+from .levels import ALPHA_OF_MODEL
 from .ties import NO_PARTNERS, Tie, partners_of_photos, partners_of_points
 
 INTERIOR = ("c", "x0", "y0")
@@ -115,8 +117,8 @@ class Correlation:
     """Their correlation."""
 
 
-@dataclass(frozen=True)
-class Significance:
+@dataclass(frozen=True, repr=False)
+class Significance(Shown):
     """Tests and correlations of calibration and additional parameters."""
 
     parameters: tuple[TestedParameter, ...]
@@ -130,6 +132,21 @@ class Significance:
     critical: float
     """Critical value of |t|: of the normal distribution, or of Student's with the redundancy as
     degrees of freedom where the adjustment is a posteriori."""
+
+    def headline(self) -> str:
+        """Return how many parameters were tested, and how many are not significant."""
+        return (
+            f"Significance: {len(self.parameters)} parameters tested, {len(self.insignificant)} "
+            f"not significant, {len(self.overparametrised)} pairs not to be told apart"
+        )
+
+    def first_rows(self) -> Rows:
+        """Return the tested parameters."""
+        return Rows(
+            ("parameter", "value", "σ", "t", "significant"),
+            ((describe(p.label), p.value, p.sigma, p.t, p.significant) for p in self.parameters),
+            len(self.parameters),
+        )
 
     def __getitem__(self, label: tuple[str, str]) -> TestedParameter:
         """Return a parameter by name and component, such as ``("P31", "k1")``."""
@@ -195,7 +212,7 @@ def correlation_text(value: float) -> str:
 def significance(
     solution: Solution,
     *,
-    alpha: float = 0.05,
+    alpha: float = ALPHA_OF_MODEL,
     correlation: float = STRONG,
     ties: bool = True,
 ) -> Significance:

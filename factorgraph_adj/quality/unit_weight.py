@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from .distributions import chi2_quantile
+from .levels import ALPHA_OF_MODEL
 
 if TYPE_CHECKING:
     from ..solve.solution import Solution
@@ -20,8 +21,8 @@ class GlobalTest:
     """vᵀPv, which is χ² with r degrees of freedom if model and weights are right."""
     redundancy: int
     """r."""
-    confidence: float
-    """Probability with which right models and weights are accepted, such as 0.95."""
+    alpha: float
+    """Probability α with which right models and weights are rejected, such as 0.05."""
     lower: float
     """Smallest σ̂0 that is accepted; 0 without redundancy."""
     upper: float
@@ -38,20 +39,20 @@ class GlobalTest:
         return self.redundancy <= 0 or self.lower <= self.sigma0 <= self.upper
 
 
-def global_test(solution: Solution, *, confidence: float = 0.95) -> GlobalTest:
+def global_test(solution: Solution, *, alpha: float = ALPHA_OF_MODEL) -> GlobalTest:
     """Test the standard deviation of unit weight of a solution.
 
-    Accepted if χ²_{α/2, r} ≤ vᵀPv ≤ χ²_{1 − α/2, r}, α = 1 − confidence; the bounds are given
-    for σ̂0 = √(vᵀPv/r).
+    The test accepts if χ²_{α/2, r} ≤ vᵀPv ≤ χ²_{1 − α/2, r}. The bounds are given for
+    σ̂0 = √(vᵀPv/r).
 
     Raises:
-        InputError: the confidence is not between 0 and 1.
+        InputError: alpha is not between 0 and 1.
     """
-    if not 0 < confidence < 1:
-        raise InputError(f"the confidence must lie between 0 and 1, not {confidence}")
+    if not 0 < alpha < 1:
+        raise InputError(f"alpha must lie between 0 and 1, not {alpha}")
     r = solution.redundancy
     if r <= 0:
-        return GlobalTest(solution.vtpv, r, confidence, 0.0, float("inf"))
-    tail = (1.0 - confidence) / 2.0
+        return GlobalTest(solution.vtpv, r, alpha, 0.0, float("inf"))
+    tail = alpha / 2.0
     low, high = (chi2_quantile(p, r) for p in (tail, 1.0 - tail))
-    return GlobalTest(solution.vtpv, r, confidence, (low / r) ** 0.5, (high / r) ** 0.5)
+    return GlobalTest(solution.vtpv, r, alpha, (low / r) ** 0.5, (high / r) ** 0.5)

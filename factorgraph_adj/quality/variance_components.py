@@ -21,12 +21,14 @@ import numpy as np
 
 from ..errors import InputError, known
 from ..network.network import DatumChoice, Network
+from ..shown import Rows, Shown
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
 from .component_search import ComponentSearch, State
 from .distributions import chi2_above, chi2_below, chi2_quantile
 from .group_redundancy import GroupRedundancy, group_redundancy, sharpened
+from .levels import CONFIDENCE
 from .observation_groups import Groups, ObservationGroups, observation_groups
 
 CERTAIN = 10.0
@@ -78,7 +80,7 @@ class VarianceComponent:
         x = self.freedom * self.factor**2
         return float(min(1.0, 2.0 * min(chi2_below(x, self.freedom), chi2_above(x, self.freedom))))
 
-    def interval(self, *, confidence: float = 0.95) -> tuple[float, float]:
+    def interval(self, *, confidence: float = CONFIDENCE) -> tuple[float, float]:
         """Return the bounds of the true factor, f √(ν/χ²); 0 and infinite without an estimate.
 
         Raises:
@@ -94,8 +96,8 @@ class VarianceComponent:
         return self.factor * (nu / low) ** 0.5, upper
 
 
-@dataclass(frozen=True, eq=False)
-class VarianceComponents:
+@dataclass(frozen=True, eq=False, repr=False)
+class VarianceComponents(Shown):
     """Estimated variance components of a network, and the adjustment with their weights."""
 
     components: tuple[VarianceComponent, ...]
@@ -114,6 +116,19 @@ class VarianceComponents:
     """Why the iteration ended."""
     exact: bool
     """Whether standard deviations are exact, or from stochastic traces (to a few per cent)."""
+
+    def headline(self) -> str:
+        """Return how many groups there are, and how the estimation ended."""
+        ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
+        return f"VarianceComponents: {len(self.components)} groups, {ended}"
+
+    def first_rows(self) -> Rows:
+        """Return the groups."""
+        return Rows(
+            ("group", "σ / σ a-priori", "its σ", "redundancy", "state"),
+            ((c.name, c.factor, c.sigma, c.redundancy, c.state) for c in self.components),
+            len(self.components),
+        )
 
     def __getitem__(self, name: str) -> VarianceComponent:
         """Return the component of a group."""

@@ -9,6 +9,7 @@ from ..errors import InputError
 from ..io.numbers import Units
 from ..network.network import Network
 from ..quality.ellipses import confidence_factor
+from ..quality.levels import ALPHA, POWER
 from ..quality.rejections import Snooping
 from ..quality.reliability import check_probabilities
 from ..quality.variance_components import VarianceComponents
@@ -33,9 +34,9 @@ class ReportOptions:
     """Number of observations with the largest test values that are listed."""
     tables: str = ""
     """Folder where the CSV tables lie, for those notes."""
-    alpha: float = 0.001
+    alpha: float = ALPHA
     """Probability α0 of a false alarm of one test."""
-    power: float = 0.80
+    power: float = POWER
     """Probability with which an error of the smallest detectable size is found."""
     test: Test | None = None
     """Which test values are shown; none: τ where σ are a posteriori, else w."""

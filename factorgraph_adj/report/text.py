@@ -154,7 +154,7 @@ def _result(report: Report) -> list[str]:
     verdict = "accepted" if test.accepted else "REJECTED"
     out += [
         f"  σ̂0                    {test.sigma0:.5f} (a priori 1)",
-        f"  global test           {verdict}: χ², two-sided, {100 * test.confidence:.0f} %, "
+        f"  global test           {verdict}: χ², two-sided, {100 * (1 - test.alpha):.0f} %, "
         f"{test.lower:.4f} ≤ σ̂0 ≤ {test.upper:.4f}",
     ]
     if not test.accepted and test.sigma0 > 1:

@@ -87,6 +87,7 @@ from ..io.json_records import photo_of, point_of
 from ..io.tables import Row
 from ..io.write_project import network_files
 from ..observations import Correlated
+from ..quality.levels import POWER
 from ..report.summary import finite
 from . import requests
 from .answers import Answer, Answers, fault, refusal
@@ -113,7 +114,7 @@ class Stream:
         adjustment: IncrementalAdjustment,
         *,
         context: RecordContext | None = None,
-        power: float = 0.80,
+        power: float = POWER,
     ) -> None:
         """Speak for an adjustment.
 

@@ -13,6 +13,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
+from ..shown import Rows, Shown
 from ..types import Array, Index
 from .datum import Defect, FreeDatum
 from .estimates import CalibrationEstimate, Estimate, PoseEstimate
@@ -30,7 +31,7 @@ the S-transformation of a block: there σ cancels, not σ²."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution:
+class Solution(Shown):
     """An adjusted network: data alone, all that follows from them is worked out when asked for.
 
     A solution can be copied and pickled. What is pickled of factors that the user added are their
@@ -74,12 +75,23 @@ class Solution:
     linearised: NormalEquations | None = field(default=None, repr=False)
     """Normal equations that are there already; they serve as long as they are those of `state`."""
 
-    def __repr__(self) -> str:
+    def headline(self) -> str:
         """Say how it ended."""
         ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
         return (
-            f"<Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "
-            f"d {self.datum_defect}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}>"
+            f"Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "
+            f"d {self.datum_defect}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}"
+        )
+
+    def first_rows(self) -> Rows:
+        """Return the adjusted points, metres."""
+        return Rows(
+            ("point", "x", "y", "z"),
+            (
+                (name, *map(float, x))
+                for name, x in zip(self.network.points, self.state["point"], strict=True)
+            ),
+            len(self.network.points),
         )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -404,10 +404,10 @@ def test_one_group_is_the_standard_deviation_of_unit_weight_of_gama(name: str) -
     assert c.state == "uncertain"
     assert found.iterations == 2
     before = adjust(network)
-    accepted = [global_test(before, confidence=p).accepted for p in (0.5, 0.9, 0.99, 1 - 1e-9)]
+    accepted = [global_test(before, alpha=a).accepted for a in (0.5, 0.1, 0.01, 1e-9)]
     assert accepted == [c.p_value >= 1 - p for p in (0.5, 0.9, 0.99, 1 - 1e-9)]
     low, high = c.interval(confidence=0.9)
-    test = global_test(before, confidence=0.9)
+    test = global_test(before, alpha=0.1)
     assert low == pytest.approx(c.factor / test.upper, rel=ROUNDING)
     assert high == pytest.approx(c.factor / test.lower, rel=ROUNDING)
 

@@ -98,7 +98,7 @@ def test_without_redundancy_there_is_nothing_to_test():
 
 def test_a_confidence_that_is_none_is_refused():
     with pytest.raises(InputError, match="between 0 and 1, not 95"):
-        global_test(solution(), confidence=95)
+        global_test(solution(), alpha=95)
 
 
 def test_coordinates_stand_with_their_standard_deviations():

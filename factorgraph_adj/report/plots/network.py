@@ -8,6 +8,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...frames import GeocentricFrame
+from ...quality.levels import CONFIDENCE
 from ...solve.solution import Solution
 from .heights import draw_heights
 from .image_rows import image_rows
@@ -30,7 +31,7 @@ def plot_network(
     solution: Solution,
     *,
     view: View = "above",
-    confidence: float = 0.95,
+    confidence: float = CONFIDENCE,
     factor: float | None = None,
     labels: bool = True,
     heights: bool | None = None,

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import AdjustmentError, InputError
 from ...io.atomic import write_files
+from ...quality.levels import CONFIDENCE
 from ...quality.reliability import Reliability
 from ...quality.reliability import reliability as compute_reliability
 from ...solve.solution import Solution
@@ -35,7 +36,7 @@ def save_plots(
     *,
     reliability: Reliability | None = None,
     format: Format = "png",
-    confidence: float = 0.95,
+    confidence: float = CONFIDENCE,
     photos: int = 12,
 ) -> list[Path]:
     """Write every figure of an adjustment into a folder: all of them or none.
