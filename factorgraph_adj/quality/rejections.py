@@ -124,7 +124,7 @@ class Snooping(Shown):
     """Reason why the search ended."""
 
     def headline(self) -> str:
-        """Say what was found."""
+        """Return the numbers of observations and points set aside, and why the search ended."""
         return (
             f"Snooping: {len(self.rejected)} observations and {len(self.points_set_aside)} points "
             f"set aside, {len(self.unresolved)} unresolved, σ̂0 {self.solution.sigma0:.4f}; "
@@ -132,7 +132,7 @@ class Snooping(Shown):
         )
 
     def first_rows(self) -> Rows:
-        """Return what was set aside."""
+        """Return the observations that were set aside."""
         return Rows(
             ("observation", "test value", "estimated error", "round"),
             ((r.label, r.test, r.estimated_error, r.round) for r in self.rejected),
