@@ -56,24 +56,24 @@ class Candidate:
 
     @property
     def single(self) -> Iterator[Observation]:
-        """Return the observations; those of correlated groups one by one."""
+        """Observations, with those of correlated groups one by one."""
         for item in self.observations:
             yield from item.observations if isinstance(item, Correlated) else (item,)
 
     @property
     def ids(self) -> list[str]:
-        """Return the ids of the observations."""
+        """Ids of the observations."""
         return [identity(o) or "" for o in self.single]
 
     @property
     def brings(self) -> set[Named]:
-        """Return the new points, photos and cameras."""
+        """New points, photos and cameras."""
         kinds = (("point", self.points), ("photo", self.photos), ("camera", self.cameras))
         return {(kind, item.name) for kind, items in kinds for item in items}
 
     @property
     def needs(self) -> set[Named]:
-        """Return the points, photos and cameras that are named but are not new."""
+        """Points, photos and cameras that the observations name and that are not new."""
         out: set[Named] = {("camera", f.camera) for f in self.photos}
         for o in self.single:
             out |= {("point", name) for name in o.points()}
