@@ -215,7 +215,7 @@ class CandidateRows:
     columns: Index
     """Columns of the equations with all candidates, (m,)."""
     new: Index
-    """Which of the m columns belong to new unknowns."""
+    """Places among the m columns of those that belong to new unknowns."""
 
 
 @dataclass(frozen=True, eq=False)

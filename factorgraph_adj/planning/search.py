@@ -152,7 +152,7 @@ class CandidateSearch:
     def greedy(
         self, taken: Sequence[int], among: Sequence[int], budget: float = np.inf
     ) -> list[int] | None:
-        """Return candidates that, with those taken, meet the targets; None if over budget."""
+        """Return candidates that complete those taken; None if no choice fits the budget."""
         state, known = self.start.copy(), self.known
         for n in taken:
             if self.told(n, known) is None:

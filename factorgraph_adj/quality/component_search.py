@@ -11,7 +11,7 @@ from .distributions import chi2_upper_quantile
 from .group_redundancy import GroupRedundancy
 
 State: TypeAlias = Literal["estimated", "uncertain", "not separable", "driven to zero", "held"]
-"""How a component was found; "driven to zero" and "held" are not estimates."""
+"""State of a component; components "driven to zero" or "held" are not estimated."""
 
 LEAST_REDUNDANCY = 1.0
 """Redundancy of a group below which its a-priori standard deviations are kept."""
@@ -44,7 +44,7 @@ class ComponentSearch:
         self.logarithms = np.zeros(k)
         """ln f² (k,)."""
         self.estimated = np.ones(k, dtype=bool)
-        """Which groups are estimated."""
+        """Mask of the groups that are estimated, (k,)."""
         self.states: list[State] = ["estimated"] * k
         self.notes = [""] * k
         self._back = np.zeros(k, dtype=bool)

@@ -27,7 +27,7 @@ from .systematic import (
 )
 
 Reason = Literal["not significant", "correlated"]
-"""Why a parameter was excluded."""
+"""Reason of an exclusion."""
 T = TypeVar("T")
 
 
