@@ -1,1 +1,1 @@
-"""The tables of El-Hakim & Faig (1981) and El-Hakim (1986), made again."""
+"""The tables of El-Hakim & Faig (1981) and El-Hakim (1986), recomputed."""

@@ -1,4 +1,4 @@
-"""Published tables beside computed ones, as text."""
+"""Comparison of published and computed tables, as text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..report import layout
 
 @dataclass(frozen=True)
 class Compared:
-    """One row: what was published and what was computed, column by column; NaN where nothing."""
+    """One row of published and computed figures, column by column; NaN for missing figures."""
 
     label: str
     """Name of the row."""
@@ -27,19 +27,19 @@ class Comparison:
     """A published table beside a computed one.
 
     Raises:
-        InputError: a row with another number of figures than there are columns.
+        InputError: the number of figures in a row differs from the number of columns.
     """
 
     title: str
-    """What the table is."""
+    """Title of the table."""
     columns: tuple[str, ...]
     """Names of the figures, with their units."""
     rows: tuple[Compared, ...]
     """The rows."""
     digits: int = 2
-    """Digits behind the decimal point."""
+    """Number of digits after the decimal point."""
     note: str = ""
-    """What was chosen, and what differs."""
+    """Assumptions of the computation, and differences from the publication."""
 
     def __post_init__(self) -> None:
         """Check the number of figures of every row."""
@@ -54,7 +54,7 @@ class Comparison:
         return any(f == f for row in self.rows for f in row.printed)
 
     def __str__(self) -> str:
-        """Return plain text: for every figure the printed one and, after it, ours."""
+        """Return plain text with each published figure followed by the computed one."""
         both = self.has_printed
         header = [""]
         for c in self.columns:
@@ -69,11 +69,11 @@ class Comparison:
         return "\n".join([*layout.title(self.title), *layout.table(header, lines), *said])
 
     def _cell(self, value: float) -> str:
-        # No −0.00.
+        # Adding 0.0 avoids −0.00.
         return "–" if value != value else f"{round(value, self.digits) + 0.0:.{self.digits}f}"
 
 
 def compared(label: str, printed: Sequence[float] | None, ours: Sequence[float]) -> Compared:
-    """Return a row; without printed figures, with NaN in their place."""
+    """Return a row; NaN replaces the published figures if ``printed`` is None."""
     own = tuple(float(f) for f in ours)
     return Compared(label, (nan,) * len(own) if printed is None else tuple(printed), own)

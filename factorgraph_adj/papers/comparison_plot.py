@@ -1,4 +1,4 @@
-"""Published tables beside computed ones, as bars."""
+"""Comparison of published and computed tables, as bars."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 @drawn
 def plot_comparison(comparisons: Sequence[Comparison]) -> Figure:
-    """Draw every figure of some tables as bars: the printed ones pale, ours blue.
+    """Draw the figures of tables as bars: published ones pale, computed ones blue.
 
     Args:
-        comparisons: the tables; a row of axes each, with axes for each of its columns.
+        comparisons: the tables; each has a row of plots, one for each of its columns.
 
     Raises:
         InputError: matplotlib is not installed.

@@ -1,22 +1,23 @@
 """Tables 6 to 8 of El-Hakim (1986): systematic errors of images left in the 52-photo block.
 
-Printed: a radial distortion of up to 9 µm (a curve of the Wild Aviogon), or an affine film
-deformation of up to 15 µm at the edges of the photo; 20 or 8 horizontal, 34 or 14 vertical
-control points; 24 to 60 distances and 32 height differences on the edge; residuals below 1 µm
-with the affine deformation, so that there was no other error. The figures with curve and layout
-are not legible. Chosen here:
+The paper states a radial distortion of up to 9 µm (a curve of the Wild Aviogon), or an affine film
+deformation of up to 15 µm at the edges of the photo; 20 or 8 horizontal and 34 or 14 vertical
+control points; 24 to 60 distances and 32 height differences on the edge. Its residuals below 1 µm
+with the affine deformation show that the images had no other error. Its figures of the curve and
+the layout are not legible. The following values are assumptions:
 
-- no noise;
-- distortion outwards to 9 µm at 90 mm, none near 125 mm, inwards to 8 µm at 150 mm;
-- the affine deformation mostly a shrinkage, 11 µm at 115 mm, which the flying height takes up,
-  and 4 µm more in x. With all 15 µm of one axis, residuals would be 2 and not 0.3 to 1 µm and
-  points would be 50 to 80 mm off instead of the printed 12 and 21;
-- 8 of the 20 horizontal control points: nearest to the corners and the middles of the sides; 14
-  of the 34 vertical ones: these 8, and 6 far from them and from one another;
-- a closed polygon of 32 points of the edge, as evenly spread as they are; 28 and 24 distances
-  leave gaps of one line, 60 distances join every second point too; height differences along the
-  polygon. σ of all 5 mm (0.5 mm, as for the paper's real blocks, changes no figure of theirs by
-  0.5 mm in X and Y).
+- The observations have no noise.
+- The distortion is outwards up to 9 µm at 90 mm, zero near 125 mm and inwards up to 8 µm at 150 mm.
+- The affine deformation is a shrinkage of 11 µm at 115 mm, which the flying height absorbs, and
+  further 4 µm in x. If all 15 µm were in one axis, the residuals would be 2 µm instead of 0.3 to
+  1 µm, and the errors of points 50 to 80 mm instead of the printed 12 and 21 mm.
+- The 8 of the 20 horizontal control points are those nearest to the corners and the middles of the
+  sides. The 14 of the 34 vertical ones are these 8 and 6 more, far from them and from one another.
+- 32 points of the edge, as evenly spread as possible, form a closed polygon. With 28 and 24
+  distances the polygon has gaps of one line; 60 distances also join every second point. The height
+  differences follow the polygon.
+- All these observations have σ = 5 mm. With 0.5 mm, as in the real blocks of the paper, the figures
+  in X and Y change by less than 0.5 mm.
 """
 
 from __future__ import annotations
@@ -46,40 +47,40 @@ Kind = Literal["radial", "affine"]
 AVIOGON = LensDistortion(
     radii_mm=(30.0, 60.0, 90.0, 115.0, 135.0, 150.0), distortion_um=(3.0, 8.5, 9.0, 4.0, -4.0, -8.0)
 )
-"""The radial distortion."""
+"""Radial distortion of the simulated images."""
 SHRINKAGE = LensDistortion(coefficients_um=(11.0,), radius_mm=115.0)
 AFFINE = AffineFilm(scale_um=4.0, edge_mm=115.0)
-"""Together the deformation of the film."""
+"""Affine part of the film deformation; the shrinkage is the other part."""
 SYSTEMATIC: dict[Kind, tuple[InImages, ...]] = {
     "radial": (AVIOGON,),
     "affine": (SHRINKAGE, AFFINE),
 }
 POLYGON = 32
-"""Its points."""
+"""Number of points of the polygon on the edge."""
 _EIGHT = ((-1, -1), (0, -1), (1, -1), (1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0))
-"""Where the 8 horizontal control points are, in half sides of the block."""
+"""Positions of the 8 horizontal control points from the middle of the block, in half sides."""
 
 
 @dataclass(frozen=True)
 class SystematicTest:
-    """A line of table 6."""
+    """A row of table 6."""
 
     number: int
-    """Its number."""
+    """Number of the test in the table."""
     error: Kind
-    """What is left in the images."""
+    """Kind of the systematic error that is left in the images."""
     horizontal: Literal[20, 8]
-    """Horizontal control points."""
+    """Number of horizontal control points."""
     vertical: Literal[34, 14]
-    """Vertical control points."""
+    """Number of vertical control points."""
     distances: int
     height_differences: int
     printed: tuple[float, float, float, float, float]
-    """Residuals in x and y, µm; errors of object points in X, Y, Z, mm."""
+    """Published residuals in x and y, µm, and errors of object points in X, Y, Z, mm."""
 
     @property
     def label(self) -> str:
-        """What is in it, in short."""
+        """Short description of the test."""
         terrestrial = [f"{self.distances} distances"] * (self.distances > 0)
         terrestrial += [f"{self.height_differences} heights"] * (self.height_differences > 0)
         what = ", ".join([f"{self.horizontal}/{self.vertical}", *terrestrial])
@@ -105,7 +106,7 @@ TABLE_6 = {
         SystematicTest(14, "affine", 8, 14, 32, 32, (0.4, 0.4, 14, 19, 3)),
     )
 }
-"""As printed."""
+"""Tests of table 6 by number, with the published figures."""
 
 # Points 68 and 82 are on a short side of the block, 138, 149 and 165 on a long one.
 Errors3 = tuple[float, float, float]
@@ -132,7 +133,7 @@ TABLE_7: dict[int, Mapping[str, Errors3]] = {
         "165": (4, -25, 2),
     },
 }
-"""Radial distortion: errors of points in X, Y, Z, mm, by test; as printed."""
+"""Published errors of points in X, Y, Z, mm, by test, with radial distortion."""
 TABLE_8: dict[int, Mapping[str, Errors3]] = {
     10: {
         "68": (30, 5, 0),
@@ -156,37 +157,38 @@ TABLE_8: dict[int, Mapping[str, Errors3]] = {
         "165": (5, -36, 2),
     },
 }
-"""Affine deformation: the same."""
+"""Published errors of points in X, Y, Z, mm, by test, with affine deformation."""
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """What the tests choose from: control, and the polygon on the edge."""
+    """Control points and polygon on the edge, from which the tests choose."""
 
     horizontal: dict[int, tuple[str, ...]]
-    """Horizontal control points, by number."""
+    """Horizontal control points, by their number in the test."""
     vertical: dict[int, tuple[str, ...]]
-    """Vertical ones."""
+    """Vertical control points, by their number in the test."""
     polygon: tuple[str, ...]
     """Points of the polygon, in order."""
     along_x: tuple[str, ...]
-    """Of these, the ones without horizontal control whose neighbours join within 30° of X."""
+    """Polygon points without horizontal control whose neighbours are joined within 30° of X."""
     along_y: tuple[str, ...]
-    """The same of Y: on the short sides."""
+    """Polygon points without horizontal control whose neighbours are joined within 30° of Y, on the
+    short sides."""
 
     def lines(self, count: int) -> tuple[Line, ...]:
-        """Return so many lines of the polygon."""
+        """Return ``count`` lines of the polygon."""
         ring = self.polygon
         return tuple((ring[a], ring[b]) for a, b in round_lines(len(ring), count))
 
 
 @cache
 def layout(eight: tuple[tuple[float, float], ...] = _EIGHT) -> Layout:
-    """Return the layout.
+    """Return the layout of control points and polygon.
 
     Args:
-        eight: where the 8 horizontal control points are, from the middle of the block, in half
-            sides; the nearest of the 20 are taken.
+        eight: positions of the 8 horizontal control points from the middle of the block, in half
+            sides; the nearest of the 20 points are taken.
     """
     plan = aerial_1986_plan()
     names = list(plan.points)
@@ -233,7 +235,7 @@ def _evenly(xy: Array, ring: list[int], count: int) -> list[int]:
 
 
 def spec_of(test: SystematicTest, *, where: Layout | None = None) -> Spec:
-    """Return the spec of a test, with its layout or another."""
+    """Return the spec of a test, with the default layout or ``where``."""
     there = where or layout()
     sigma = SIGMA_AERIAL_TERRESTRIAL / MILLIMETRE
     parts: list[Aerial1986 | Distances | HeightDifferences] = [Aerial1986(own_control=False)]
@@ -257,17 +259,17 @@ def spec_of(test: SystematicTest, *, where: Layout | None = None) -> Spec:
 
 @dataclass(frozen=True)
 class Effect:
-    """What a systematic error does."""
+    """Effect of a systematic error."""
 
     residuals: Array
     """RMS of the residuals of image coordinates in x and y, µm, (2,)."""
     rms: Array
     """RMS of the errors of all free coordinates in X, Y, Z, mm, (3,)."""
     errors: dict[str, Array]
-    """Errors of each point that is not held in X, Y, Z, mm, (3,); zero where it is held."""
+    """Errors in X, Y, Z of each point with a free coordinate, mm, (3,); zero for held ones."""
 
     def of(self, points: tuple[str, ...]) -> Array:
-        """Return the RMS of the errors of some points in X, Y, Z, mm, (3,)."""
+        """Return the RMS of the errors of the given points in X, Y, Z, mm, (3,)."""
         return np.asarray(np.sqrt(np.mean([self.errors[p] ** 2 for p in points], axis=0)))
 
 

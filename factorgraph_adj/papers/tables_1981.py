@@ -1,15 +1,16 @@
-"""Tables 1 and 2 of El-Hakim & Faig (1981): what terrestrial observations do to a block.
+"""Tables 1 and 2 of El-Hakim & Faig (1981): effect of terrestrial observations on a block.
 
-**Table 1**, the ISP block, is only a picture in the paper's scan and says in words that
-terrestrial observations improve a block with reduced control significantly. The block is that of
-`factorgraph_adj.simulation.generate.published.IspBlock`, over the ellipsoid. Chosen here:
+**Table 1**, the ISP block, is only a picture in the paper's scan; the text says that terrestrial
+observations improve a block with reduced control significantly. The block is that of
+`factorgraph_adj.simulation.generate.published.IspBlock`, over the ellipsoid. The following values
+are assumptions:
 
-- full control: the 30 points of the edge, X, Y, Z; reduced: its four corners;
-- each layout has distances, directions, azimuths, vertical angles and levelled height
-  differences along the same lines: 1, all 30 lines of the edge; 2, every second of them; 3, a
-  cross, the middle column and the middle row of points. Astronomic latitude and longitude at four
-  points of the edge, at two ends of the cross;
-- check points: the 47 inside the edge, which are control in no case.
+- Full control is X, Y, Z of the 30 points of the edge, reduced control that of its four corners.
+- Each layout has distances, directions, azimuths, vertical angles and levelled height differences
+  along the same lines: layout 1 along all 30 lines of the edge, layout 2 along every second of
+  them, layout 3 along a cross, the middle column and the middle row of points. Astronomic latitude
+  and longitude are observed at four points of the edge, or at two ends of the cross.
+- The check points are the 47 points inside the edge, which are never control.
 
 **Table 2**: see `factorgraph_adj.simulation.industry_block`.
 """
@@ -46,11 +47,11 @@ from ..solve.batch import adjust
 
 IspCase = Literal["full", "reduced", "layout 1", "layout 2", "layout 3"]
 ISP_CASES: tuple[IspCase, ...] = ("full", "reduced", "layout 1", "layout 2", "layout 3")
-"""Full control, reduced control, reduced control with a layout of terrestrial observations."""
+"""Cases: full control, reduced control, and reduced control with each layout of observations."""
 EDGE = 30
-"""Points, and lines, on the edge of the block."""
+"""Number of points, and of lines, on the edge of the block."""
 COLUMNS, ROWS = 7, 11
-"""Of the points of the block; their names count up column by column."""
+"""Numbers of columns and rows of points in the block; the points are numbered by columns."""
 
 IndustryCase = Literal["a", "b", "c", "d"]
 INDUSTRY_CASES: Mapping[IndustryCase, Mapping[str, int | bool]] = {
@@ -59,9 +60,9 @@ INDUSTRY_CASES: Mapping[IndustryCase, Mapping[str, int | bool]] = {
     "c": {"photos": 4, "terrestrial": False},
     "d": {"terrestrial": False},
 }
-"""What each case adjusts: all data; 4 photos without and with self-calibration; 7 photos."""
+"""Data of each case: all data; 4 photos without and with self-calibration; 7 photos."""
 IN_PLAN_95 = float(np.sqrt(chi2_quantile(0.95, 2)))
-"""Semi-axes of a 95 % error ellipse, in those of the standard one."""
+"""Semi-axes of a 95 % error ellipse divided by those of the standard ellipse."""
 
 
 def isp_spec(case: IspCase) -> Spec:
@@ -77,11 +78,11 @@ def isp_spec(case: IspCase) -> Spec:
 
 
 def isp_trial(seed: Seed, *, case: IspCase) -> dict[str, float]:
-    """Simulate and adjust a case of table 1: a trial of an experiment.
+    """Simulate and adjust a case of table 1, as a trial of an experiment.
 
     Returns:
-        RMS errors x, y, z of the check points, and the RMS sigma_x, sigma_y, sigma_z of the
-        standard deviations that the adjustment gives them; mm.
+        RMS errors x, y, z of the check points, and RMS standard deviations sigma_x, sigma_y,
+        sigma_z of the check points from the adjustment, mm.
     """
     solution = adjust(simulate(isp_spec(case), seed=seed).network)
     checked = check_points(solution)
@@ -126,12 +127,12 @@ def _cross() -> tuple[tuple[str, str], ...]:
 
 @dataclass(frozen=True)
 class IndustryFigures:
-    """One line of table 2, mm."""
+    """One row of table 2, mm."""
 
     discrepancy: float
     """RMS of adjusted − taped distances."""
     coordinate_error: float
-    """That / √2, as the paper has it."""
+    """``discrepancy`` / √2, as in the paper."""
     sigma: float
     """Mean standard deviation of the coordinates."""
     semi_major: float
@@ -139,11 +140,11 @@ class IndustryFigures:
 
 
 def industry_figures(case: IndustryCase, *, seeds: int = 20) -> IndustryFigures:
-    """Simulate and adjust a case of table 2 with seeds 0, 1 …; the same for every case.
+    """Simulate and adjust a case of table 2 with seeds 0, 1 …, which are the same for all cases.
 
     Args:
         case: the case.
-        seeds: how many repetitions the figures are averaged over.
+        seeds: number of repetitions over which the figures are averaged.
     """
     differences, sigmas, axes = [], [], []
     for seed in range(seeds):

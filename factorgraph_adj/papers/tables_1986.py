@@ -1,8 +1,8 @@
 """Tables 1 to 5 of El-Hakim (1986): redundancy numbers, and the effect of an image error.
 
-The blocks are those of `factorgraph_adj.simulation.el_hakim_1986`. Points A to H are not given by
-the paper but for what they have in common with ours: so many rays, r without distances, so many
-distances, on the edge of the block.
+The blocks are those of `factorgraph_adj.simulation.el_hakim_1986`. The paper does not identify its
+points A to H. The points here have the same properties: number of rays, r without distances, number
+of distances, and position on the edge of the block.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ..solve.batch import adjust
 from ..types import Array
 
 SEED: Seed = 1
-"""Of the measuring errors; redundancy numbers hardly depend on it."""
+"""Seed of the measuring errors; it has little effect on redundancy numbers."""
 ERROR = 0.1
 """Error of an image coordinate in tables 3 and 5, mm."""
 
@@ -34,7 +34,7 @@ Block = Literal["aerial", "close range"]
 
 
 class Averages(NamedTuple):
-    """Of the image coordinates of all points with the same number of rays."""
+    """Averages over the image coordinates of all points with the same number of rays."""
 
     r_x: float
     r_y: float
@@ -56,26 +56,26 @@ TABLE_1: Mapping[Block, Mapping[int, Averages]] = {
         4: Averages(0.52, 0.44, 0.31, 0.44),
     },
 }
-"""As printed, by number of rays; the city block, which is real, is left out."""
+"""Published averages by number of rays, without the city block, which is a real one."""
 
 
 class Case(NamedTuple):
-    """An image coordinate with an error, and what is measured to its point."""
+    """An image coordinate with an error, and the distances measured to its point."""
 
     photo: str
     point: str
     component: str
     ends: tuple[str, ...]
-    """Other ends of the distances."""
+    """Points at the other ends of the distances."""
     rays: int
     before: float
-    """Printed r without distances."""
+    """Published r without distances."""
     after: float
-    """Printed r with them."""
+    """Published r with distances."""
     effect_before: tuple[float, float, float]
-    """Printed effect of 100 µm on X, Y, Z without distances, mm (table 3)."""
+    """Published effect of 100 µm on X, Y, Z without distances, mm (table 3)."""
     effect_after: tuple[float, float, float]
-    """Printed effect with distances, mm."""
+    """Published effect with distances, mm."""
 
     @property
     def image(self) -> str:
@@ -102,8 +102,8 @@ class Case(NamedTuple):
         return 1000 * np.asarray(moved)
 
 
-# D: along the edge. E: to the two other sides of the floor. F: to the next point of the edge, a
-# corner and the side next to it. G: along the edge to both sides, to both other sides.
+# Distances: D along the edge; E to the two other sides of the floor; F to the next point of the
+# edge, a corner and the adjacent side; G along the edge in both directions and to both other sides.
 CLOSE_RANGE: Mapping[str, Case] = {
     "D": Case("1", "36", "x", ("26",), 2, 0.00, 0.13, (-9, -67, 31), (-4, -65, 32)),
     "E": Case("1", "46", "x", ("15", "75"), 2, 0.00, 0.71, (16, -33, -16), (2, -2, 3)),
@@ -112,22 +112,22 @@ CLOSE_RANGE: Mapping[str, Case] = {
     "H": Case("3", "14", "x", ("15", "71"), 4, 0.67, 0.90, (2, -3, 2), (0, 0, 0)),
 }
 """Points of the close-range block; each gets its own distances."""
-# On the long side (A, B), and where a strip ends at the short side (C).
+# A and B are on the long side; C is at the end of a strip on the short side.
 AERIAL: Mapping[str, Case] = {
     "A": Case("1/5", "1501", "x", ("1301", "1701"), 3, 0.18, 0.53, (162, 170, 296), (14, 111, 257)),
     "B": Case("1/7", "1501", "y", ("1301", "1701"), 3, 0.43, 0.50, (92, 134, 41), (-12, 116, 49)),
     "C": Case("1/13", "3306", "x", ("3101", "3506"), 4, 0.56, 0.69, (127, 22, -55), (18, 3, -16)),
 }
-"""Points of the aerial block; distances run all round its edge."""
+"""Points of the aerial block, which has distances along its whole edge."""
 WITH_HEIGHTS = {"A": 0.66, "B": 0.50}
-"""Printed r with two height differences more (table 4)."""
+"""Published r with distances and two height differences (table 4)."""
 EFFECT_WITH_HEIGHTS = {"A": (1.0, 1.0, 2.0), "B": (-10.0, 95.0, 2.0)}
-"""Printed effect of 100 µm with distances and height differences, mm (table 5)."""
+"""Published effect of 100 µm with distances and height differences, mm (table 5)."""
 
 
 @cache
 def aerial(distances: bool = False, heights: bool = False) -> Reliability:
-    """Return the reliability of the 52 photos, with terrestrial observations round the edge."""
+    """Return the reliability of the 52 photos, with terrestrial observations along the edge."""
     lines = edge_lines(simulate_aerial_1986(SEED).network)
     simulated = simulate_aerial_1986(
         SEED, distances=lines * distances, height_differences=lines * heights
@@ -142,7 +142,7 @@ def close_range(lines: tuple[Line, ...] = ()) -> Reliability:
 
 
 class ImageFigures(NamedTuple):
-    """One row for each image point of a point without control."""
+    """Figures of image points, one row for each image point of a point without control."""
 
     rays: Array
     point: Array
@@ -152,7 +152,7 @@ class ImageFigures(NamedTuple):
 
 @cache
 def image_figures(block: Block) -> ImageFigures:
-    """Return r and e2 (n, 2) in x and y, number and rays of the point."""
+    """Return r and e2 in x and y, (n, 2), and number and rays of the point."""
     rel = aerial() if block == "aerial" else close_range()
     network, equations = rel.solution.network, rel.solution.equations
     images = next(b for b in equations.blocks if b.kind == "image")

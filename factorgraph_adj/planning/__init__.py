@@ -1,1 +1,1 @@
-"""Planning before measuring: what a design will give, and what to add to it."""
+"""Planning before measuring: precision and reliability of a design, and proposals of additions."""

@@ -1,4 +1,4 @@
-"""What could be added to a design: observations, stations, photos, each with a cost."""
+"""Candidates for additions to a design: observations, stations, photos, each with a cost."""
 
 from __future__ import annotations
 
@@ -22,33 +22,33 @@ from ..types import Array, Index
 from .readings import as_planned
 
 Named: TypeAlias = tuple[str, str]
-"""What an entity is (point, photo, camera), and its name."""
+"""Kind of an entity (point, photo, camera), and its name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Observations that are made together or not at all, with what they need.
+    """Observations that are made only together, with the new entities that they need.
 
-    A station is a candidate with all its sights, and its point if that is new; a photo one with
-    all its image points. It is complete by itself: its observations determine what it brings. One
-    observation, point, photo or camera may stand without a tuple.
+    A station is a candidate with all its sights, and with its point if the point is new. A photo is
+    a candidate with all its image points. A candidate is complete by itself: its observations
+    determine its new entities. A single observation, point, photo or camera needs no tuple.
     """
 
     name: str
-    """Its name."""
+    """Name of the candidate."""
     observations: tuple[AnyObservation, ...]
-    """They; observed values do not matter."""
+    """Observations of the candidate; the observed values are ignored."""
     cost: float = 1.0
-    """In any unit."""
+    """Cost of the candidate, in any unit."""
     points: tuple[Point, ...] = ()
-    """New points, with their coordinates as planned."""
+    """New points, with planned coordinates."""
     photos: tuple[Photo, ...] = ()
-    """New photos, with position and rotation as planned."""
+    """New photos, with planned position and rotation."""
     cameras: tuple[Camera, ...] = ()
     """New cameras."""
 
     def __post_init__(self) -> None:
-        """Take single things as tuples of one."""
+        """Convert single entities to tuples of one."""
         for field in ("observations", "points", "photos", "cameras"):
             given: Any = getattr(self, field)
             single = isinstance(given, str) or not isinstance(given, Iterable)
@@ -56,24 +56,24 @@ class Candidate:
 
     @property
     def single(self) -> Iterator[Observation]:
-        """Its observations, those of groups one by one."""
+        """Observations, with those of correlated groups one by one."""
         for item in self.observations:
             yield from item.observations if isinstance(item, Correlated) else (item,)
 
     @property
     def ids(self) -> list[str]:
-        """Ids of its observations."""
+        """Ids of the observations."""
         return [identity(o) or "" for o in self.single]
 
     @property
     def brings(self) -> set[Named]:
-        """Its points, photos and cameras."""
+        """New points, photos and cameras."""
         kinds = (("point", self.points), ("photo", self.photos), ("camera", self.cameras))
         return {(kind, item.name) for kind, items in kinds for item in items}
 
     @property
     def needs(self) -> set[Named]:
-        """Points, photos and cameras that it names and does not bring."""
+        """Points, photos and cameras that the observations name and that are not new."""
         out: set[Named] = {("camera", f.camera) for f in self.photos}
         for o in self.single:
             out |= {("point", name) for name in o.points()}
@@ -82,10 +82,10 @@ class Candidate:
 
 
 def as_candidates(given: Any) -> list[Candidate]:
-    """Return candidates whose observations have ids; one alone is taken as such.
+    """Return candidates whose observations have ids; a single candidate gives a list of one.
 
     Raises:
-        InputError: what is none.
+        InputError: a value that is no candidate.
     """
     if isinstance(given, Candidate):
         given = (given,)
@@ -111,10 +111,10 @@ def as_candidates(given: Any) -> list[Candidate]:
 
 
 def dependent(candidates: Sequence[Candidate], network: Network) -> list[Problem]:
-    """Return which candidates name what only another one brings.
+    """Return a problem for each candidate that needs a new entity of another candidate.
 
     Args:
-        candidates: they.
+        candidates: all candidates.
         network: the design.
     """
     there = {("point", n) for n in network.points}
@@ -133,7 +133,7 @@ def dependent(candidates: Sequence[Candidate], network: Network) -> list[Problem
 
 
 def identified(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return candidates whose observations all have ids; otherwise candidate and number."""
+    """Return the candidates with ids for all observations; default: candidate and number."""
     return [
         replace(
             c,
@@ -155,14 +155,14 @@ def _identified(item: AnyObservation, ident: str) -> AnyObservation:
 
 
 def with_candidates(network: Network, candidates: Sequence[Candidate]) -> Network:
-    """Return the network with candidates in it.
+    """Return the network with the candidates added.
 
-    The datum of a free network stays that of the network: where none of its points is flagged,
-    all are, and those of candidates are not.
+    A free network keeps its datum points. If none of its points is flagged, all its points are
+    flagged as datum points, and the points of candidates are not.
 
     Raises:
-        InputError: everything that is wrong with them: equal names, costs that are none, ids that
-            there are already, unknown points and photos; by candidate.
+        InputError: all errors of the candidates, by candidate: equal names, invalid costs, ids
+            that exist already, unknown points and photos.
     """
     problems: list[Problem] = []
     names: set[str] = set()
@@ -199,7 +199,7 @@ def _flagged(network: Network) -> Network:
     """Return a free network whose datum points are flagged."""
     out = network.copy()
     if not any(p.datum for p in out.points.values()):
-        # Held ones would have no part in the datum either.
+        # Held points are not flagged, because they cannot be datum points.
         for name, p in out.points.items():
             if not all(p.fixed):
                 out.points[name] = replace(p, datum=True)
@@ -208,37 +208,37 @@ def _flagged(network: Network) -> Network:
 
 @dataclass(frozen=True, eq=False)
 class CandidateRows:
-    """The rows of a candidate: partials by what it touches, whitened."""
+    """The rows of a candidate: whitened partials by the unknowns that the candidate observes."""
 
     a: Array
     """Partials, (k, m)."""
     columns: Index
     """Columns of the equations with all candidates, (m,)."""
     new: Index
-    """Which of the m belong to unknowns that the design does not have."""
+    """Places among the m columns of those that belong to new unknowns."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinearCandidates:
-    """A design and its candidates at the given values."""
+    """A design and its candidates, linearised at the given values."""
 
     equations: Equations
-    """Of the network with all candidates."""
+    """Equations of the network with all candidates."""
     column: Index
-    """Their column of each column of the design, (n_columns of the design,)."""
+    """Column of ``equations`` for each column of the design, (n_columns of the design,)."""
     rows: tuple[CandidateRows, ...]
-    """Of each candidate."""
+    """Rows of each candidate."""
 
 
 def linearise(
     design: Equations, network: Network, candidates: Sequence[Candidate]
 ) -> LinearCandidates:
-    """Linearise candidates where they are planned.
+    """Linearise candidates at their planned values.
 
     Args:
         design: equations of the design.
         network: the design with all candidates.
-        candidates: they.
+        candidates: all candidates.
     """
     equations = compile_network(as_planned(network))
     state = equations.unknowns.start()
@@ -264,10 +264,10 @@ def linearise(
 
 
 def _owners(equations: Equations, candidates: Sequence[Candidate]) -> Index:
-    """Return the number of the candidate that brings each row, −1 for the design's, (n_rows,).
+    """Return the number of the candidate of each row, −1 for rows of the design, (n_rows,).
 
-    Rows of one variable that has no row of its own by id, weights, are those of the candidate
-    that brings the variable.
+    The rows of a weighted unknown have no id of an observation; they belong to the candidate that
+    adds the unknown.
     """
     owner = np.full(equations.n_rows, -1, dtype=np.intp)
     bringer: dict[tuple[str, str], int] = {}

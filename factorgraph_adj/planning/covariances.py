@@ -1,14 +1,14 @@
-"""Covariances of a design to which rows are added, or from which they are taken, one by one.
+"""Covariances of a design, updated for added or removed rows.
 
-Q are the cofactors of some unknowns, and the rows touch no others: `Update` of
-`factorgraph_adj.solve.update` tells what they change. With the loss Q − Q' of cofactors,
+Q are the cofactors of those unknowns that the rows touch. `Update` of
+`factorgraph_adj.solve.update` gives the changes by the rows. With the loss Q − Q' of cofactors,
 
     r' = r + l (Q − Q') a                   redundancy number of an observation i, a = AᵀPe_i
     ∇x = Q' a ∇',  ∇' = δ0 / √(P_ii − aᵀQ'a)
 
-so that nothing is solved anew. Unknowns that come with rows have no covariance before: of rows
-[B, C] with C their partials, ZᵀB with ZᵀC = 0 says what they tell about the others, and
-x_c = −(CᵀC)⁻¹Cᵀ B x has the rest.
+so that the normal equations are not solved again. New unknowns x_c have no covariance before their
+rows [B, C] are added, with the partials C by the new and B by the other unknowns x. With ZᵀC = 0,
+ZᵀB is the information of the rows on x, and x_c = −(CᵀC)⁻¹Cᵀ B x.
 """
 
 from __future__ import annotations
@@ -31,19 +31,20 @@ from .targets import (
 )
 
 TIED = 1e-9
-"""Singular value of the partials by new unknowns, relative, that leaves one undetermined."""
+"""Singular value of the partials by new unknowns, relative to the largest, up to which a new
+unknown is undetermined."""
 
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """Observations whose redundancy number or effect a target asks for; k of them."""
+    """The k observations whose redundancy number or effect a target limits."""
 
     left: Array
     """Rows of A, (k, n)."""
     right: Array
     """AᵀPe_i, (k, n)."""
     weight: Array
-    """P_ii, (k,)."""
+    """Weights P_ii, (k,)."""
     sigma: Array
     """Standard deviations, (k,)."""
     delta0: float
@@ -52,48 +53,48 @@ class Watched:
 
 @dataclass(frozen=True, eq=False)
 class PointItems:
-    """Points that a target asks for."""
+    """The m points to which a target applies."""
 
     target: PointTarget
     """The target."""
     places: Index
-    """Places of their coordinates, −1 where held, (m, 3)."""
+    """Places of the coordinates in Q, −1 for held coordinates, (m, 3)."""
     horizon: Array
-    """East and north of each, (m, 2, 3)."""
+    """Unit vectors east and north at each point, (m, 2, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
 class RowItems:
-    """Observations that a target asks for."""
+    """The m observations to which a target applies."""
 
     target: RowTarget
     """The target."""
     rows: Index
-    """Which of the watched ones, (m,)."""
+    """Numbers of the observations among the watched ones, (m,)."""
     places: Index
-    """Places of the points whose shifts count, −1 where held, (p, 3)."""
+    """Places in Q of the points whose shifts count, −1 for held coordinates, (p, 3)."""
 
 
 class Covariances:
-    """Q of chosen unknowns, and how far the targets are."""
+    """Q of chosen unknowns, and the lack of the targets."""
 
     def __init__(self, q: Array, watched: Watched, items: Sequence[PointItems | RowItems]) -> None:
-        """Start.
+        """Start with the cofactors of a design.
 
         Args:
-            q: cofactors, (n, n); rows and columns of unknowns that come later are zero.
-            watched: observations.
-            items: what the targets ask for.
+            q: cofactors, (n, n); zero in the rows and columns of unknowns that are added later.
+            watched: observations that targets limit.
+            items: points and observations of the targets.
         """
         self.q, self.watched, self.items = q, watched, items
         self.refresh()
 
     def copy(self) -> Covariances:
-        """Return a copy; what is asked for is shared."""
+        """Return a copy with its own Q; observations and items are shared."""
         return Covariances(self.q.copy(), self.watched, self.items)
 
     def refresh(self) -> None:
-        """Work out what follows from Q."""
+        """Compute the quantities that depend on Q."""
         w = self.watched
         qa = w.right @ self.q
         self.r = 1.0 - np.einsum("kn,kn->k", w.left, qa)
@@ -108,7 +109,7 @@ class Covariances:
         return padded[places[:, :, None], places[:, None, :]]
 
     def lack(self, update: Update | None = None) -> float:
-        """Return how far all targets are together, after an update if there is one."""
+        """Return the total lack of all targets, after the update if one is given."""
         total = 0.0
         for n, item in enumerate(self.items):
             total += float(lacking(item.target, self._figures(n, item, update)).sum())
@@ -142,11 +143,11 @@ class Covariances:
         return np.asarray(np.where(controlled, far * np.where(controlled, mdb, 1.0), np.inf))
 
     def update(self, known: Told) -> Update:
-        """Return what rows would change."""
+        """Return the update of Q by rows."""
         return Update.of(self.q).with_rows(known.at, known.b)
 
     def add(self, known: Told) -> None:
-        """Add rows, and the unknowns that come with them."""
+        """Add rows and their new unknowns."""
         update = self.update(known)
         self.q -= update.loss(update.spread)
         if len(known.new):
@@ -160,36 +161,36 @@ class Covariances:
 
 
 def _spread_to(update: Update, places: Index) -> Array:
-    """Return G of coordinates, zero where they are held (−1), (..., k)."""
+    """Return the spread G of coordinates, zero for held coordinates (−1), (..., k)."""
     padded = np.concatenate([update.spread, np.zeros((1, update.spread.shape[1]))])
     return np.asarray(padded[places])
 
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """What the rows of a candidate tell about unknowns that are known, and about new ones."""
+    """Information of the rows of a candidate on known unknowns and on new ones."""
 
     at: Index
-    """Places that B touches, (m,)."""
+    """Places of the unknowns that B touches, (m,)."""
     b: Array
-    """B, (k, m)."""
+    """Partials B by known unknowns, (k, m)."""
     new: Index
-    """Places of new unknowns, (c,)."""
+    """Places of the new unknowns, (c,)."""
     old: Index
-    """Places of the others that C's rows touch, (m,)."""
+    """Places of the known unknowns in the rows of C, (m,)."""
     carry: Array
-    """K of x_c = K x, (c, m)."""
+    """Matrix K of x_c = K x, (c, m)."""
     own: Array
-    """Cofactors (CᵀC)⁻¹ of the new unknowns where the others are held, (c, c)."""
+    """Cofactors (CᵀC)⁻¹ of the new unknowns for held known unknowns, (c, c)."""
 
 
 def told(rows: CandidateRows, place: Index, known: Mask) -> Told | None:
-    """Return what rows tell; none where they leave new unknowns undetermined.
+    """Return the information of rows; None if the rows leave a new unknown undetermined.
 
     Args:
-        rows: of a candidate.
-        place: place of each column, (n_columns,).
-        known: which columns are known by now, (n_columns,).
+        rows: rows of a candidate.
+        place: place of each column in Q, (n_columns,).
+        known: columns whose unknowns are determined so far, (n_columns,).
     """
     new = ~known[rows.columns]
     old = place[rows.columns[~new]]

@@ -1,4 +1,4 @@
-"""Candidates as they are read, piece by piece, from a TOML file and a table beside it.
+"""Drafts of candidates, collected from a TOML file and its table of observations.
 
 See `factorgraph_adj.planning.files`.
 """
@@ -27,7 +27,7 @@ CANDIDATE_KEYS = ("name", "cost", "points", "photos", "observations")
 
 
 def tables(document: Mapping[str, Any], key: str, top: Row) -> list[Mapping[str, Any]]:
-    """Return the tables [[key]]; none, noted as wrong, where they are something else."""
+    """Return the tables [[key]]; another value is noted as a problem and gives an empty list."""
     given = document.get(key, [])
     if not isinstance(given, list) or not all(isinstance(t, dict) for t in given):
         top.wrong(f"{key} must be a list of tables: write [[{key}]]")
@@ -37,18 +37,18 @@ def tables(document: Mapping[str, Any], key: str, top: Row) -> list[Mapping[str,
 
 @dataclass
 class _Draft:
-    """What is known of a candidate so far."""
+    """The parts of a candidate that have been read."""
 
     where: str
-    """Where it is named first."""
+    """File and place that names the candidate first."""
     cost: float | None = None
     cost_from: str = ""
-    """Where its cost stands."""
+    """File and place that states the cost."""
     observations: list[AnyObservation] = field(default_factory=list)
     points: list[Point] = field(default_factory=list)
     photos: list[Photo] = field(default_factory=list)
     unread: set[str] = field(default_factory=set)
-    """What of it could not be read: points, photos, observations."""
+    """Keys with errors: points, photos, observations."""
 
 
 class Drafts:
@@ -107,7 +107,7 @@ class Drafts:
             self._take(draft, "observations", None, rest, where)
 
     def candidates(self) -> tuple[Candidate, ...]:
-        """Return the candidates; note what does not fit them or the network."""
+        """Return the candidates; note errors within them and conflicts with the network."""
         out = []
         for name, d in self.found.items():
             if not d.observations and "observations" not in d.unread:
@@ -132,7 +132,7 @@ class Drafts:
         return tuple(out)
 
     def _with_file(self, problem: Problem) -> Problem:
-        """Return a problem of a candidate with its file, where it does not say so already."""
+        """Return a problem of a candidate, with its file if the problem names none."""
         for name, d in self.found.items():
             file = d.where.partition(":")[0]
             if problem.where.startswith(f"candidate {name!r}") and file not in problem.where:
@@ -143,7 +143,7 @@ class Drafts:
         if given is None:
             return
         try:
-            # A cell is text, a key of TOML must be a number.
+            # A cell of a table is text; a value in TOML must be a number.
             valid = str if text else (int, float)
             if isinstance(given, bool) or not isinstance(given, valid):
                 raise ValueError
@@ -182,13 +182,13 @@ class Drafts:
             draft.points.append(found)
             return
         draft.photos.append(found)
-        # Its image points may stand in the table.
+        # The image points of the photo may be in the table.
         axes = self.context.cameras.get(found.camera, ImageAxes())
         images = {**self.context.images, found.name: axes}
         self.context = replace(self.context, images=images)
 
     def _placed(self, draft: _Draft, where: str) -> None:
-        """Note what is new and stands nowhere."""
+        """Note new points and photos without a position."""
         for p in draft.points:
             missing = [a for a, v in zip("xyz", p.coordinates, strict=True) if not np.isfinite(v)]
             if missing:
@@ -202,7 +202,7 @@ class Drafts:
                 self.problems.append(Problem(what, f"{where}: photo {f.name!r}"))
 
     def _named(self, candidates: Iterable[Candidate]) -> list[Candidate]:
-        """Return candidates without observations of what is nowhere; note each name once."""
+        """Drop observations of unknown points and photos; note each unknown name once."""
         old: dict[str, Iterable[str]] = {
             "point": self.network.points,
             "photo": self.network.photos,
@@ -234,7 +234,7 @@ class Drafts:
 
 
 def _names(item: AnyObservation) -> list[tuple[str, str]]:
-    """Return what an observation names: point or photo, and name."""
+    """Return kind (point or photo) and name of all entities that an observation names."""
     members: Sequence[Any] = item.observations if isinstance(item, Correlated) else (item,)
     return [
         ("photo" if key == "photo" else "point", getattr(o, key))

@@ -26,9 +26,9 @@
     [files]
     candidates = "candidates.csv"       # columns of observations.csv, and candidate and cost
 
-Rows of the table that name the same candidate are made together, with what a ``[[candidate]]`` of
-that name has; the cost stands in one of them, or in all. New points and photos stand in the TOML
-file only. Readings are not needed.
+Rows of the table that name the same candidate belong together, with the entries of a
+``[[candidate]]`` of that name; one of these places, or several, states the cost. New points and
+photos are given only in the TOML file. Readings are optional.
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ from .drafts import Drafts, tables
 from .targets import TARGETS, DetectableError, RedundancyNumber, Target, check_targets
 
 IN_MM = "at_most_mm"
-"""Limits of lengths may be stated in millimetres."""
+"""Key for the limit of a length in millimetres."""
 
 
 @dataclass(frozen=True, eq=False)
 class Wishes:
-    """What a file says."""
+    """Content of a file."""
 
     targets: tuple[Target, ...]
-    """Targets."""
+    """Targets of the design."""
     candidates: tuple[Candidate, ...]
-    """Candidates."""
+    """Candidates for additions."""
 
 
 def read_wishes(path: str | Path, project: Project, *, candidates: bool = True) -> Wishes:
@@ -66,13 +66,13 @@ def read_wishes(path: str | Path, project: Project, *, candidates: bool = True) 
 
     Args:
         path: the file.
-        project: has the units, default standard deviations and frame, and the points, photos and
-            cameras that observations name.
-        candidates: whether to read the candidates. Without them the file also goes with a
-            design that has some of them already.
+        project: the project with units, default standard deviations and frame, and with the
+            points, photos and cameras that observations name.
+        candidates: whether to read the candidates. Without them the file is also valid for a
+            design that contains some of them already.
 
     Raises:
-        InputError: everything that is wrong with it, by file and key, or file and line.
+        InputError: all errors of the file, by file and key, or file and line.
     """
     path = Path(path)
     problems: list[Problem] = []
@@ -110,7 +110,7 @@ def read_wishes(path: str | Path, project: Project, *, candidates: bool = True) 
 
 
 def _table_file(document: Mapping[str, Any], top: Row) -> str | None:
-    """Return the name of the table of candidates, if there is one."""
+    """Return the name of the table of candidates; None without a table."""
     given = document.get("files", {})
     if not isinstance(given, dict):
         top.wrong("files must be a table: write [files]")

@@ -1,7 +1,7 @@
 """Patterns for names of points and observations.
 
-``*`` stands for any characters and ``?`` for one; all others, brackets among them, for themselves.
-A string alone is one pattern.
+``*`` matches any characters and ``?`` one character; all other characters, also brackets, match
+themselves. A single string is one pattern.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from ..types import Mask
 
 
 class Name(str):
-    """A name as it is, not a pattern."""
+    """A literal name, in which ``*`` and ``?`` match only themselves."""
 
     __slots__ = ()
 
 
 def patterns_of(given: Any) -> tuple[str, ...]:
-    """Return patterns as a tuple; a string is one of them."""
+    """Return patterns as a tuple; a single string is one pattern."""
     if isinstance(given, str):
         return (given,)
     try:
@@ -33,7 +33,7 @@ def patterns_of(given: Any) -> tuple[str, ...]:
 
 
 def matching(names: Sequence[str], patterns: Sequence[str]) -> Mask:
-    """Return which names are like one of some patterns, (n,)."""
+    """Return which names match one of the patterns, (n,)."""
     exact: Collection[str] = {str(p) for p in patterns if _literal(p)}
     parts = [
         "".join({"*": ".*", "?": "."}.get(c, re.escape(c)) for c in p)
@@ -52,12 +52,12 @@ def _literal(pattern: str) -> bool:
 
 
 def unlike(what: str, patterns: Sequence[Any], names: Sequence[str]) -> list[str]:
-    """Return what is wrong with patterns: there are none, or nothing has such a name.
+    """Return the errors of patterns: an empty list of patterns, or patterns without a match.
 
     Args:
         what: "point" or "observation".
-        patterns: they.
-        names: that there are; kinds of observations first.
+        patterns: the patterns.
+        names: all existing names; kinds of observations first.
     """
     there = f"; there are: {known(names)}"
     if not patterns:

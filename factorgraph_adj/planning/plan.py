@@ -1,7 +1,8 @@
-"""What a design will give: its precision and reliability, without a reading.
+"""Precision and reliability of a design, before any reading.
 
-Covariances, redundancy numbers, smallest detectable errors and their effects depend on geometry
-and weights alone: the network is read as its given values would have it, and adjusted.
+Covariances, redundancy numbers, smallest detectable errors and their effects depend only on
+geometry and weights. Therefore the readings are computed from the given values of the network, and
+the network is adjusted.
 """
 
 from __future__ import annotations
@@ -37,28 +38,28 @@ from .targets import (
 )
 
 CHUNK = 500
-"""Observations whose effects are worked out together."""
+"""Number of observations whose effects are computed together."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Shown):
-    """A design, adjusted as it was planned; σ0 = 1."""
+    """A design, adjusted at its planned values; σ0 = 1."""
 
     solution: Solution
-    """Its adjustment: covariances, ellipses and so on are those to be expected."""
+    """Adjustment of the design, with the expected covariances."""
     reliability: Reliability
-    """What its observations will be able to prove about themselves."""
+    """Expected reliability of the observations."""
     targets: tuple[Target, ...]
-    """What it is to achieve."""
+    """Targets of the design."""
 
     @property
     def network(self) -> Network:
-        """The design, with the readings that its given values would have."""
+        """The design, with readings computed from its given values."""
         return self.solution.network
 
     @cached_property
     def shortfalls(self) -> tuple[Shortfall, ...]:
-        """What fails the targets, the worst of each first."""
+        """Items that fail the targets, the worst of each target first."""
         out: list[Shortfall] = []
         for t in self.targets:
             names, figures = self.figures(t)
@@ -74,7 +75,7 @@ class Plan(Shown):
 
     @cached_property
     def lack(self) -> float:
-        """How far it is from its targets: the sum of the logarithms of figure and limit."""
+        """Lack of the design: the sum of |ln(figure/limit)| over all items that fail a target."""
         return sum(float(lacking(t, self.figures(t)[1]).sum()) for t in self.targets)
 
     def figures(self, target: Target) -> tuple[list[str], Array]:
@@ -109,7 +110,7 @@ class Plan(Shown):
         return labels, out
 
     def headline(self) -> str:
-        """Say whether it meets its targets."""
+        """Return the sizes of the design and its number of shortfalls."""
         return (
             f"Plan of {self.network.name!r}: {self.solution.n_observations} observations, "
             f"redundancy {self.solution.redundancy}, {len(self.targets)} targets, "
@@ -132,19 +133,19 @@ def plan(
     alpha: float = ALPHA,
     power: float = POWER,
 ) -> Plan:
-    """Work out what a design will give.
+    """Compute the expected precision and reliability of a design.
 
     Args:
         network: points, photos and cameras as planned, held, weighted or free, and observations
-            with their standard deviations; observed values do not matter.
-        targets: what it is to achieve, see `factorgraph_adj.planning.targets`.
+            with their standard deviations; the observed values are ignored.
+        targets: targets of the design, see `factorgraph_adj.planning.targets`.
         alpha: probability α0 of a false alarm of one test.
         power: probability with which an error of the smallest detectable size is found.
 
     Raises:
-        InputError: points without coordinates, photos without orientation, bad targets, targets
-            that name nothing: all.
-        DatumError: what the observations will not determine, by name.
+        InputError: points without coordinates, photos without orientation, invalid targets,
+            targets without any item; all at once.
+        DatumError: the observations leave unknowns undetermined; the error names them.
     """
     wanted = as_targets(targets)
     problems = limit_problems(wanted, list(network.points))
@@ -163,12 +164,12 @@ def realised(
     alpha: float,
     power: float,
 ) -> Plan:
-    """Return the plan of a network for targets that were looked at before.
+    """Return the plan of a network for targets that were checked before.
 
     Args:
         network: as for `plan`.
-        targets: they.
-        problems: what is known to be wrong, told with what is wrong with the network.
+        targets: the checked targets.
+        problems: errors found before, which are raised together with those of the network.
         alpha: as for `plan`.
         power: as for `plan`.
     """
@@ -185,12 +186,12 @@ def realised(
 
 
 def horizons(network: Network, names: Sequence[str]) -> Array:
-    """Return east and north at points in the frame of the network, (n, 2, 3)."""
+    """Return unit vectors east and north at points, in the frame of the network, (n, 2, 3)."""
     at = np.array([network.points[n].coordinates for n in names]).reshape(-1, 3)
     return network.frame.basis(at, np.zeros((len(at), 2))).enu[:, :2]
 
 
 def rows_like(solution: Solution, patterns: Sequence[str]) -> Mask:
-    """Return which scalar observations have an id or a kind like one of some patterns, (n,)."""
+    """Return which scalar observations have an id or a kind that matches a pattern, (n,)."""
     table = solution.observations
     return matching([o.id for o in table], patterns) | matching([o.kind for o in table], patterns)

@@ -1,17 +1,17 @@
 """The cheapest additions that make a design meet its targets.
 
-Greedy by gain for cost: how much nearer a candidate brings the targets (the sum over all items of
-the logarithm of figure and limit), divided by its cost, with the covariances brought up to date
-for each candidate by `factorgraph_adj.planning.covariances`, not solved anew. Then what turned
-out superfluous is left out, and single and pairs of candidates are exchanged for cheaper ones.
-Each proposal is checked by a plan of its own.
+The search is greedy by gain per cost. The gain of a candidate is the decrease of the lack of the
+targets (the sum over all items of |ln(figure/limit)|); `factorgraph_adj.planning.covariances`
+updates the covariances for each candidate. Then superfluous candidates are removed, and single
+candidates and pairs are exchanged for cheaper ones. A separate plan checks each proposal.
 
-Where a choice leads nowhere it starts again: with an eye on observations of the design that the
-choice made fail, or else without the candidate that stands in the way, one whose own observations
-fail or the last. Not found are candidates that only together determine a new point.
+If a choice does not meet the targets, the search starts again: either it also watches the
+observations of the design that fail because of the choice, or it excludes one candidate, the one
+whose own observations fail most or else the last. Candidates that only together determine a new
+point are not found.
 
-In a free network rows B that notice a motion G of its datum, BG ≠ 0, would take its defect away:
-Q' is then not Q of the inner constraints brought up to date, and the candidate is refused.
+In a free network, rows B that determine a motion G of its datum, BG ≠ 0, would remove its datum
+defect. Then Q' is not the update of the Q of the inner constraints, and the candidate is refused.
 """
 
 from __future__ import annotations
@@ -48,46 +48,47 @@ from .targets import (
 )
 
 MOST_CHECKS = 10
-"""Plans until a proposal has met its targets."""
+"""Maximum number of rounds, each with a plan, of one attempt to meet the targets."""
 MOST_STARTS = 12
-"""Times that a proposal starts again after a choice that leads nowhere."""
+"""Maximum number of attempts of a proposal."""
 MOST_PRUNED = 40
-"""Candidates of a proposal of several rounds up to which each is tried without, by a plan."""
+"""Largest number of candidates in a proposal of several rounds for which the removal of each
+candidate is tried with a plan."""
 NOTICED = 1e-6
-"""BG of whitened rows and motions, relative to the largest of B and of G, from which a motion is
-noticed: what the datum takes for one goes unnoticed to 1e-7."""
+"""BG of whitened rows and motions, relative to the largest element of B times that of G, above
+which the rows determine the motion; for undetermined motions rounding leaves up to 1e-7."""
 LISTED = 12
-"""Shortfalls that a message lists."""
+"""Maximum number of shortfalls that a message lists."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A candidate that is proposed."""
+    """A proposed candidate."""
 
     candidate: Candidate
-    """It."""
+    """The candidate."""
     gain: float
-    """How much nearer it brought the targets; negative where its own observations fail more."""
+    """Decrease of the lack by the candidate; negative if its own observations add a larger lack."""
     lack: float
-    """How far a plan with it and those before is from them; 0: met."""
+    """Lack of a plan with all candidates up to this one; 0: all targets are met."""
     cost: float
-    """Cumulative cost."""
+    """Cost of all candidates up to this one."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Proposal(Shown):
-    """What to add to a design."""
+    """Proposed additions to a design."""
 
     steps: tuple[Step, ...]
-    """Candidates in the order of gain for cost."""
+    """Candidates in the order of gain per cost."""
     plan: Plan
-    """The design with them; its targets are met."""
+    """Plan of the design with the candidates; its targets are met."""
     before: Plan
-    """The design without them."""
+    """Plan of the design without the candidates."""
 
     @property
     def cost(self) -> float:
-        """Cost of all together."""
+        """Total cost."""
         return self.steps[-1].cost if self.steps else 0.0
 
     @property
@@ -96,7 +97,7 @@ class Proposal(Shown):
         return tuple(s.candidate.name for s in self.steps)
 
     def headline(self) -> str:
-        """Say how many candidates, and what they cost."""
+        """Return the number of candidates and their total cost."""
         return f"Proposal: {len(self.steps)} candidates, cost {self.cost:g}"
 
     def first_rows(self) -> Rows:
@@ -133,23 +134,23 @@ def propose(
 ) -> Proposal:
     """Propose the cheapest additions that make a design meet its targets.
 
-    Candidates must be complete by themselves: those that only together determine a new point are
-    not found. Undetected shifts need not become smaller by more observations, so that with such
-    targets a choice may be missed.
+    Candidates must be complete by themselves: candidates that only together determine a new point
+    are not found. More observations do not always reduce undetected shifts, so that a choice may
+    be missed for such targets.
 
     Args:
         network: the design, determined by its own observations; see `plan`. The datum points of
             a free network stay those of the design.
-        candidates: what could be added, each with a cost.
-        targets: what is to be achieved; of the points of the design, and of all observations,
-            those of candidates among them.
+        candidates: possible additions, each with a cost.
+        targets: targets for the points of the design, and for all observations, including those of
+            the candidates.
         alpha: as in `plan`.
         power: as in `plan`.
 
     Raises:
-        InputError: no targets; bad candidates or targets; candidates that need another one, do
-            not determine what they bring, or determine the datum of a free network; targets that
-            all candidates together do not meet, by item; no choice was found.
+        InputError: no targets; invalid candidates or targets; candidates that need another
+            candidate, leave their new entities undetermined, or determine the datum of a free
+            network; targets that all candidates together do not meet, by item; no choice found.
         DatumError: the design itself is not determined.
     """
     wanted = as_targets(targets)
@@ -160,7 +161,7 @@ def propose(
         every = as_candidates(candidates)
         needy = dependent(every, network)
         problems += needy
-        # What depends on another candidate is told as such, not as unknown.
+        # An entity of another candidate is reported as a dependency, so it is not unknown here.
         lost = {p.where for p in needy}
         alone = [c for c in every if f"candidate {c.name!r}" not in lost]
         whole = with_candidates(network, alone)
@@ -171,7 +172,7 @@ def propose(
     problems += _unlike(wanted, before, whole)
     if problems:
         raise InputError(problems)
-    # Stations and other points that come with candidates are no targets themselves.
+    # Targets apply to the points of the design, not to stations and other points of candidates.
     wanted = tuple(for_points(t, list(network.points)) for t in wanted)
     before = Plan(before.solution, before.reliability, wanted)
     if before.met:
@@ -206,13 +207,13 @@ class _Planner:
         chosen: Sequence[Candidate],
         problems: Sequence[Problem] = (),
     ) -> Plan:
-        """Plan the design with some candidates."""
+        """Plan the design with the chosen candidates."""
         network = with_candidates(self.network, chosen)
         return realised(network, targets, problems, alpha=self.alpha, power=self.power)
 
 
 def _unlike(targets: Sequence[Target], design: Plan, whole: Network) -> list[Problem]:
-    """Return patterns that neither the design nor a candidate has."""
+    """Return patterns that match no observation of the design or of a candidate."""
     equations = design.solution.equations
     problems = observation_problems(targets, equations)
     if problems:
@@ -221,7 +222,7 @@ def _unlike(targets: Sequence[Target], design: Plan, whole: Network) -> list[Pro
 
 
 def _undetermined(error: DatumError, before: Plan, candidates: Sequence[Candidate]) -> Exception:
-    """Return what names the candidates that do not determine what they bring."""
+    """Return an error that names the candidates whose new entities are undetermined."""
     kinds = {"pose": "photo", "calibration": "camera"}
     named = {(kinds.get(kind, kind), name.split("@")[0]) for kind, name in error.unknowns}
     search = CandidateSearch.of(before, candidates, before.targets)
@@ -241,7 +242,7 @@ def _undetermined(error: DatumError, before: Plan, candidates: Sequence[Candidat
 
 
 def _refuse_datum_changes(before: Plan, candidates: Sequence[Candidate]) -> None:
-    """Raise the candidates that notice what the datum of a free network leaves open."""
+    """Raise an error for candidates that determine a motion of the free datum."""
     if before.solution.datum is None:
         return
     motions = before.solution.datum.motions
@@ -255,7 +256,7 @@ def _refuse_datum_changes(before: Plan, candidates: Sequence[Candidate]) -> None
         if found is None:
             continue
         g = motions[design[found.at]]
-        # By the largest row: what is left of others may be rounding.
+        # Relative to the largest row, because small rows may be only rounding.
         size = np.abs(search.linear.rows[n].a).max() * np.abs(motions).max(axis=0)
         noticed = np.abs(found.b @ g) > NOTICED * size
         if noticed.any():
@@ -272,10 +273,10 @@ def _refuse_datum_changes(before: Plan, candidates: Sequence[Candidate]) -> None
 
 
 def _refuse_unreachable(before: Plan, best: Plan) -> None:
-    """Raise what fails the targets with all candidates, and is the design's own.
+    """Raise an error for items of the design that fail their targets with all candidates.
 
-    Only what more observations cannot make worse: neither undetected shifts, nor redundancy
-    numbers of correlated observations, which are no quadratic forms.
+    The check covers only figures that more observations never make worse. Undetected shifts, and
+    redundancy numbers of correlated observations, which are no quadratic forms, are left out.
     """
     equations = best.solution.equations
     correlated = {equations.label(int(i)) for c in equations.clusters for i in c.rows}
@@ -303,7 +304,7 @@ def _of(s: Shortfall) -> str:
 def _choose(
     planner: _Planner, before: Plan, every: Sequence[Candidate]
 ) -> tuple[list[Candidate], Plan]:
-    """Return a choice that meets the targets, and its plan; the nearest one where none does."""
+    """Return a choice that meets the targets, or else the one with the least lack, and its plan."""
     design_rows = _labels(before)
     left_out: set[str] = set()
     watched: set[str] = set()
@@ -334,7 +335,7 @@ def _labels(design: Plan) -> set[str]:
 def _attempt(
     planner: _Planner, before: Plan, among: Sequence[Candidate], watched: set[str]
 ) -> tuple[list[Candidate], Plan]:
-    """Return what is chosen round by round, and its plan."""
+    """Return the candidates chosen round by round, and their plan."""
     design, chosen, rounds = before, [], 0  # type: ignore[var-annotated]
     for rounds in range(1, MOST_CHECKS + 1):  # noqa: B007
         taken = {c.name for c in chosen}
@@ -347,7 +348,7 @@ def _attempt(
         if design.met or not picked:
             break
     if design.met and rounds > 1 and len(chosen) <= MOST_PRUNED:
-        # What an earlier round chose may be superfluous beside what a later one did.
+        # A later round may have made a candidate of an earlier round superfluous.
         for c in sorted(chosen, key=lambda c: -c.cost):
             rest = [other for other in chosen if other is not c]
             found = planner(before.targets, rest)
@@ -357,7 +358,7 @@ def _attempt(
 
 
 def _in_the_way(design: Plan, chosen: Sequence[Candidate]) -> Candidate:
-    """Return the candidate whose own observations fail most, otherwise the last."""
+    """Return the candidate whose own observations fail most, or else the last candidate."""
     equations = design.solution.equations
     failing = {s.item: float(lacking(s.target, np.array([s.figure]))[0]) for s in design.shortfalls}
     lack = [
@@ -368,14 +369,14 @@ def _in_the_way(design: Plan, chosen: Sequence[Candidate]) -> Candidate:
 
 
 def _ordered(before: Plan, chosen: Sequence[Candidate]) -> list[Candidate]:
-    """Return what was chosen by gain for cost."""
+    """Return the chosen candidates in the order of gain per cost."""
     search = CandidateSearch.of(before, list(chosen), before.targets)
     state, known = search.start.copy(), search.known.copy()
     left, out = list(range(len(chosen))), []  # type: ignore[var-annotated]
     while left:
         best = search.best(state, known, left)
         if best is None:
-            # What gains nothing was chosen for observations of other candidates.
+            # A candidate without a gain was chosen for observations of other candidates.
             best = next((n for n in left if search.told(n, known) is not None), None)
         if best is None:
             return out + [chosen[n] for n in left]
@@ -388,7 +389,7 @@ def _ordered(before: Plan, chosen: Sequence[Candidate]) -> list[Candidate]:
 def _steps(
     planner: _Planner, before: Plan, chosen: Sequence[Candidate], last: Plan
 ) -> tuple[Step, ...]:
-    """Return the steps, each with a plan of its own."""
+    """Return the steps, with a separate plan for each."""
     steps: list[Step] = []
     lack, cost = before.lack, 0.0
     for n, c in enumerate(chosen, 1):

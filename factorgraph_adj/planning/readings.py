@@ -1,4 +1,4 @@
-"""Readings as the given values of a network would have them."""
+"""Readings computed from the given values of a network."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ..network.network import Network
 from ..simulation.simulate import measure
 
 NO_TURN = 0.0
-"""Orientation of a set that nobody has turned yet, radians: partials do not depend on it."""
+"""Orientation of a planned set of directions, radians; partials are independent of it."""
 
 
 def as_planned(network: Network) -> Network:
-    """Return the network with every reading that of its given values.
+    """Return the network with all readings computed from its given values.
 
     Args:
-        network: coordinates and orientations as planned; observed values do not matter.
+        network: coordinates and orientations as planned; the observed values are ignored.
 
     Raises:
         InputError: every point without coordinates and every photo without position or rotation.
@@ -50,7 +50,7 @@ def as_planned(network: Network) -> Network:
 
 
 def _with_names(network: Network, read: Network) -> Network:
-    """Return the network that was read with its image points in their order, and their ids."""
+    """Return the network with readings, its image points in the first order with their ids."""
     photo, point, _, sigma = network.images.columns()
     if not len(photo):
         return read

@@ -1,4 +1,4 @@
-"""Choosing among candidates by what they gain for their cost, without a plan for each."""
+"""Choice among candidates by their gain per cost, from updated covariances."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from .targets import (
 )
 
 MOST_PAIRS = 12
-"""Candidates of a proposal up to which pairs of them are exchanged,"""
+"""Largest number of chosen candidates for which the exchange of pairs is tried."""
 MOST_FOR_PAIRS = 60
-"""and candidates that there are."""
+"""Largest number of available candidates for which the exchange of pairs is tried."""
 
 
 class CandidateSearch:
-    """Choosing among candidates."""
+    """Search for the cheapest candidates that meet the targets."""
 
     def __init__(
         self,
@@ -51,14 +51,14 @@ class CandidateSearch:
         targets: Sequence[Target],
         watched: Collection[str] = (),
     ) -> CandidateSearch:
-        """Look at a design: Q of all that candidates touch and targets ask for.
+        """Start with Q of a design for all unknowns of its candidates and targets.
 
         Args:
-            design: it.
-            candidates: what can be chosen.
-            targets: what is asked.
-            watched: labels of observations to be looked at though they meet their targets;
-                those that fail are anyway.
+            design: plan of the design.
+            candidates: the candidates to choose from.
+            targets: targets of the design.
+            watched: labels of observations that are included although they meet their targets;
+                failing observations are always included.
         """
         solution = design.solution
         equations = solution.equations
@@ -106,7 +106,7 @@ class CandidateSearch:
                     on = matching(names, t.points) & (point.offset >= 0)
                 items.append(RowItems(t, rows, _places(point.offset[on], place)))
             else:
-                # Points that come with candidates are asked for once they are there.
+                # Points of candidates are subject to targets once they are in the design.
                 there = [n in design.network.points for n in names]
                 on = matching(names, t.points) & np.array(there, dtype=bool)
                 where = np.flatnonzero(on)
@@ -115,7 +115,7 @@ class CandidateSearch:
         return cls(Covariances(q, rows_watched, items), known, place, candidates, linear)
 
     def told(self, n: int, known: Mask) -> Told | None:
-        """Return what a candidate tells beside what is known."""
+        """Return the information of a candidate, given the known unknowns."""
         columns = self.linear.rows[n].columns
         key = n, known[columns].tobytes()
         if key not in self._told:
@@ -123,7 +123,7 @@ class CandidateSearch:
         return self._told[key]
 
     def take(self, state: Covariances, known: Mask, n: int) -> Mask:
-        """Add a candidate; return what is known with it."""
+        """Add a candidate; return the mask of known unknowns with it."""
         found = self.told(n, known)
         assert found is not None
         state.add(found)
@@ -134,7 +134,7 @@ class CandidateSearch:
     def best(
         self, state: Covariances, known: Mask, among: Sequence[int], budget: float = np.inf
     ) -> int | None:
-        """Return the candidate with the largest gain for its cost; none where none gains."""
+        """Return the candidate with the largest gain per cost; None if no candidate gains."""
         lack = state.lack()
         best, value = None, 0.0
         for n in among:
@@ -144,7 +144,7 @@ class CandidateSearch:
             if found is None:
                 continue
             gain = lack - state.lack(state.update(found))
-            # Costs are in any unit: they only say which one of those that gain.
+            # Costs have an arbitrary unit, so the threshold is on the gain alone.
             if gain > MET and gain / self.costs[n] > value * (1 + 1e-12):
                 best, value = n, gain / self.costs[n]
         return best
@@ -152,7 +152,7 @@ class CandidateSearch:
     def greedy(
         self, taken: Sequence[int], among: Sequence[int], budget: float = np.inf
     ) -> list[int] | None:
-        """Return what completes some candidates; none where nothing does within a budget."""
+        """Return candidates that complete those taken; None if no choice fits the budget."""
         state, known = self.start.copy(), self.known
         for n in taken:
             if self.told(n, known) is None:
@@ -171,7 +171,7 @@ class CandidateSearch:
         return out
 
     def cheapest(self) -> list[int]:
-        """Return candidates that meet the targets, as cheap as found; all that gain if none do."""
+        """Return the cheapest choice found that meets the targets, or else all that gain."""
         everything = range(len(self.costs))
         chosen = self.greedy((), everything)
         if chosen is None:
@@ -201,7 +201,7 @@ class CandidateSearch:
         return chosen
 
     def _exchanged(self, chosen: list[int]) -> list[int]:
-        """Return a cheaper choice with one or two exchanged, if there is one."""
+        """Return a cheaper choice with one or two candidates exchanged, or else ``chosen``."""
         pairs = len(chosen) <= MOST_PAIRS and len(self.costs) <= MOST_FOR_PAIRS
         for size in (1, 2) if pairs else (1,):
             for out in combinations(chosen, size):
@@ -215,13 +215,13 @@ class CandidateSearch:
 
 
 def _places(offset: Index, place: Index) -> Index:
-    """Return the places of the coordinates of points, −1 where held, (m, 3)."""
+    """Return the places of the coordinates of points, −1 for held coordinates, (m, 3)."""
     columns = np.where(offset[:, None] >= 0, offset[:, None] + np.arange(3), 0)
     return np.where(offset[:, None] >= 0, place[columns], -1)
 
 
 def _failing_rows(design: Plan, targets: Sequence[Target], watched: Collection[str] = ()) -> Index:
-    """Return the observations that fail a target, and those to be watched."""
+    """Return the rows of observations that fail a target or are watched."""
     out = np.zeros(design.solution.n_observations, dtype=bool)
     for t in targets:
         if isinstance(t, RowTarget):
@@ -244,7 +244,7 @@ def _watched_rows(design: Plan, a: object, rows: Index) -> tuple[Array, Array, A
         part = np.asarray(a[at].todense())  # type: ignore[index]
         right[j] = values @ part
         weight[j] = values @ values
-        # A of the observation itself: W⁻¹ of its group's whitened rows.
+        # The row of A of the observation itself is W⁻¹ times the whitened rows of its group.
         whitener = np.stack([_unit(equations, int(i), at) for i in at], axis=1)
         left[j] = np.linalg.solve(whitener, part)[at.tolist().index(row)]
     return left, right, weight

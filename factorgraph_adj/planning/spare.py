@@ -1,10 +1,10 @@
-"""Which observations of a design can be left out while its targets are still met.
+"""Search for observations of a design that can be left out while its targets are still met.
 
-The reverse of `factorgraph_adj.planning.propose`: one after another, the observation that saves
-most for what it takes from the targets (the sum over all items of figure and limit, with it and
-without). `Update` of `factorgraph_adj.solve.update` tells what changes when its rows leave, so that
-nothing is solved anew. Q is that of all observations' functions, h = A Q Aᵀ. An observation without
-which something is not determined has an eigenvalue 1 of h: that update is not trusted, and the
+This is the reverse of `factorgraph_adj.planning.propose`. Observations are removed one by one, each
+time the observation with the largest cost per loss; the loss is the change of the sum of
+figure/limit over all items. `Update` of `factorgraph_adj.solve.update` gives the changes by the
+removal of rows from the cofactors h = A Q Aᵀ of all observed functions. For an observation that
+some unknown needs to be determined, h has an eigenvalue 1: the update is not reliable, and the
 observation stays.
 """
 
@@ -41,35 +41,35 @@ from .targets import (
 )
 
 LARGEST = 6000
-"""Scalar observations up to which this is done; all of A Q Aᵀ is held."""
+"""Largest number of scalar observations of a design; A Q Aᵀ is kept in memory as a whole."""
 ROUNDED_LOSS = 1e-9
-"""Loss that is rounding."""
+"""Loss up to which the loss is rounding error."""
 EQUAL = 1e-6
-"""Part by which two observations may differ in worth and still be worth the same.
+"""Relative difference up to which the costs per loss of two observations count as equal.
 
-Rounding of losses leaves as much where they are next to nothing. Of observations that are worth the
-same, as in a symmetric design, the first one goes.
+For losses near zero, rounding errors reach this size. Of observations with equal values, as in a
+symmetric design, the first one is removed.
 """
 LISTED = 12
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Spared(Shown):
-    """What can be left out."""
+    """Observations that can be left out."""
 
     ids: tuple[str, ...]
     """Ids of the observations, in the order in which they were taken out."""
     saved: float
-    """Their cost."""
+    """Cost of these observations."""
     plan: Plan
-    """The design without them; its targets are met."""
+    """Plan of the design without these observations; its targets are met."""
 
     def headline(self) -> str:
-        """Say how many, and what they cost."""
+        """Return the number of observations and their cost."""
         return f"Spared: {len(self.ids)} observations, cost {self.saved:g}"
 
     def first_rows(self) -> Rows:
-        """Return what can be left out."""
+        """Return the observations that can be left out."""
         return Rows(
             ("observation",),
             ((i,) for i in self.ids),
@@ -77,7 +77,7 @@ class Spared(Shown):
         )
 
     def __str__(self) -> str:
-        """List them."""
+        """List the observations."""
         if not self.ids:
             return "Nothing can be left out."
         lines = [f"{len(self.ids)} observations can be left out, cost {self.saved:g}:"]
@@ -97,16 +97,16 @@ def find_sparable(
 
     Args:
         network: the design; see `plan`.
-        targets: what is to be achieved.
-        observations: ids or kinds, or patterns, of what may be left out: single observations,
-            not members of correlated groups.
-        cost: of observations by id, greater than zero; 1 for others.
+        targets: targets of the design.
+        observations: ids or kinds, or patterns, of observations that may be left out; members of
+            correlated groups always stay.
+        cost: costs of observations by id, greater than zero; 1 for all others.
         alpha: as in `plan`.
         power: as in `plan`.
 
     Raises:
-        InputError: the design does not meet its targets, by item; it is too large; there are no
-            targets, or bad ones; bad costs; patterns that no observation has.
+        InputError: the design does not meet its targets, by item; the design is too large; no
+            targets, or invalid ones; invalid costs; patterns without a matching observation.
     """
     wanted = as_targets(targets)
     if not wanted:
@@ -139,7 +139,7 @@ def find_sparable(
         best = search.best(prices)
         if best is None:
             break
-        # What was predicted is checked by a plan of its own before it counts.
+        # A separate plan checks the predicted figures before the observation is removed.
         found = realised(without(network, [*out, best]), wanted, alpha=alpha, power=power)
         search.take(best, leave=not found.met)
         if found.met:
@@ -164,7 +164,7 @@ def _wrong_prices(prices: Mapping[str, Any], ids: Sequence[str]) -> list[Problem
 
 
 class _SpareSearch:
-    """Q of a design from which observations are taken."""
+    """Cofactors of a design from which observations are removed."""
 
     def __init__(self, design: Plan, targets: Sequence[Target], may_go: Sequence[str]) -> None:
         solution = design.solution
@@ -180,7 +180,7 @@ class _SpareSearch:
         on = rows_like(solution, may_go)
         rows: dict[str, list[int]] = {}
         for i, o in enumerate(solution.observations):
-            # Not weighted unknowns: those are no observations.
+            # Weighted unknowns are excluded, because they are not measured.
             own = o.kind == "image" or o.id in design.network.observations
             if on[i] and i not in clustered and own:
                 rows.setdefault(o.id, []).append(i)
@@ -207,7 +207,7 @@ class _SpareSearch:
         self.blocks = solution.point_covariances.copy()
 
     def best(self, prices: Mapping[str, float]) -> str | None:
-        """Return what saves most for what it takes, of what may go."""
+        """Return the removable observation with the largest cost per loss."""
         chosen, value = None, 0.0
         before = self._figures()
         for ident, rows in self.rows.items():
@@ -220,11 +220,11 @@ class _SpareSearch:
         return chosen
 
     def _without(self, rows: Index) -> Update:
-        """Return what changes when rows leave; its spread is to all observations, Q to h."""
+        """Return the update of h by the removal of rows; its spread covers all observations."""
         return Update.of(self.h).with_rows(rows, np.eye(len(rows)), sign=-1)
 
     def _figures(self) -> dict[Target, Array]:
-        """Return figures over limits as they are, of all scalar observations or points."""
+        """Return the present figure/limit of all scalar observations or points, by target."""
         none = np.zeros(0, dtype=np.intp)
         out = {}
         for t in self.targets:
@@ -234,7 +234,7 @@ class _SpareSearch:
         return out
 
     def _loss(self, rows: Index, before: Mapping[Target, Array]) -> float | None:
-        """Return how much nearer all figures come to their limits; none where one passes it."""
+        """Return the loss by the removal of rows; None if a figure exceeds its limit."""
         update = self._without(rows)
         if not update.trusted:
             return None
@@ -245,12 +245,12 @@ class _SpareSearch:
             items, found = self._ratios(t, rows, update, present)
             if len(found) and found.max() > 1.0 - 1e-9:
                 return None
-            # Of what remains: an observation that goes takes its own figure along.
+            # Only remaining items count: the figures of the removed rows are gone.
             total += float((found - before[t][items]).sum())
         return total
 
     def _ratios(self, t: Target, rows: Index, update: Update, present: Mask) -> tuple[Index, Array]:
-        """Return figures over limits, or limits over figures, without some rows, and of what."""
+        """Return the items and figure/limit (or limit/figure) after the removal of rows."""
         if isinstance(t, RowTarget):
             on = np.flatnonzero(self.asked[t] & present)
             r = 1.0 - np.diag(self.h)[on] + update.losses(update.spread[on])
@@ -265,7 +265,7 @@ class _SpareSearch:
         return points, np.asarray(point_figures(t, blocks, self.horizon[points]) / limit_of(t))
 
     def _of_points(self, points: Index, rows: Index) -> Array:
-        """Return Q Aᵀ of coordinates and rows, zero where held, (n, 3, k)."""
+        """Return Q Aᵀ of coordinates and rows, zero for held coordinates, (n, 3, k)."""
         columns = np.where(self.offset[points, None] >= 0, self.offset[points, None], 0)
         columns = columns + np.arange(3)
         on = (self.offset[points, None] >= 0) & self.free[columns]
@@ -284,7 +284,7 @@ class _SpareSearch:
         return on, np.asarray(far * self.delta0 / np.sqrt(r) / t.at_most)
 
     def take(self, ident: str, *, leave: bool) -> None:
-        """Take an observation out, or leave it for good."""
+        """Remove an observation, or keep it permanently."""
         rows = self.rows.pop(ident)
         if leave:
             return

@@ -1,8 +1,8 @@
-"""What a network is to achieve: targets, and what fails them.
+"""Targets of a network, and the items that fail them.
 
 Every target has figures, one for each of its items (points, or scalar observations), and a limit.
-How far an item is from its target is measured by the logarithm of figure and limit, so that
-figures of different kinds can be added up.
+The lack of an item is |ln(figure/limit)| if it fails its target, so that figures of different kinds
+can be added up.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ from ..types import Array
 from .patterns import Name, matching, patterns_of, unlike
 
 LEAST = 1e-6
-"""Redundancy number below which nothing controls an observation."""
+"""Redundancy number below which an observation is uncontrolled."""
 MOST = 1e9
-"""Figure of what is not controlled at all, relative to its limit."""
+"""Largest ratio of figure and limit; uncontrolled observations have this ratio."""
 MET = 1e-9
-"""Logarithm of figure and limit that is rounding: the limit is met."""
+"""Logarithm of figure/limit up to which it is rounding error, and the limit is met."""
 FLAT = 1e-10
-"""Variance of an axis relative to the largest that is rounding: the axis has no part in a region.
+"""Variance of an axis, relative to the largest, up to which it is rounding error and the axis is
+left out of the region.
 
-Points that carry the datum of a free network have flat covariances by an S-transformation, whose
-subtractions leave about 1e-13; an axis that is there is not 1e-5 of the largest.
+Datum points of a free network have flat covariances from an S-transformation, whose subtractions
+leave relative variances of about 1e-13. The length of a real axis is more than 1e-5 of the largest.
 """
 
 
@@ -43,16 +44,16 @@ def _settle(target: object) -> None:
 
 @dataclass(frozen=True)
 class SemiAxis:
-    """No semi-major axis of a point's confidence ellipse, or ellipsoid, is longer."""
+    """Limit for the semi-major axis of the confidence ellipse, or ellipsoid, of each point."""
 
     at_most: float
-    """Metres."""
+    """Largest allowed semi-major axis, metres."""
     confidence: float = CONFIDENCE
     """Probability of the region, σ0 known."""
     points: tuple[str, ...] = ("*",)
-    """Names, or patterns with ``*`` and ``?``."""
+    """Names of points, or patterns with ``*`` and ``?``."""
     dimension: Literal[2, 3] = 2
-    """Ellipse in the horizon, or ellipsoid."""
+    """2 for the ellipse in the horizon, 3 for the ellipsoid."""
 
     def __post_init__(self) -> None:
         """Take a string as one pattern."""
@@ -61,14 +62,14 @@ class SemiAxis:
 
 @dataclass(frozen=True)
 class PointPrecision:
-    """No standard deviation of a coordinate is larger."""
+    """Limit for the standard deviations of coordinates."""
 
     at_most: float
-    """Metres."""
+    """Largest allowed standard deviation, metres."""
     points: tuple[str, ...] = ("*",)
-    """Names, or patterns."""
+    """Names of points, or patterns."""
     axes: str = "xyz"
-    """Which coordinates."""
+    """Coordinates to which the target applies."""
 
     def __post_init__(self) -> None:
         """Take a string as one pattern."""
@@ -77,10 +78,10 @@ class PointPrecision:
 
 @dataclass(frozen=True)
 class RedundancyNumber:
-    """No redundancy number is smaller."""
+    """Limit for redundancy numbers."""
 
     at_least: float
-    """From 1e-6 to less than 1."""
+    """Smallest allowed redundancy number, from 1e-6 to less than 1."""
     observations: tuple[str, ...] = ("*",)
     """Ids or kinds, or patterns; weighted unknowns by names such as ``point P1 x``."""
 
@@ -91,10 +92,10 @@ class RedundancyNumber:
 
 @dataclass(frozen=True)
 class DetectableError:
-    """No smallest detectable error is larger."""
+    """Limit for smallest detectable errors."""
 
     at_most: float
-    """Multiples of the observation's own standard deviation."""
+    """Largest allowed error, in multiples of the observation's own standard deviation."""
     observations: tuple[str, ...] = ("*",)
     """Ids or kinds, or patterns."""
 
@@ -105,16 +106,16 @@ class DetectableError:
 
 @dataclass(frozen=True)
 class UndetectedShift:
-    """No error that may stay undetected moves a point by more: √(∇x² + ∇y² + ∇z²).
+    """Limit for the shift √(∇x² + ∇y² + ∇z²) of a point by an undetected error.
 
-    Observations do not always improve it: one that ties a point to another carries the errors of
-    observations of that one to the point.
+    More observations do not always reduce the shift: an observation between two points transfers
+    the errors of observations of one point to the other.
     """
 
     at_most: float
-    """Metres."""
+    """Largest allowed shift, metres."""
     points: tuple[str, ...] = ("*",)
-    """Names, or patterns."""
+    """Names of points, or patterns."""
     observations: tuple[str, ...] = ("*",)
     """Ids or kinds, or patterns, of the observations that may be wrong."""
 
@@ -133,7 +134,7 @@ TARGETS: dict[str, type[Target]] = {
     "detectable_error": DetectableError,
     "undetected_shift": UndetectedShift,
 }
-"""Kinds of targets, as files name them."""
+"""Classes of targets by their names in files."""
 
 
 @dataclass(frozen=True)
@@ -145,22 +146,22 @@ class Shortfall:
     item: str
     """Name of the point, or label of the observation."""
     figure: float
-    """What it has; infinite, or 0, where nothing controls it."""
+    """Figure of the item; infinite, or 0, for an uncontrolled observation."""
 
     def __str__(self) -> str:
-        """Say what fails, and by how much."""
+        """Return the item with its figure and limit."""
         limit, sign = limit_of(self.target), "<" if at_least(self.target) else ">"
         figure, bound = apart(self.figure, limit)
         return f"{self.item}: {describe(self.target)} {figure} {sign} {bound}"
 
 
 def short(value: float, digits: int = 3) -> str:
-    """Return a figure in three digits, rounding errors as zero."""
+    """Return a figure with three digits; rounding errors are shown as zero."""
     return f"{value if abs(value) > 1e-12 else 0.0:.{digits}g}"
 
 
 def apart(figure: float, limit: float) -> tuple[str, str]:
-    """Return a figure and its limit in three digits, or as many as tell them apart."""
+    """Return a figure and its limit with three digits, or with as many as make them differ."""
     for digits in range(3, 17):
         a, b = short(figure, digits), short(limit, digits)
         if a != b:
@@ -174,12 +175,12 @@ def limit_of(target: Target) -> float:
 
 
 def at_least(target: Target) -> bool:
-    """Return whether figures are to be no smaller than the limit."""
+    """Return whether the limit is a lower one."""
     return isinstance(target, RedundancyNumber)
 
 
 def describe(target: Target) -> str:
-    """Return what the figures of a target are."""
+    """Return a text that names the figures of a target."""
     if isinstance(target, SemiAxis):
         region = "ellipse" if target.dimension == 2 else "ellipsoid"
         shown = f"{100 * target.confidence:g} %" if 0 < target.confidence < 1 else "confidence"
@@ -194,10 +195,10 @@ def describe(target: Target) -> str:
 
 
 def as_targets(given: Any) -> tuple[Target, ...]:
-    """Return targets as a tuple; one alone is taken as such.
+    """Return targets as a tuple; a single target gives a tuple of one.
 
     Raises:
-        InputError: what is none.
+        InputError: a value that is no target.
     """
     if isinstance(given, get_args(Target)):
         return (given,)
@@ -217,7 +218,7 @@ def as_targets(given: Any) -> tuple[Target, ...]:
 
 
 def limit_problems(targets: Sequence[Target], points: Sequence[str]) -> list[Problem]:
-    """Return what is wrong with limits, and patterns that no point has."""
+    """Return invalid limits, and patterns that match no point."""
     problems = []
     for n, t in enumerate(targets, 1):
         wrong: list[str] = []
@@ -253,7 +254,7 @@ def check_targets(targets: Sequence[Target], points: Sequence[str]) -> None:
     """Check limits and names of points.
 
     Raises:
-        InputError: every limit that nothing can meet, every pattern that no point has.
+        InputError: all limits that no design can meet, and all patterns that match no point.
     """
     problems = limit_problems(targets, points)
     if problems:
@@ -263,12 +264,12 @@ def check_targets(targets: Sequence[Target], points: Sequence[str]) -> None:
 def observation_problems(
     targets: Sequence[Target], equations: Equations, also: Equations | None = None
 ) -> list[Problem]:
-    """Return patterns that no observation has, and targets for points that cannot move.
+    """Return patterns that match no observation, and targets for held points.
 
     Args:
-        targets: they.
-        equations: of the design.
-        also: of the design with all that may be added to it.
+        targets: all targets.
+        equations: equations of the design.
+        also: equations of the design with all candidates.
     """
     names, problems = names_of(also or equations), []
     table = equations.unknowns["point"]
@@ -307,7 +308,7 @@ def _number(value: object) -> bool:
 
 
 def for_points(target: Target, names: Sequence[str]) -> Target:
-    """Return the target with its patterns written out for some points."""
+    """Return the target with its patterns replaced by the names of matching points."""
     if isinstance(target, RedundancyNumber | DetectableError):
         return target
     chosen = matching(names, target.points)
@@ -318,9 +319,9 @@ def point_figures(target: PointTarget, blocks: Array, horizon: Array) -> Array:
     """Return the figures of points, (n,).
 
     Args:
-        target: what is asked.
+        target: the target.
         blocks: covariances in the frame of the network, (n, 3, 3), metres².
-        horizon: east and north of each point in the frame, (n, 2, 3).
+        horizon: unit vectors east and north at each point in the frame, (n, 2, 3).
     """
     if isinstance(target, PointPrecision):
         chosen = ["xyz".index(a) for a in target.axes]
@@ -329,20 +330,20 @@ def point_figures(target: PointTarget, blocks: Array, horizon: Array) -> Array:
     k = target.dimension
     regions = blocks if k == 3 else horizon @ blocks @ np.swapaxes(horizon, 1, 2)
     values = np.linalg.eigvalsh(regions)
-    # A held axis has no part in the region: that of the others is an interval, or an ellipse.
+    # Without its held axes the region is an interval or an ellipse.
     free = np.sum(values > FLAT * values[:, -1:], axis=1)
     factors = np.array([0.0, *(confidence_factor(d, target.confidence) for d in range(1, k + 1))])
     return np.asarray(factors[free] * np.sqrt(np.maximum(values[:, -1], 0.0)))
 
 
 def lacking(target: Target, figures: Array) -> Array:
-    """Return how far figures are from their target: log of figure and limit, 0 where they meet it.
+    """Return the lack |ln(figure/limit)| of figures, (n,); 0 for figures that meet the target.
 
-    What is nearer than 1e-9 meets it: covariances are no better.
+    A lack of less than 1e-9 counts as 0, since covariances have this accuracy.
 
     Args:
-        target: what is asked.
-        figures: (n,); infinite, or 0, where nothing controls an item.
+        target: the target.
+        figures: figures of the items, (n,); infinite, or 0, for uncontrolled items.
     """
     limit = limit_of(target)
     if at_least(target):

@@ -1,21 +1,23 @@
-"""Which observations one round of data snooping sets aside.
+"""Choice of the observations that one round of data snooping sets aside.
 
-Of those with a test value above the critical one, the largest first, each goes if
+The candidates are the observations whose test value exceeds the critical value, in descending
+order. A candidate is set aside if
 
-1. its test value is at least ``share`` of the largest that can go;
-2. none of its test values is correlated by more than `MOST_CORRELATION` with that of a larger
-   one set aside in this round: that one may explain it;
-3. without those, in the linear model, it is still above the critical value;
-4. the others still determine everything without it.
+1. its test value is at least ``share`` of the largest test value that can be set aside;
+2. none of its test values is correlated by more than `MOST_CORRELATION` with a test value of an
+   observation set aside earlier in this round, whose error may explain the candidate's;
+3. its test value in the linear model without the observations set aside earlier in this round still
+   exceeds the critical value;
+4. the remaining observations still determine all unknowns.
 
-One above the critical value that cannot go stays, but 2 and 3 count it as if it had gone: others do
-not go for its error.
+A candidate that fails condition 4 stays in the adjustment. Conditions 2 and 3 treat it as set
+aside, so that no other observation is set aside because of its error.
 
-With the correlations R of the test values w, those without the set S are
+With the correlations R of the test values w, the test values without the set S are
 
     w_j' = (w_j − R_jS R_SS⁻¹ w_S) / √(1 − R_jS R_SS⁻¹ R_Sj),
 
-and everything is determined as long as R_SS is regular.
+and all unknowns are determined as long as R_SS is regular.
 """
 
 from __future__ import annotations
@@ -31,30 +33,30 @@ from ..types import Array, Index, Mask
 from .reliability import UNCONTROLLED, Reliability
 
 MOST_CORRELATION = 0.5
-"""Correlation of test values above which the smaller one waits for the next round."""
+"""Correlation of two test values above which the smaller one waits for the next round."""
 INSEPARABLE = 0.9
-"""Correlation of test values from which on two observations cannot be told apart."""
+"""Correlation of two test values from which on their observations count as inseparable."""
 MOST_ROWS = 400
-"""Components of observations that are looked at in one round, the largest first."""
+"""Maximum number of rows (components of observations) examined in one round, largest first."""
 MOST_ROWS_AT_ONCE = 3000
-"""The same where all that stand out by other means go at once."""
+"""Maximum number of rows examined in a round that sets all outliers aside at once (``every``)."""
 SPACE = 20_000_000
-"""Numbers in the correlations that are computed at once."""
+"""Maximum number of elements of the correlation matrix that are computed at once."""
 FLAT = 1e-10
-"""Smallest eigenvalue of the normal matrix of a point relative to the largest, below which its
-rays do not determine it."""
+"""Ratio of the smallest to the largest eigenvalue of a point's normal matrix up to which its rays
+leave the point undetermined."""
 
 
 @dataclass(frozen=True)
 class Units:
-    """The observations of a solution as units that are set aside as a whole."""
+    """The observations of a solution; each is a unit that is set aside with all its rows."""
 
     number: Index
     """Number of the observation of each scalar row, (n,)."""
     first: Index
     """First row of each observation, (m,)."""
     size: Index
-    """Number of its rows, (m,)."""
+    """Number of rows of each observation, (m,)."""
 
     @classmethod
     def of(cls, equations: Equations) -> Units:
@@ -64,7 +66,7 @@ class Units:
         return cls(number, first, np.diff(np.append(first, len(number))))
 
     def rows(self, unit: int) -> Index:
-        """Return the rows of one."""
+        """Return the rows of one observation."""
         return np.arange(self.first[unit], self.first[unit] + self.size[unit])
 
     def largest(self, values: Array) -> Array:
@@ -74,28 +76,29 @@ class Units:
 
 @dataclass(frozen=True)
 class Outlier:
-    """An observation that a round sets aside, or would have to."""
+    """An observation that a round sets aside, or that is blocked."""
 
     unit: int
-    """Its number."""
+    """Number of the observation."""
     row: int
     """Row of its largest test value."""
     test: float
-    """That value."""
+    """Largest test value of the observation."""
     inseparable: tuple[tuple[int, float], ...]
-    """Rows of other observations that it cannot be told from, with the correlations."""
+    """Rows of inseparable other observations, with their correlations."""
     point: int | None = None
-    """Number of the point that has to go with it, since its other rays cannot determine it."""
+    """Number of the point that is removed with the observation, since its other rays cannot
+    determine it; None: no point is removed."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What one round does."""
+    """Result of one round."""
 
     chosen: tuple[Outlier, ...]
-    """Set aside, the largest first."""
+    """Observations set aside, the largest first."""
     blocked: tuple[Outlier, ...]
-    """Above the critical value, but without them something would be undetermined."""
+    """Observations above the critical value that some unknown needs to be determined."""
 
 
 def choose(
@@ -108,17 +111,17 @@ def choose(
     stuck: Collection[int] = (),
     every: bool = False,
 ) -> Choice:
-    """Choose what to set aside.
+    """Choose the observations to set aside.
 
     Args:
         rel: reliability of the solution.
-        test: the test values that decide, (n,); NaN where there is none.
+        test: the test values that decide, (n,); NaN for rows without a test value.
         scale: ``rel.w`` / test.
         critical: critical value of ``test``.
-        share: part of the largest test value that others must reach to go with it.
-        stuck: observations that cannot go, but may explain others as if they had gone.
-        every: all that stand out by ``test`` go, as long as the rest determines everything:
-            conditions 2 and 3 are left out.
+        share: part of the largest test value that others must reach to be set aside in this round.
+        stuck: blocked observations; they stay, but explain others as if they were set aside.
+        every: set aside every observation above the critical value, as long as the rest determines
+            all unknowns: conditions 2 and 3 are left out.
     """
     most_rows = MOST_ROWS_AT_ONCE if every else MOST_ROWS
     units = Units.of(rel.solution.equations)
@@ -127,7 +130,7 @@ def choose(
     size[list(stuck)] = 0.0
     order = np.argsort(-size, kind="stable")
     order = order[(size[order] > critical) & (size[order] >= share * size[order[0]])]
-    # Something may be blocked, and the share is that of the largest that is not.
+    # Blocked observations were removed above: the share refers to the largest one that can go.
     candidates = order[np.cumsum(units.size[order]) <= max(most_rows, int(units.size.max()))]
     if not len(candidates):
         return Choice((), ())
@@ -154,7 +157,7 @@ def choose(
 
 
 class _OutlierSearch:
-    """The linear model, in which one candidate after the other goes."""
+    """The linear model, from which one candidate after the other is removed."""
 
     def __init__(
         self, rel: Reliability, units: Units, candidates: Index, test: Array, scale: float
@@ -172,7 +175,7 @@ class _OutlierSearch:
         self.blocked: list[Outlier] = []
 
     def stands_out(self, unit: int, critical: float) -> bool:
-        """Return whether those that went neither resemble a unit nor explain its test value."""
+        """Return whether a unit meets conditions 2 and 3."""
         at = self._at(unit)
         rho = np.abs(self.rho[at][:, self.gone])
         if np.nanmax(rho, initial=0.0) > MOST_CORRELATION:
@@ -182,11 +185,11 @@ class _OutlierSearch:
         return bool(np.nanmax(still, initial=0.0) > critical)
 
     def explain_by(self, unit: int) -> None:
-        """Let a unit that stays explain what it can, as if it were gone."""
+        """Treat a unit that stays as removed, so that it explains other test values."""
         self._let_go(self._at(unit))
 
     def consider(self, unit: int) -> None:
-        """Let a unit go, if the rest determines everything; alone or with its point."""
+        """Remove a unit, alone or with its point, if the rest determines all other unknowns."""
         at = self._at(unit)
         own = self.rows[at]
         row = int(own[np.argmax(np.nan_to_num(np.abs(self.test[own])))])
@@ -212,16 +215,16 @@ class _OutlierSearch:
         return np.array([self.place[int(row)] for row in self.units.rows(unit)], dtype=np.intp)
 
     def _let_go(self, at: Index) -> None:
-        """Condition the others on the unit being gone."""
+        """Update the test values and correlations of the others for the removed rows."""
         at = at[np.isfinite(np.diag(self.rho)[at])]
-        # With an unknown of its own for each error the residuals of a unit, and w, are held at 0.
+        # An additional unknown for the error of each row makes its residual, and w, zero.
         update = Update.of(self.left).with_rows(at, np.eye(len(at)), self.w[at], sign=0)
         self.w = self.w + update.step
         self.left = self.left - update.loss(update.spread)
         self.gone.extend(at.tolist())
 
     def _determined(self, point: int, row: int) -> bool:
-        """Return whether the rays of a point that are left determine it without that of ``row``."""
+        """Return whether the remaining rays of a point, without ``row``, determine it."""
         solution = self.rel.solution
         number = self.units.number
         gone = {int(number[r]) for r in self.rows[self.gone]} | {int(number[row])}
@@ -239,9 +242,9 @@ class _OutlierSearch:
 def _correlations(
     rel: Reliability, rows: Index, units: Units
 ) -> tuple[Array, list[tuple[tuple[int, float], ...]]]:
-    """Return the correlations (k, k) of test values, and what each row cannot be told from.
+    """Return the correlations (k, k) of test values, and the inseparable rows of each row.
 
-    They are NaN where a row is not controlled.
+    The correlations of uncontrolled rows are NaN.
     """
     n = len(rel.w)
     step = max(1, SPACE // max(1, n))
@@ -261,7 +264,7 @@ def _correlations(
 
 
 def _tie_point(equations: Equations, row: int, only_images: Mask) -> int | None:
-    """Return the point of an image ray, if it is free and nothing but images observe it."""
+    """Return the point of an image ray, if it is free and only images observe it."""
     block = next(b for b in equations.blocks if b.rows.start <= row < b.rows.stop)
     if block.kind != "image":
         return None
@@ -272,7 +275,7 @@ def _tie_point(equations: Equations, row: int, only_images: Mask) -> int | None:
 
 
 def _only_images(equations: Equations) -> Mask:
-    """Return which points nothing but images observe, by number."""
+    """Return a mask of the points that only images observe."""
     out = np.ones(len(equations.unknowns["point"].names), dtype=bool)
     for block in equations.blocks:
         if block.kind != "image":

@@ -1,4 +1,4 @@
-"""Check points: adjusted coordinates against known ones that took no part."""
+"""Check points: adjusted coordinates against known ones that the adjustment did not use."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class CheckPoints(Shown):
 
     @property
     def normalised(self) -> Array:
-        """Differences over their standard deviations (n, 3), known coordinates without error.
+        """Differences over the standard deviations of the adjusted coordinates, (n, 3).
 
-        NaN where a coordinate is held or not known.
+        The known coordinates are taken as errorless. Held and unknown coordinates give NaN.
         """
         safe = np.where(self.sigmas > 0, self.sigmas, np.nan)
         return np.asarray(self.differences / safe)
@@ -63,7 +63,7 @@ class CheckPoints(Shown):
     def rms_sigma(self) -> Array:
         """Root mean square of the standard deviations at known coordinates, (3,) metres.
 
-        What `rms` is expected to be.
+        This is the expected value of `rms`.
         """
         return _by_axis(np.where(np.isfinite(self.differences), self.sigmas, np.nan) ** 2) ** 0.5
 
@@ -71,9 +71,9 @@ class CheckPoints(Shown):
 def check_points(solution: Solution) -> CheckPoints:
     """Compare adjusted coordinates with those given as ``check`` of a point.
 
-    Differences are adjusted − known, in the axes of the frame. Their standard deviations are those
-    of the adjusted coordinates: in a free network they, and the differences, belong to its datum.
-    Known coordinates are taken as errorless.
+    Differences are adjusted − known, in the axes of the frame. Known coordinates are taken as
+    errorless, so the standard deviations are those of the adjusted coordinates. In a free network
+    the differences and the standard deviations refer to the datum of the network.
     """
     points = [p for p in solution.network.points.values() if p.check is not None]
     numbers = [solution.number("point", p.name) for p in points]
@@ -84,7 +84,7 @@ def check_points(solution: Solution) -> CheckPoints:
 
 
 def _by_axis(values: Array) -> Array:
-    """Return the mean of each column without its NaN; NaN where there is nothing else."""
+    """Return the mean of the finite values of each column; NaN for a column of NaN."""
     on = np.isfinite(values)
     total, count = np.where(on, values, 0.0).sum(axis=0), on.sum(axis=0)
     return np.asarray(np.divide(total, count, out=np.full(3, np.nan), where=count > 0))

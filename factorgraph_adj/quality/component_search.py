@@ -1,4 +1,4 @@
-"""The way to variance components: the steps, and which groups have to be left out of them."""
+"""Iteration for variance components: its steps, and the groups that it leaves out."""
 
 from __future__ import annotations
 
@@ -11,39 +11,40 @@ from .distributions import chi2_upper_quantile
 from .group_redundancy import GroupRedundancy
 
 State: TypeAlias = Literal["estimated", "uncertain", "not separable", "driven to zero", "held"]
-"""How a component was found; the last two are not estimates."""
+"""State of a component; components "driven to zero" or "held" are not estimated."""
 
 LEAST_REDUNDANCY = 1.0
 """Redundancy of a group below which its a-priori standard deviations are kept."""
 VANISHED = 1e-9
-"""Redundancy of a group that is nothing but rounding."""
+"""Redundancy of a group up to which the redundancy is only rounding error."""
 UNLIKELY = 1e-3
-"""Probability of residuals by chance, below which weights are held for too great."""
+"""Probability of the residuals of a group below which its weights are judged too large."""
 SMALLEST = 1e-4
-"""Factor of σ at which residuals are too small for any."""
+"""Smallest factor on the a-priori σ of a group; a group that reaches it is driven to zero."""
 SINGULAR = 1e-6
-"""Eigenvalue of S, scaled to a diagonal of ones, that counts as zero."""
+"""Eigenvalue up to which S, scaled to a diagonal of ones, counts as singular."""
 STRIDE = 4.0
-"""Most that a variance is changed by in one step of Helmert's equations, unless Förstner's quotient
-q/r, which is never negative, asks for more."""
+"""Largest factor by which one step of Helmert's equations changes a variance. A larger quotient q/r
+of Förstner, which is never negative, replaces this limit for an increase."""
 NEAR = 0.5
-"""Relative change of variances within which the likelihood is taken for a parabola."""
+"""Largest relative change of the variances for which the likelihood is treated as a parabola."""
 CURVED = 0.25
-"""Curvature of the likelihood, relative to its expectation, from which on Newton is trusted."""
+"""Smallest curvature of the likelihood, relative to its expectation, with which a Newton step is
+taken."""
 TOO_FAR = 0.5
-"""Slope of the likelihood at the end of a step, back towards its beginning and relative to the
-slope there, from which on the next steps are shortened."""
+"""Reverse slope of the likelihood at the end of a step, relative to the slope at its beginning,
+above which the next steps are halved."""
 
 
 class ComponentSearch:
-    """Variance components of k groups on the way."""
+    """State of the iteration for the variance components of k groups."""
 
     def __init__(self, k: int) -> None:
         """Start with the a-priori variances."""
         self.logarithms = np.zeros(k)
         """ln f² (k,)."""
         self.estimated = np.ones(k, dtype=bool)
-        """Which groups are estimated."""
+        """Mask of the groups that are estimated, (k,)."""
         self.states: list[State] = ["estimated"] * k
         self.notes = [""] * k
         self._back = np.zeros(k, dtype=bool)
@@ -51,10 +52,13 @@ class ComponentSearch:
         self._way, self._slope = np.zeros(k), 0.0
 
     def judge(self, at: GroupRedundancy) -> bool:
-        """Stop groups whose residuals can say no more; return whether any weights change by that.
+        """Stop the estimation of groups with too little redundancy or too small a variance.
 
-        As the variance of a group goes to zero so does its redundancy, where others do not
-        repeat what it observes; with r < 1 it is not told from zero any more.
+        The redundancy of a group goes to zero with its variance, unless other observations repeat
+        the group's; a variance with r < 1 cannot be distinguished from zero.
+
+        Returns:
+            Whether the weights of any group change.
         """
         small = self.logarithms <= 2.0 * np.log(SMALLEST)
         poor = (at.redundancy < LEAST_REDUNDANCY) & ~self._suppressed(at)
@@ -80,9 +84,10 @@ class ComponentSearch:
         return bool(np.any(self.logarithms != before))
 
     def release(self, at: GroupRedundancy) -> bool:
-        """Estimate groups after all, once, that the others' weights now let be estimated.
+        """Resume, once for each group, the estimation of groups that now have enough redundancy.
 
-        Returns whether there are any.
+        Returns:
+            Whether any group is resumed.
         """
         held = np.array([state == "held" for state in self.states])
         back = (at.redundancy >= LEAST_REDUNDANCY) & (held | (at.squares > at.redundancy))
@@ -95,19 +100,20 @@ class ComponentSearch:
         return bool(back.any())
 
     def _suppressed(self, at: GroupRedundancy) -> Mask:
-        """Return which groups have little redundancy by their own far too great weights, (k,).
+        """Return which groups have little redundancy because their own weights are too large, (k,).
 
-        Errors that such weights force upon others leave a little in the group's own residuals:
-        q/r, by nature a χ²_m/m with m = r²/S_gg, is too large for its weight.
+        Such weights force the errors of a group upon other observations. The small rest in the
+        group's own residuals makes q/r too large; with right weights q/r is distributed as χ²_m/m
+        with m = r²/S_gg.
         """
         r = np.maximum(at.redundancy, np.finfo(float).tiny)
         m = np.maximum(r * r / np.maximum(np.diag(at.information), np.finfo(float).tiny), 1.0)
         return np.asarray((r > VANISHED) & (at.squares / r > chi2_upper_quantile(UNLIKELY, m) / m))
 
     def bound(self, at: GroupRedundancy) -> float:
-        """Return a bound on the change that is left of any component, relative to its own σ.
+        """Return a bound on the remaining change of any component, relative to its own σ.
 
-        √(ΔᵀSΔ/2) with the change Δ of ln f²: Cauchy-Schwarz, for cov(ln f²) = 2 S⁻¹.
+        The bound is √(ΔᵀSΔ/2) with the change Δ of ln f²: Cauchy-Schwarz for cov(ln f²) = 2 S⁻¹.
         """
         change = self._newton(at)
         if change is None:
@@ -136,18 +142,19 @@ class ComponentSearch:
         self.logarithms += self._way
 
     def _misfit(self, at: GroupRedundancy) -> Array:
-        """Return q − r, zero for what is not estimated, (k,)."""
+        """Return q − r, (k,); zero for groups that are not estimated."""
         return np.where(self.estimated, at.squares - at.redundancy, 0.0)
 
     def _helmert(self, at: GroupRedundancy) -> Array:
-        """Return Δ (k,) of S f² = q relative to the weights of now: S Δ = q − r, f² = 1 + Δ."""
+        """Solve S f² = q for f² = 1 + Δ relative to the current weights: S Δ = q − r, Δ (k,)."""
         cofactors, _ = self.cofactors(at)
         return np.asarray(cofactors @ self._misfit(at))
 
     def _newton(self, at: GroupRedundancy) -> Array | None:
         """Return Δ (k,) of (2B − S + diag(r − q)) Δ = q − r near the greatest likelihood.
 
-        None where that is far, or not seen by the curvature: Helmert's expects one.
+        None far from the maximum, or with a curvature too small for a Newton step; Helmert's
+        equations use the expected curvature instead.
         """
         g = np.flatnonzero(self.estimated)
         cofactors, lost = self.cofactors(at)
@@ -164,9 +171,10 @@ class ComponentSearch:
         return out if np.abs(out).max() < NEAR else None
 
     def cofactors(self, at: GroupRedundancy) -> tuple[Array, Mask]:
-        """Return S⁻¹ of what is estimated, zero elsewhere, (k, k), and what S leaves open, (k,).
+        """Return S⁻¹ of the estimated groups, zero elsewhere, (k, k), and a mask (k,).
 
-        Where S is singular, combinations that the residuals do not show stay as they are.
+        The mask marks groups in combinations that the residuals do not determine because S is
+        singular. Such combinations keep their value.
         """
         g = np.flatnonzero(self.estimated)
         out, lost = np.zeros_like(at.information), np.zeros(len(self.estimated), dtype=bool)

@@ -1,18 +1,19 @@
-"""The S-transformation: a solution as it looks from other datum points.
+"""The S-transformation: a solution with respect to other datum points.
 
-Coordinates and their covariances belong to a datum; what observations tell of the shape does not.
+Coordinates and their covariances refer to a datum; the shape of the network is independent of it.
 Baarda's S-transformation (S-transformations and criterion matrices, 1973) leads from one datum to
-another without adjusting again: with G, the motions that the observations leave undetermined,
+another without a new adjustment: with G, the motions that the observations leave undetermined,
 and G_D, its rows of the new datum points,
 
     Q' = S Q Sᵀ,  S = I − G (G_DᵀG_D)⁻¹ G_Dᵀ
 
 In a free network G is its datum defect, and the coordinates move along, by a finite similarity
-transformation, to where inner constraints over the new datum points want them. Where coordinates
-are given (held, weighted, control points, GNSS positions), Q holds what they say of G too; S takes
-just that out. Its G is what is undetermined without them. Held coordinates, errorless in their own
-datum, are points like others in the new one, and get covariances. With more given coordinates
-than a datum needs, what they say of the shape stays in.
+transformation, until the inner constraints over the new datum points hold. If coordinates are given
+(held, weighted, control points, GNSS positions), they determine the motions G as well; S removes
+this contribution from Q. G then holds the motions that are undetermined without the given
+coordinates. Held coordinates are errorless in their own datum; in the new datum they have
+covariances like all other points. If more coordinates are given than a datum needs, their
+information on the shape remains in Q.
 """
 
 from __future__ import annotations
@@ -49,11 +50,11 @@ Motion: TypeAlias = Literal[
 """The seven motions of a similarity transformation, in the order of `solve.datum.MOTIONS`."""
 
 IGNORED = 1e-60
-"""Factor on weights that leaves nothing of an observation."""
+"""Factor on the weights of an observation that takes it out of the adjustment."""
 UNOBSERVED = 1e-30
-"""Diagonal of N (1/m², 1/rad²) below which only ignored observations touch a column."""
+"""Diagonal element of N (1/m², 1/rad²) below which only ignored observations touch a column."""
 AT_REST = 1e-5
-"""Step relative to σ below which a solution is at rest, as in `adjust`."""
+"""Step relative to σ below which a solution is at rest; the same value as in `adjust`."""
 
 
 def s_transform(
@@ -64,28 +65,29 @@ def s_transform(
 ) -> Solution:
     """Return the same solution with another datum: inner constraints over other points.
 
-    Nothing is adjusted again: residuals, vᵀPv, redundancy and the precision of everything that
-    does not depend on the datum (distances, where scale is determined; angles) stay.
+    Residuals, vᵀPv, redundancy and the precision of all datum-invariant quantities (angles;
+    distances if the observations determine the scale) stay the same.
 
-    - A free network is carried onto the constraints G_Dᵀ (x − x₀)_D = 0 over ``points``, x₀ =
+    - A free network is moved onto the constraints G_Dᵀ (x − x₀)_D = 0 over ``points``, x₀ =
       ``solution.start``: coordinates, attitudes, orientation unknowns and covariances become those
-      of an adjustment with ``points`` as its datum points; back again leads to the first ones.
-    - Where the datum is given, coordinates stay, and covariances become those relative to
-      ``points`` (``solution.reference``). Reliability and the effects of errors stay with the
-      given datum.
+      of an adjustment with ``points`` as its datum points. A second transformation to the first
+      datum points restores the first solution.
+    - With a given datum, coordinates stay, and covariances become those relative to ``points``
+      (``solution.reference``). Reliability and the effects of errors still refer to the given
+      datum.
 
     Args:
-        solution: what `adjust` found, or an S-transformed one.
-        points: names of the new datum points; none: all points.
-        motions: only where the datum is given: the motions to take out. By default all that no
+        solution: result of `adjust`, or an S-transformed solution.
+        points: names of the new datum points; None: all points.
+        motions: the motions to remove, only for a given datum. By default all motions that no
             observation besides coordinates (held, weighted, control points, GNSS and photo
-            positions) notices; of any others, what the observations say is lost. Rotations and
-            scale are about the centre of the points: to take them out without the shifts seldom
-            makes sense.
+            positions) determines. Any other motion loses the information of the observations on
+            it. Rotations and scale refer to the centre of the points: to remove them without the
+            shifts seldom makes sense.
 
     Raises:
         InputError: unknown points or motions, all at once; motions for a free network; nothing
-            to take out.
+            to remove.
         DatumError: the points cannot carry the datum; without coordinates the network would not
             be connected.
     """
@@ -137,7 +139,7 @@ def _check_motions(motions: Sequence[str] | None) -> None:
 
 
 def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
-    """Carry a free network onto inner constraints over other points."""
+    """Move a free network onto inner constraints over other points."""
     assert solution.datum is not None
     equations = solution.equations
     columns = datum_columns(equations, solution.datum.motions, names)
@@ -187,7 +189,7 @@ def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
 def _reference(
     solution: Solution, names: tuple[str, ...], motions: Sequence[Motion] | None
 ) -> ReferenceDatum:
-    """Lay G out over all components, and multiply the cofactors with it."""
+    """Expand G to all components, and multiply the cofactors by it."""
     freed = _freed(solution)
     unknowns = freed.unknowns
     place = _places(solution.equations.unknowns, unknowns)
@@ -206,7 +208,7 @@ def _reference(
 def _freed(solution: Solution) -> Equations:
     """Return the network with every point and photo free, and coordinates without weight.
 
-    An axis that is held in all points is none of the network: levelling has no x and y.
+    An axis that is held in all points stays held: a levelling network has no x and y.
     """
     network = solution.network.copy()
     every = list(network.points.values())
@@ -227,7 +229,7 @@ def _freed(solution: Solution) -> Equations:
 
 
 def _places(mine: Unknowns, freed: Unknowns) -> Index:
-    """Return where each column is among all components, (n_columns,)."""
+    """Return the position of each column among all components, (n_columns,)."""
     out = np.zeros(mine.n_columns, dtype=np.intp)
     for kind, table in mine.tables.items():
         for j in range(table.free.shape[1]):
@@ -239,7 +241,7 @@ def _places(mine: Unknowns, freed: Unknowns) -> Index:
 def _undetermined(
     solution: Solution, freed: Equations, place: Index
 ) -> tuple[Array, tuple[str, ...]]:
-    """Return G of what no observation besides coordinates notices, and the motions' names."""
+    """Return G of the motions that only coordinates determine, and the names of these motions."""
     extra = [ExtraRows(place[e.columns], e.a, e.residual) for e in solution.normal().system.extra]
     system = LinearSystem(freed, solution.state, extra)
     diagonal = system.diagonal()

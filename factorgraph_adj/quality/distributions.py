@@ -1,7 +1,7 @@
 """Quantiles and probabilities of the distributions that tests and intervals use.
 
-They are those of `scipy.special`, on which `scipy.stats` rests: the figures of both are the same
-to the last bit, and importing `scipy.stats` takes longer than importing the rest of the package.
+They call `scipy.special`, as `scipy.stats` does, and give the same figures to the last bit. The
+import of `scipy.stats` takes longer than the import of the rest of the package.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def chi2_quantile(p: float, freedom: float) -> float:
 def chi2_upper_quantile(q: float, freedom: float | Array) -> Array:
     """Return the values that χ² exceeds with probability q: its quantiles 1 − q.
 
-    For small q they have more digits than `chi2_quantile` of 1 − q, which is rounded.
+    For small q the result has more correct digits than `chi2_quantile`, since 1 − q is rounded.
 
     Args:
         q: probability, between 0 and 1.

@@ -1,4 +1,4 @@
-"""The effect of an error of single observations on any unknown, and on other observations."""
+"""The effect of an error of one observation on any unknown, and on other observations."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..types import Array, Index
 from .rows import place_of, weighted, whitened_unit
 
 Unknown: TypeAlias = str | tuple[VariableKind, str]
-"""Name of a point, or kind and name of any variable."""
+"""An unknown: the name of a point, or the kind and name of any variable."""
 
 
 @dataclass(frozen=True)
@@ -22,13 +22,13 @@ class Effect:
     """Effect of an error on one variable."""
 
     kind: VariableKind
-    """Its kind."""
+    """Kind of the variable."""
     name: str
-    """Its name."""
+    """Name of the variable."""
     components: tuple[str, ...]
     """Names of its components."""
     values: Array
-    """Effects: metres, radians or image units."""
+    """Effect on each component, in metres, radians or image units."""
 
 
 def effect_of(
@@ -52,7 +52,7 @@ def effect_of(
 
 
 def _is_one(unknowns: object) -> bool:
-    """Tell a kind and a name from a list of two names."""
+    """Distinguish a pair of kind and name from a sequence of two names."""
     return (
         isinstance(unknowns, tuple)
         and len(unknowns) == 2
@@ -75,7 +75,7 @@ def _effects(
 
 
 def shifts(solution: Solution, rows: Index) -> Array:
-    """Return Q AᵀP e_i of the rows (k,), (n_columns, k): effects of errors of one unit."""
+    """Return Q AᵀP e_i of the rows (k,), (n_columns, k): effects of errors of size 1."""
     return solution.cofactor_times(_normal_rows(solution, rows))
 
 

@@ -1,9 +1,9 @@
 """Error ellipses and ellipsoids, absolute and relative, of points and projection centres.
 
-The covariance Σ of a place, or of the difference of two, is turned into the local horizon
+The covariance Σ of a place, or of the difference of two places, is rotated into the local horizon
 (east, north, up, `Frame.basis` without deflections); relative figures lie in the horizon of the
-midpoint. An ellipse is the 2-D confidence region of the plan position whatever the height, an
-ellipsoid the 3-D one:
+midpoint. An ellipse is the 2-D confidence region of the plan position, an ellipsoid the 3-D
+confidence region of the position:
 
     semi-axes = k √λ, λ the eigenvalues of Σ
 
@@ -13,8 +13,8 @@ with k = 1 for standard ellipses, and at a confidence p (`confidence_factor`)
     σ̂0 of r redundant   k² = dim · F_{p; dim, r}
 
 Azimuths count clockwise from north, in [0, π): an axis has no direction. The dip of an axis is
-positive where it goes down in the direction of its azimuth. Azimuths of axes as long as another
-are arbitrary.
+positive if it points down in the direction of its azimuth. Two axes of the same length have
+arbitrary azimuths.
 """
 
 from __future__ import annotations
@@ -32,22 +32,22 @@ from .levels import CONFIDENCE
 from .relative import Place, covariance, covariances, position
 
 FLAT = 1e-13
-"""Variance of an axis relative to the largest that is rounding: the axis is held."""
+"""Variance of an axis, relative to the largest, up to which it is rounding and the axis is held."""
 NO_COMPONENT = 1e-12
-"""Component of a unit vector that is none but for rounding."""
+"""Component of a unit vector up to which it is rounding and counts as zero."""
 
 
 def confidence_factor(
     dimension: int, confidence: float | None, *, redundancy: int | None = None
 ) -> float:
-    """Return k, semi-axes of a confidence region over those of the standard one.
+    """Return k, the semi-axes of a confidence region divided by those of the standard region.
 
     Args:
-        dimension: 1 of an interval, 2 of an ellipse, 3 of an ellipsoid: 1.960, 2.448 and 2.795
-            at 95 %.
-        confidence: probability p with which the region covers the truth; none: k = 1.
-        redundancy: r of the estimated σ̂0 that scales the covariance: √(dim F_{p; dim, r}); none:
-            σ0 is known, √χ²_{p; dim}.
+        dimension: 1 for an interval, 2 for an ellipse, 3 for an ellipsoid: k = 1.960, 2.448 and
+            2.795 at 95 %.
+        confidence: probability p with which the region covers the truth; None: k = 1.
+        redundancy: r of the estimated σ̂0 that scales the covariance, k = √(dim F_{p; dim, r});
+            None: σ0 is known, k = √χ²_{p; dim}.
 
     Raises:
         InputError: a probability outside (0, 1), no redundancy.
@@ -64,7 +64,7 @@ def confidence_factor(
 
 
 def factor_of(solution: Solution, dimension: int, confidence: float | None) -> float:
-    """Return the `confidence_factor` that belongs to how a solution scales its covariances."""
+    """Return the `confidence_factor` for the variance factor that a solution uses."""
     estimated = solution.variance == "a-posteriori" and solution.redundancy > 0
     redundancy = solution.redundancy if estimated else None
     return confidence_factor(dimension, confidence, redundancy=redundancy)
@@ -75,15 +75,15 @@ class ConfidenceInterval:
     """Interval of a height or height difference."""
 
     a: Place
-    """Of which place."""
+    """Place of the height."""
     b: Place | None
-    """Relative to which one, none for the height itself."""
+    """Place from which the height difference to ``a`` is taken; None: height itself."""
     sigma: float
     """Standard deviation along the plumb line, metres."""
     confidence: float | None
-    """Probability of the interval ± `half_width`; none: standard deviation."""
+    """Probability of the interval ± `half_width`; None: standard deviation."""
     factor: float
-    """K = half width / σ."""
+    """Factor k = half width / σ."""
 
     @property
     def half_width(self) -> float:
@@ -93,63 +93,63 @@ class ConfidenceInterval:
 
 @dataclass(frozen=True)
 class ErrorEllipse:
-    """Confidence ellipse of a plan position, or of the difference of two."""
+    """Confidence ellipse of a plan position, or of the difference of two positions."""
 
     a: Place
-    """Of which place."""
+    """Place of the ellipse."""
     b: Place | None
-    """Relative to which one, none for an absolute ellipse."""
+    """Second place of a relative ellipse; None for an absolute ellipse."""
     centre: Array
-    """Adjusted place, midpoint of two, (3,) metres in the frame of the network."""
+    """Adjusted position, or the midpoint of two, (3,) metres in the frame of the network."""
     semi_axes: tuple[float, float]
-    """Semi-major and semi-minor axis, metres; zero where held."""
+    """Semi-major and semi-minor axis, metres; zero for a held axis."""
     azimuth: float
-    """Azimuth of the semi-major axis, clockwise from north, [0, π); 0 of a circle."""
+    """Azimuth of the semi-major axis, clockwise from north, [0, π); 0 for a circle."""
     confidence: float | None
-    """Probability; none of a standard ellipse."""
+    """Probability; None for a standard ellipse."""
     factor: float
-    """K = semi-axes / those of the standard ellipse."""
+    """Factor k = semi-axes / semi-axes of the standard ellipse."""
 
 
 @dataclass(frozen=True)
 class ErrorEllipsoid:
-    """Confidence ellipsoid of a place, or of the difference of two."""
+    """Confidence ellipsoid of a place, or of the difference of two places."""
 
     a: Place
-    """Of which place."""
+    """Place of the ellipsoid."""
     b: Place | None
-    """Relative to which one, none for an absolute ellipsoid."""
+    """Second place of a relative ellipsoid; None for an absolute ellipsoid."""
     centre: Array
-    """Adjusted place, midpoint of two, (3,) metres in the frame of the network."""
+    """Adjusted position, or the midpoint of two, (3,) metres in the frame of the network."""
     semi_axes: tuple[float, float, float]
-    """Semi-axes, metres, descending; zero where held."""
+    """Semi-axes, metres, in descending order; zero for a held axis."""
     azimuths: tuple[float, float, float]
-    """Azimuth of each axis, clockwise from north, [0, π); 0 of a vertical axis."""
+    """Azimuth of each axis, clockwise from north, [0, π); 0 for a vertical axis."""
     dips: tuple[float, float, float]
     """Angle of each axis below the horizon in the direction of its azimuth, (−π/2, π/2]."""
     directions: Array
     """Unit vectors of the axes in the frame of the network, rows (3, 3)."""
     confidence: float | None
-    """Probability; none of a standard ellipsoid."""
+    """Probability; None for a standard ellipsoid."""
     factor: float
-    """K = semi-axes / those of the standard ellipsoid."""
+    """Factor k = semi-axes / semi-axes of the standard ellipsoid."""
 
 
 def error_ellipse(
     solution: Solution, a: Place, b: Place | None = None, *, confidence: float | None = CONFIDENCE
 ) -> ErrorEllipse:
-    """Return the error ellipse of the plan position of a place, or of a difference of two.
+    """Return the error ellipse of the plan position of a place, or of the difference of two places.
 
     Args:
         solution: an adjusted network.
         a: name of a point, or ``("pose", name)`` for the projection centre of a photo.
-        b: a second place: the ellipse of the difference X_b − X_a, with all
-            cross-covariances.
-        confidence: probability of the region; none: standard ellipse. In an a-posteriori
+        b: a second place, for the ellipse of the difference X_b − X_a with all
+            cross-covariances; None: absolute ellipse.
+        confidence: probability of the region; None: standard ellipse. In an a-posteriori
             solution the factor allows for the redundancy of σ̂0.
 
     Raises:
-        InputError: unknown names, twice the same place, confidence outside (0, 1).
+        InputError: unknown names, two identical places, confidence outside (0, 1).
     """
     return _ellipses(solution, *_one(solution, a, b), confidence)[0]
 
@@ -171,7 +171,7 @@ def error_ellipses(
 
     Args:
         solution: an adjusted network.
-        places: names of points, ``("pose", name)`` for projection centres; none: all points.
+        places: names of points, ``("pose", name)`` for projection centres; None: all points.
         confidence: as in `error_ellipse`.
 
     Raises:
@@ -195,7 +195,8 @@ def height_interval(
 ) -> ConfidenceInterval:
     """Return the confidence interval of a height, or of a height difference X_b − X_a.
 
-    σ² = uᵀ Σ u, u up in the horizon of the place or of the midpoint. Factors of one dimension.
+    σ² = uᵀ Σ u; u points up in the horizon of the place or of the midpoint. The factor k is that of
+    one dimension.
 
     Args and errors as in `error_ellipse`.
     """
@@ -240,7 +241,7 @@ def _many(solution: Solution, places: Sequence[Place] | None) -> tuple[_Pairs, A
 
 
 def _in_horizon(solution: Solution, centres: Array, sigma: Array) -> tuple[Array, Array]:
-    """Return covariances (n, 3, 3) in east, north, up, and these axes, rows (n, 3, 3)."""
+    """Return covariances (n, 3, 3) in east, north, up, and the axes as rows (n, 3, 3)."""
     enu = solution.network.frame.basis(centres, np.zeros((len(centres), 2))).enu
     return enu @ sigma @ enu.transpose(0, 2, 1), enu
 
@@ -268,7 +269,7 @@ def _ellipses(
     plan, _ = _in_horizon(solution, centres, sigma)
     ee, nn, en = plan[:, 0, 0], plan[:, 1, 1], plan[:, 0, 1]
     major = (ee + nn + np.hypot(nn - ee, 2.0 * en)) / 2.0
-    # The product of the two is the determinant: no difference of large numbers for thin ellipses.
+    # minor = determinant / major avoids the difference of large numbers for thin ellipses.
     determinant = np.maximum(ee * nn - en * en, 0.0)
     minor = np.divide(determinant, major, out=np.zeros_like(major), where=major > 0)
     azimuths = _half_turn(np.arctan2(2.0 * en, nn - ee) / 2.0).tolist()
@@ -284,12 +285,12 @@ def _ellipses(
 
 
 def factors_of(solution: Solution, variances: Array, confidence: float | None) -> Array:
-    """Return K (n,) by how many axes there are: one that is held does not count.
+    """Return k (n,) for the number of axes that are not held.
 
     Args:
-        solution: for the scale of its covariances.
-        variances: along the axes, descending, (n, dim) metres².
-        confidence: probability; none of standard ellipses.
+        solution: an adjusted network, which gives the scale of the covariances.
+        variances: variances along the axes, descending, (n, dim) metres².
+        confidence: probability; None for standard ellipses.
     """
     rank = np.sum(variances > FLAT * variances[:, :1], axis=1)
     every = [factor_of(solution, k, confidence) for k in range(1, variances.shape[1] + 1)]
@@ -304,7 +305,7 @@ def _ellipsoids(
     variances = np.maximum(values[:, ::-1], 0.0)
     factors = factors_of(solution, variances, confidence)
     axes = factors[:, None] * np.sqrt(variances)
-    # Rows east, north, up of the axes, longest first; the end whose azimuth is in [0, π).
+    # Rows: axes in east, north, up, longest first, turned so that the azimuth is in [0, π).
     ends = vectors.transpose(0, 2, 1)[:, ::-1]
     east, north, up = ends[..., 0], ends[..., 1], ends[..., 2]
     level = np.hypot(east, north)

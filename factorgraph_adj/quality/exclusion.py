@@ -1,4 +1,4 @@
-"""Backward exclusion: leave out additional parameters until those that are left are needed."""
+"""Backward exclusion of additional parameters until all remaining ones are needed."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ from .systematic import (
 )
 
 Reason = Literal["not significant", "correlated"]
-"""Why a parameter was excluded."""
+"""Reason of an exclusion."""
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class ExcludedParameter:
-    """An additional parameter that was held at its reference value, as it stood before."""
+    """An excluded additional parameter, with its figures before it was held."""
 
     tested: TestedParameter
-    """Its test in the adjustment that excluded it; where every photo has a calibration of its own,
-    that of the photo with the largest |t|."""
+    """Test of the parameter in the adjustment before its exclusion; if every photo has its own
+    calibration, the test of the photo with the largest |t|."""
     reason: Reason
-    """Why."""
+    """Reason of the exclusion."""
     partner: Label | None
-    """What it was correlated with, where that is the reason."""
+    """Parameter with which it was correlated; None if it was not significant."""
     correlation: float | None
-    """How strongly."""
+    """Correlation with ``partner``."""
     round: int
-    """Number of the adjustment that excluded it, from 1."""
+    """Number of the adjustment before the exclusion, from 1."""
 
     def __str__(self) -> str:
         p = self.tested
@@ -58,14 +58,14 @@ class ExcludedParameter:
 
 @dataclass(frozen=True, repr=False)
 class Exclusion(Shown):
-    """What backward exclusion came to."""
+    """Result of backward exclusion."""
 
     solution: Solution
-    """The last adjustment; its network holds what was excluded."""
+    """The last adjustment; its network holds the excluded parameters."""
     excluded: tuple[ExcludedParameter, ...]
-    """What was excluded, in order."""
+    """Excluded parameters, in the order of exclusion."""
     significance: Significance
-    """Tests and correlations of what is left."""
+    """Tests and correlations of the remaining parameters."""
     first: Solution
     """The adjustment with all parameters."""
 
@@ -83,9 +83,10 @@ class Exclusion(Shown):
 
     @property
     def growth(self) -> float:
-        """By how much vᵀPv grew.
+        """Increase of vᵀPv by the exclusion.
 
-        χ² with as many degrees of freedom as parameters were excluded, if none of them was real.
+        If the true values of all excluded parameters are their reference values, the increase is
+        distributed as χ² with one degree of freedom for each excluded parameter.
         """
         return self.solution.vtpv - self.first.vtpv
 
@@ -100,31 +101,34 @@ def exclude_insignificant(
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
     max_iterations: int = 100,
 ) -> Exclusion:
-    """Exclude additional parameters one at a time until all that are left are needed.
+    """Exclude additional parameters one at a time until all remaining ones are needed.
 
-    Adjust; hold the additional parameter with the least |t| at its reference value (see
-    `significance`) and adjust again, until all are significant. One at a time: of two parameters
-    that are highly correlated both may look insignificant while one of them is needed. Never
-    excluded are c, x0 and y0. Where every photo has a calibration of its own, a parameter is
-    excluded for all of them, if it is insignificant in all of them.
+    After an adjustment, the additional parameter with the smallest |t| is held at its reference
+    value (see `significance`), and the network is adjusted again, until all are significant. Only
+    one parameter is excluded at a time: two highly correlated parameters may both look
+    insignificant although one of them is needed. The parameters c, x0 and y0 are always kept. If
+    every photo has its own calibration, a parameter is excluded for all photos together, and only
+    if it is insignificant in all of them.
 
-    A high correlation of parameters that are significant all the same does no harm, and leaving
-    one of them out does: so nothing is excluded for it unless ``correlation`` says so.
+    A high correlation of significant parameters does no harm, but the exclusion of one of them
+    does. Therefore correlated parameters are excluded only if ``correlation`` is given.
 
     Args:
-        network: what was measured; it stays as it is.
-        alpha: probability that a parameter which is not real is called significant.
-        correlation: once all are significant, of every pair that is correlated from this on,
-            strongest first, exclude the one with the smaller |t| too; none: no such exclusion.
+        network: the network; it is not changed.
+        alpha: probability that a parameter whose true value is the reference value is called
+            significant.
+        correlation: smallest correlation of a pair from which, once all parameters are
+            significant, the one with the smaller |t| is excluded too, strongest pair first; None:
+            no such exclusion.
         keep: components that are not excluded, such as ``k1``.
-        datum: as of `adjust`.
-        variance: as of `adjust`.
-        max_iterations: as of `adjust`.
+        datum: as for `adjust`.
+        variance: as for `adjust`.
+        max_iterations: as for `adjust`.
 
     Raises:
-        InputError: unknown components in ``keep``, and as `significance`.
-        DatumError: the observations do not determine all parameters at once, even before any is
-            excluded; it names them. Errors of `adjust`.
+        InputError: unknown components in ``keep``; errors of `significance`.
+        DatumError: the observations do not determine all parameters together, before any
+            exclusion; the error names them. Errors of `adjust`.
     """
     kept = frozenset([keep] if isinstance(keep, str) else keep)
     first = adjust(network, datum=datum, variance=variance, max_iterations=max_iterations)
@@ -156,13 +160,13 @@ def exclude_insignificant(
 
 
 def _entity(label: Label) -> Label:
-    """Return the label of what can be held: a parameter of a camera, for all of its photos."""
+    """Return the label of the parameter that can be held: of a camera, for all its photos."""
     kind, name, component = label
     return kind, name.split("@")[0] if kind == "calibration" else name, component
 
 
 def _candidates(test: Significance, keep: frozenset[str]) -> dict[Label, TestedParameter]:
-    """Return what can be excluded, with the test of the photo that asks for it most."""
+    """Return the parameters that can be excluded, each with its test of the largest |t|."""
     out: dict[Label, TestedParameter] = {}
     for p in test.parameters:
         if p.additional and p.component not in keep:
@@ -185,7 +189,7 @@ def _correlated(
     for c in test.correlations:
         pair = [(_entity(c.a), c.b), (_entity(c.b), c.a)]
         if pair[0][0] == pair[1][0]:
-            continue  # the same parameter of two photos: none of the two can be held alone
+            continue  # the same parameter of two photos can be held only for both
         able = [(candidates[e], other) for e, other in pair if e in candidates]
         if able:
             weaker, other = min(able, key=lambda found: abs(found[0].t))

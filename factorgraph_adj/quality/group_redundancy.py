@@ -1,4 +1,4 @@
-"""What the residuals of groups of observations know of their variances.
+"""Information of the residuals of observation groups on the variances of the groups.
 
 With whitened observation equations v = A dx + l, R = I − A Q Aᵀ projects errors to residuals.
 For disjoint groups g with one variance each,
@@ -8,12 +8,12 @@ For disjoint groups g with one variance each,
     S_gh = tr(R_gh R_hg) = ‖R_gh‖²_F    with Σ_h S_gh = r_g, for R is idempotent:
 
 S is the matrix of Helmert's equations S σ² = q, and cov(ln σ̂²) = 2 S⁻¹ (Koch 1999, § 3.6;
-Förstner 1979; Amiri-Simkooei 2007, with N_gh = ½ tr(Q_g W Q_h W), W = P Q_vv P). With the
-residuals themselves,
+Förstner 1979; Amiri-Simkooei 2007, with N_gh = ½ tr(Q_g W Q_h W), W = P Q_vv P). The residuals
+give
 
     B_gh = v_gᵀR_gh v_h,   E(B) = S,   ∂(r − q)/∂ln σ² = 2 B − S + diag(r − q),
 
-B is the average information of Gilmour, Thompson & Cullis (1995, Biometrics 51, 1440–1450).
+where B is the average information of Gilmour, Thompson & Cullis (1995, Biometrics 51, 1440–1450).
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from .reliability import reliability
 EXACT_ROWS = 2000
 """Scalar observations up to which R is computed as a whole."""
 FEW, MANY, LEAST = 2, 64, 4
-"""In larger networks: random sign vectors for each group on the way to an estimate; for all groups
-together at its end, and at least so many for each."""
+"""Numbers of random sign vectors in larger networks: `FEW` for each group during the iteration,
+`MANY` for all groups together at its end, but at least `LEAST` for each group."""
 AT_ONCE = 16
-"""Columns that are projected at once."""
+"""Number of columns that are projected at once."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,18 +56,19 @@ class GroupRedundancy:
 def group_redundancy(
     solution: Solution, groups: ObservationGroups, *, seed: int = 0, exact: bool | None = None
 ) -> GroupRedundancy:
-    """Return q, r, S and B of groups of observations; correlated ones are in one group.
+    """Return q, r, S and B of groups of observations; correlated observations share a group.
 
-    Up to `EXACT_ROWS` observations from R itself. For larger networks r from the redundancy
-    numbers, and S by stochastic traces (Hutchinson 1990): with independent random signs z_g
-    over the rows of group g, E‖(R z_g)_h‖² = S_gh. The diagonal, as a rule by far the largest,
-    follows from r: S_gg = r_g − Σ_{h≠g} S_gh, so that it is nearly exact.
+    With up to `EXACT_ROWS` observations the figures are computed from R itself. In larger networks
+    r is the sum of the redundancy numbers, and S is estimated by stochastic traces (Hutchinson
+    1990): with independent random signs z_g over the rows of group g, E‖(R z_g)_h‖² = S_gh. The
+    diagonal element, usually by far the largest of its row, follows from r:
+    S_gg = r_g − Σ_{h≠g} S_gh. This makes it nearly exact.
 
     Args:
         solution: an adjustment.
-        groups: who belongs together.
-        seed: of the random signs.
-        exact: force one way; none: by the number of observations.
+        groups: the group of each observation.
+        seed: seed of the random signs.
+        exact: whether S is computed exactly; None: up to `EXACT_ROWS` observations.
     """
     k = len(groups.names)
     system = solution.normal().system
@@ -100,7 +101,7 @@ def group_redundancy(
 def sharpened(
     at: GroupRedundancy, solution: Solution, groups: ObservationGroups, *, seed: int = 0
 ) -> GroupRedundancy:
-    """Return the same with an S good enough for standard deviations, if it was not exact."""
+    """Return the figures with an S exact enough for standard deviations."""
     if at.exact:
         return at
     probes = max(LEAST, MANY // len(groups.names))
@@ -110,7 +111,7 @@ def sharpened(
 
 
 def _with_extra(groups: ObservationGroups, system: LinearSystem) -> ObservationGroups:
-    """Return the groups with the rows of factors that the user added, which are in none."""
+    """Append the rows of factors that the user added; these rows are in no group."""
     added = sum(len(e.a) for e in system.extra)
     return replace(groups, of_row=np.append(groups.of_row, np.full(added, -1, dtype=np.intp)))
 
@@ -118,8 +119,8 @@ def _with_extra(groups: ObservationGroups, system: LinearSystem) -> ObservationG
 def _completed(s: Array, redundancy: Array) -> Array:
     """Return S (k, k) from its estimate (k + 1, k + 1) and r.
 
-    Where a group is checked by others rather than by itself, its diagonal element is the small
-    difference of r and the rest of the row: there the probes say it better.
+    If mainly other groups check a group, its diagonal element is a small difference between r and
+    the rest of the row; then the estimate from the probes is more accurate.
     """
     k = len(redundancy)
     beside = s - np.diag(np.diag(s))
@@ -137,7 +138,7 @@ def _project(solution: Solution, z: Array) -> Array:
 def _by_probes(
     solution: Solution, groups: ObservationGroups, rng: np.random.Generator, probes: int
 ) -> Array:
-    """Return an estimate of the elements of S beside the diagonal, (k + 1, k + 1)."""
+    """Return an estimate of S, (k + 1, k + 1); the last column is for rows without a group."""
     k = len(groups.names)
     out = np.zeros((k + 1, k + 1))
     for number in range(k):
@@ -147,6 +148,6 @@ def _by_probes(
             z = np.zeros((len(groups.of_row), count))
             z[chosen] = rng.choice([-1.0, 1.0], (len(chosen), count))
             out[number] += groups.sums(np.square(_project(solution, z))).sum(axis=1) / probes
-    # Probes of either group estimate the same; what is in no group, at the end, has none.
+    # S_gh and S_hg estimate the same element; rows without a group, at the end, have no probes.
     out[:k, :k] = (out[:k, :k] + out[:k, :k].T) / 2.0
     return out

@@ -1,4 +1,4 @@
-"""Correlated groups as such: GNSS vectors, control with covariance, clusters.
+"""Tests of correlated groups as a whole: GNSS vectors, control with covariance, clusters.
 
 For an error ∇ of all d components of a group at once, with E choosing its rows, M = Eᵀ P Q_vv P E
 and u = Eᵀ P v (Baarda 1968; Teunissen 2000):
@@ -18,7 +18,8 @@ from .distributions import chi2_quantile
 from .rows import weighted
 
 RANK = 1e-6
-"""Share of an error that must show, as for single observations."""
+"""Share of an error in the residuals above which it counts as controlled; the same value as for
+single observations."""
 
 
 @dataclass(frozen=True)
@@ -26,29 +27,30 @@ class GroupReliability:
     """One correlated observation or cluster."""
 
     ids: tuple[str, ...]
-    """Observations in it."""
+    """Ids of the observations in the group."""
     rows: Index
-    """Their scalar rows, (d,)."""
+    """Scalar rows of the observations, (d,)."""
     redundancy: float
-    """Trace of its block of Q_vv P, 0 to d."""
+    """Trace of the group's block of Q_vv P, 0 to d."""
     dof: int
-    """Rank of M: components of an error that the others control."""
+    """Rank of M: number of components of an error that other observations control."""
     test: float
-    """T, χ² with ``dof``; NaN where nothing is controlled."""
+    """T, χ² with ``dof`` degrees of freedom; NaN for an uncontrolled group (``dof`` = 0)."""
     critical: float
     """Critical value of T."""
     estimated_error: Array
-    """∇̂ = observed − true, (d,), units of the observations; zero along what is not controlled."""
+    """∇̂ = observed − true, (d,), units of the observations; zero in uncontrolled directions."""
     weakest: Array
-    """Smallest detectable error in the direction where it is largest, (d,); infinite components
-    where a direction is not controlled."""
+    """Smallest detectable error in the direction in which it is largest, (d,); the components of
+    uncontrolled directions are infinite."""
     external: float
-    """Largest δ̄ of an error that just escapes detection; infinite where some are not controlled."""
+    """Largest δ̄ of an error of the smallest detectable size; infinite if any direction is
+    uncontrolled."""
 
 
 def noncentrality_of_group(alpha: float, power: float, dof: int) -> float:
-    """Return λ0 of χ² with ``dof`` degrees of freedom; δ0² for one."""
-    # Only correlated groups need these, whose import takes longer than that of the package.
+    """Return λ0 of χ² with ``dof`` degrees of freedom; λ0 = δ0² for one degree of freedom."""
+    # Imported here, because only correlated groups need these modules and their import is slow.
     from scipy.optimize import brentq
     from scipy.stats import ncx2
 
@@ -77,11 +79,11 @@ def group_reliability(
 
     Args:
         ids: observations of the group.
-        rows: their rows among all, (d,).
-        whitener: W of the rows that are correlated with it, (k, k).
-        hat: Ã Q Ãᵀ of these, (k, k).
+        rows: rows of these observations in the network, (d,).
+        whitener: W of the block or cluster that contains the group, (k, k).
+        hat: Ã Q Ãᵀ of the block or cluster, (k, k).
         weighted_residual: P v of the group, (d,).
-        members: which of the k rows are the group, (d,).
+        members: places of the group's rows among the k, (d,).
         limits: α0 and power.
         scale: σ0 of the smallest detectable error.
     """
@@ -89,7 +91,7 @@ def group_reliability(
     share = np.linalg.solve(whitener, unseen @ whitener)
     m = (whitener.T @ unseen @ whitener)[np.ix_(members, members)]
     p = (whitener.T @ whitener)[np.ix_(members, members)]
-    # In units in which P of the group is the identity, eigenvalues of M are shares from 0 to 1.
+    # With P of the group scaled to the identity, the eigenvalues of M are shares from 0 to 1.
     root = np.linalg.cholesky(p)
     inverse = np.linalg.inv(root)
     values, vectors = np.linalg.eigh(inverse @ m @ inverse.T)
@@ -126,7 +128,7 @@ def group_reliability(
 
 
 def _open(basis: Array, on: Mask) -> Array:
-    """Return infinity in the components of directions that nothing controls, zero elsewhere."""
+    """Return infinity in the components of uncontrolled directions, zero elsewhere."""
     touched = np.any(np.abs(basis[:, ~on]) > 1e-9 * np.abs(basis).max(), axis=1)
     return np.where(touched, np.inf, 0.0)
 

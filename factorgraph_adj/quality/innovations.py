@@ -1,8 +1,8 @@
-"""Observations linearised where a solution is that they have no part in.
+"""Observations outside a solution, linearised at the solution.
 
-The solution is carried over to the equations that contain them by the names of the unknowns;
-partials are by its own unknowns. Of a correlated group that is in the solution in part, the rest
-is made independent of that part: l₂ − Σ₂₁ Σ₁₁⁻¹ l₁.
+The values of the solution are copied to the equations of the observations by the names of the
+unknowns; partial derivatives refer to the unknowns of the solution. If a part l₁ of a correlated
+group is in the solution, the rest l₂ is made independent of it: l₂ − Σ₂₁ Σ₁₁⁻¹ l₁.
 """
 
 from __future__ import annotations
@@ -30,24 +30,23 @@ class LinearInnovations:
     v: Array
     """Innovations, computed − observed, (k,)."""
     a: csr_array
-    """Partials by the unknowns of the solution, (k, n_columns); then by x, y, z of new points."""
+    """Partials by the n_columns unknowns of the solution, then by x, y, z of each new point."""
     covariance: csr_array
     """Σ, (k, k)."""
 
 
 class Innovations:
-    """Rows of compiled equations, computed from a solution whose unknowns bear the same names."""
+    """Rows of compiled equations, computed from a solution with the same names of unknowns."""
 
     def __init__(
         self, equations: Equations, solution: Solution, *, points: Mapping[str, Array] | None = None
     ) -> None:
-        """Carry the solution over to the unknowns of ``equations``.
+        """Copy the values of the solution to the unknowns of ``equations``.
 
         Args:
-            equations: the rows.
-            solution: what they are computed from.
-            points: coordinates (3,) of points that the solution does not have; unknowns of
-                their own.
+            equations: the equations that contain the rows.
+            solution: the solution from which the rows are computed.
+            points: coordinates (3,) of new points, which become additional unknowns.
         """
         self.equations, self.solution = equations, solution
         unknowns, source = equations.unknowns, solution.equations.unknowns
@@ -62,7 +61,7 @@ class Innovations:
             kind: np.any(np.isnan(values), axis=1) for kind, values in self.state.items()
         }
         self.offset: dict[VariableKind, Index] = {}
-        """Columns of the solution, by number of the variable here; −1 where it is no unknown."""
+        """First column of each variable in the solution, by its number here; −1 if not free."""
         for kind, table in unknowns.tables.items():
             other = source[kind]
             if table.names == other.names:
@@ -72,13 +71,13 @@ class Innovations:
             places = np.append(other.offset, -1)
             self.offset[kind] = np.asarray(places[number], dtype=np.intp)
         for i, place in enumerate(new):
-            # Copied: where the names are the same it is the solution's own.
+            # With the same names the array is the solution's own, so it is copied.
             self.offset["point"] = self.offset["point"].copy()
             self.offset["point"][place] = len(solution.equations.unknowns.free) + 3 * i
         self.free = np.append(solution.equations.unknowns.free, np.ones(3 * len(new), dtype=bool))
 
     def known(self, rows: Index) -> Mask:
-        """Return which rows (k,) can be computed from what the solution knows."""
+        """Return which rows (k,) can be computed from the solution."""
         out = np.ones(len(rows), dtype=bool)
         frame = self.equations.network.frame
         for part, at, _ in self._parts(rows):
@@ -97,7 +96,7 @@ class Innovations:
         return out
 
     def _parts(self, rows: Index) -> Iterator[tuple[Block, Index, int]]:
-        """Iterate over blocks of some observations, their places in ``rows``, and the block's."""
+        """Yield the blocks of ``rows``, with their places in ``rows`` and the block's number."""
         for place, block in enumerate(self.equations.blocks):
             at = np.flatnonzero((rows >= block.rows.start) & (rows < block.rows.stop))
             if len(at):
@@ -121,10 +120,11 @@ class Innovations:
             raise InputError(list(dict.fromkeys(problems)))
 
     def linearise(self, rows: Index) -> LinearInnovations:
-        """Linearise rows, all components of each observation among them, ascending.
+        """Linearise rows (ascending, with all components of each observation).
 
         Raises:
-            InputError: names what the solution does not know, or cannot be computed.
+            InputError: names the variables missing in the solution, or the observations that
+                cannot be computed.
         """
         self._refuse_unknown(rows)
         every = np.union1d(rows, self._context(rows))
@@ -135,7 +135,7 @@ class Innovations:
         )
 
     def _context(self, rows: Index) -> Index:
-        """Return the rows of correlated groups that are in the solution beside ``rows``."""
+        """Return the rows in the solution that are correlated with ``rows``."""
         found = [np.zeros(0, dtype=np.intp)]
         for cluster in self.equations.clusters:
             inside = np.isin(cluster.rows, rows)
@@ -207,9 +207,9 @@ class _Entries:
 def _given_the_others(
     equations: Equations, every: Index, rows: Index, covariance: csr_array
 ) -> csr_array:
-    """Return T (k, k + context): l₂ − Σ₂₁ Σ₁₁⁻¹ l₁, without correlation to the l₁ of the context.
+    """Return T (k, k + context): T l = l₂ − Σ₂₁ Σ₁₁⁻¹ l₁ is uncorrelated with l₁, the context.
 
-    T has ones for the rows themselves, −Σ₂₁ Σ₁₁⁻¹ for correlated ones that are in the solution.
+    T has ones for the rows themselves and −Σ₂₁ Σ₁₁⁻¹ for the correlated rows in the solution.
     """
     entries = _Entries()
     own = np.searchsorted(every, rows)[:, None]

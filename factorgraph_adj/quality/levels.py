@@ -1,8 +1,7 @@
 """The probabilities of tests and regions: one meaning and one default for each, everywhere.
 
-A test takes ``alpha``, the probability that it rejects what is right. A region or an interval takes
-``confidence``, the probability that it covers the truth. A significance test is a test: it takes
-``alpha`` too.
+A test, also a significance test, takes ``alpha``, the probability that it rejects a true null
+hypothesis. A region or an interval takes ``confidence``, the probability that it covers the truth.
 """
 
 ALPHA = 0.001

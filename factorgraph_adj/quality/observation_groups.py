@@ -1,4 +1,4 @@
-"""Observations in groups: by kind, camera, photo, instrument, or as the user says."""
+"""Groups of observations: by kind, camera, photo or instrument, or defined by the user."""
 
 from __future__ import annotations
 
@@ -20,23 +20,24 @@ from ..solve.solution import Solution
 from ..types import Array, Index
 
 Rule: TypeAlias = Literal["kind", "camera", "photo", "instrument"]
-"""Every kind is a group; or image coordinates by camera or photo, or distances by the instrument
-that they name and image coordinates by camera; everything else by kind."""
+"""Rule for groups. "kind" groups all observations by kind; "camera" and "photo" group image
+coordinates by camera or photo; "instrument" groups observations by the instrument that they name
+and image coordinates by camera. All other observations are grouped by kind."""
 Groups: TypeAlias = Rule | Mapping[str, Sequence[str]] | Callable[[ObservationRecord], str | None]
-"""A rule; or ids of observations by group; or what gives the group of a scalar observation."""
+"""A rule, a mapping from group to ids, or a function from a scalar observation to its group."""
 
 CORRELATED = 1e-12
-"""Correlation of two components above which they cannot be in different groups."""
+"""Correlation above which two components must be in the same group."""
 
 
 @dataclass(frozen=True, eq=False)
 class ObservationGroups:
-    """Which group every scalar observation belongs to."""
+    """The group of every scalar observation."""
 
     names: tuple[str, ...]
-    """Names of the groups: as given, or in the order of their first observation."""
+    """Names of the groups, in the given order or in the order of their first observation."""
     of_row: Index
-    """Number of the group of every row, −1 where it has none, (n_rows,)."""
+    """Number of the group of every row, −1 for rows without a group, (n_rows,)."""
 
     @property
     def sizes(self) -> Index:
@@ -45,13 +46,13 @@ class ObservationGroups:
 
     @cached_property
     def _members(self) -> csr_array:
-        """Ones where a row (column) is in a group (row); what is in no group at the end."""
+        """Incidence matrix (k + 1, n) of groups and rows; the last row: rows without a group."""
         k, n = len(self.names), len(self.of_row)
         group = np.where(self.of_row < 0, k, self.of_row)
         return csr_array((np.ones(n), (group, np.arange(n))), shape=(k + 1, n))
 
     def sums(self, values: Array) -> Array:
-        """Return the sum of values (n_rows, ...) over each group; over no group at the end."""
+        """Return sums of values (n_rows, ...) over each group, then over rows without a group."""
         return np.asarray(self._members @ values)
 
 
@@ -59,9 +60,9 @@ def observation_groups(solution: Solution, groups: Groups) -> ObservationGroups:
     """Return the group of every scalar observation of a solution.
 
     Args:
-        solution: what was adjusted.
-        groups: a rule, ids by group, or a function of an `ObservationRecord`; what is in no
-            group, or where the function gives none, stays outside.
+        solution: an adjustment.
+        groups: a rule, ids by group, or a function of an `ObservationRecord`. Observations that
+            are not listed, or for which the function returns None, have no group.
 
     Raises:
         InputError: an unknown rule or id, an observation in two groups, a group without
@@ -153,7 +154,7 @@ def _refuse_split(solution: Solution, groups: ObservationGroups) -> None:
     problems = []
 
     def refuse(a: int, b: int) -> None:
-        """Say that rows a and b cannot be told apart."""
+        """Note that the correlated rows a and b are in different groups."""
         mine, other = (
             repr(groups.names[of_row[r]]) if of_row[r] >= 0 else "no group" for r in (a, b)
         )

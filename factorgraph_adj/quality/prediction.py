@@ -1,17 +1,17 @@
-"""What a solution predicts for observations that are not in it, and how well they fit.
+"""Prediction of observations outside a solution, and tests of their fit.
 
 For an observation l with covariance Σ, computed from the solution as f(x̂) with partials A,
 
     d = f(x̂) − l,   D = Σ + A Q Aᵀ        innovation and its cofactors (σ0 = 1)
 
-`statistics` of `factorgraph_adj.solve.update` gives the test values w of its components, T² of all
-of them, and their redundancy numbers. w is, to first order, what the observation would have as
-test value were it put into the adjustment: there (P Q_vv P) of its rows is D⁻¹ and Pv is D⁻¹ d.
-Observations of a correlated group of which others are in the solution are predicted given their
-residuals, with the conditional covariance.
+`statistics` of `factorgraph_adj.solve.update` gives the test values w of the components of l, T² of
+all components together, and their redundancy numbers. To first order, w equals the test value of
+the observation in an adjustment that includes it: in that adjustment P Q_vv P of its rows is D⁻¹,
+and Pv is D⁻¹ d. If other members of its correlated group are in the solution, an observation is
+predicted given their residuals, with the conditional covariance.
 
-In a free network Q is that of the inner constraints: observations of the geometry do not notice,
-coordinates do.
+In a free network Q belongs to the inner constraints. Predicted observations of the geometry are
+independent of these constraints, predicted coordinates depend on them.
 """
 
 from __future__ import annotations
@@ -34,36 +34,36 @@ from ..types import Array, Index, Mask
 from .innovations import Innovations
 
 CHUNK = 5_000_000
-"""Numbers in the dense right sides of one solution for many observations."""
+"""Maximum number of elements of the dense right-hand sides that are solved at once."""
 MOST_STEPS = 20
-"""Steps for the intersection of a point."""
+"""Maximum number of steps of the intersection of a point."""
 AT_REST = 1e-4
-"""Step relative to σ at which an intersection is at rest."""
+"""Step relative to σ below which an intersection has converged."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prediction(Shown):
-    """m observations with k scalar components, predicted; a-priori σ0 = 1 throughout."""
+    """Predictions of m observations with k scalar components; all with the a-priori σ0 = 1."""
 
     equations: Equations
-    """Equations that contain them."""
+    """Equations that contain the observations."""
     rows: Index
-    """Their scalar rows there, ascending (k,)."""
+    """Scalar rows of the observations in these equations, ascending (k,)."""
     ids: tuple[str, ...]
     """Ids of the observations (m,)."""
     first: Index
     """Place of the first component of each observation among the k, (m,)."""
     size: Index
-    """Number of its components, (m,)."""
+    """Number of components of each observation, (m,)."""
     innovation: Array
     """d = computed − observed (k,), SI or image units."""
     sigma: Array
     """Standard deviations of the innovations √D_ii, (k,)."""
     w: Array
-    """Test values (k,) with the sign of what the residual would be."""
+    """Test values (k,), with the sign of the residual after inclusion in the adjustment."""
     redundancy_numbers: Array
-    """What each component's redundancy number would be, (k,); NaN for members of a correlated
-    group of which others are in the solution: theirs change too."""
+    """Redundancy number of each component after inclusion in the adjustment, (k,); NaN if other
+    members of its correlated group are in the solution, since their redundancy changes too."""
     t2: Array
     """T² (m,), χ² with ``size`` degrees of freedom."""
 
@@ -91,7 +91,7 @@ class Prediction(Shown):
         return np.asarray(np.maximum.reduceat(np.abs(self.w), self.first))
 
     def components(self, number: int) -> slice:
-        """Return where the components of an observation are among the k."""
+        """Return the places of the components of an observation among the k."""
         start = int(self.first[number])
         return slice(start, start + int(self.size[number]))
 
@@ -102,20 +102,20 @@ def predict(
     *,
     ids: Sequence[str] | None = None,
 ) -> Prediction:
-    """Predict observations from a solution that they had no part in.
+    """Predict observations that are not part of a solution.
 
     Args:
-        solution: what predicts.
-        what: a network that contains the observations, or observations between points and
-            photos of the solution, or one of them.
-        ids: which of the network's observations, weighted unknowns among them; none: all
-            observations that the solution does not have.
+        solution: the solution from which the observations are predicted.
+        what: a network that contains the observations; or one observation, or several, between
+            points and photos of the solution.
+        ids: ids of the observations, weighted unknowns among them; None: all observations that
+            are not in the solution.
 
     Raises:
-        InputError: an id that ``what`` does not have or the solution has, or an observation of
-            something that the solution does not determine, all at once; a solution with weights
-            that are not those of its network (`adjust` with ``weights``, robust estimation,
-            variance components).
+        InputError: ids unknown in ``what`` or present in the solution, and observations of
+            variables that the solution does not determine, all at once; a solution with other
+            weights than its network (`adjust` with ``weights``, robust estimation, variance
+            components).
     """
     if solution.weights is not None:
         raise InputError(
@@ -150,34 +150,35 @@ def _refuse_known(solution: Solution, ids: Sequence[str]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Intersection:
-    """A point that was not in the solution, intersected."""
+    """The intersection of a new point."""
 
     coordinates: Array
-    """Its coordinates (3,), metres."""
+    """Coordinates of the point (3,), metres."""
     t2: float
-    """Residual sum of squares vᵀ D⁻¹ v, χ² with ``dof`` degrees of freedom; infinite where the
+    """Residual sum of squares vᵀ D⁻¹ v, χ² with ``dof`` degrees of freedom; infinite if the
     observations do not determine the point."""
     dof: int
     """Number of components − 3."""
 
 
 class Predictor:
-    """Predicts rows of compiled equations from a solution whose unknowns bear the same names."""
+    """Predicts rows of compiled equations from a solution with the same names of unknowns."""
 
     def __init__(self, equations: Equations, solution: Solution) -> None:
-        """Carry the solution over to the unknowns of ``equations``."""
+        """Copy the values of the solution to the unknowns of ``equations``."""
         self.equations, self.solution = equations, solution
         self.innovations = Innovations(equations, solution)
 
     def known(self, rows: Index) -> Mask:
-        """Return which rows (k,) can be computed from what the solution knows."""
+        """Return which rows (k,) can be computed from the solution."""
         return self.innovations.known(rows)
 
     def predict(self, rows: Index) -> Prediction:
-        """Predict scalar rows, all components of each observation among them, ascending.
+        """Predict scalar rows (ascending, with all components of each observation).
 
         Raises:
-            InputError: names what the solution does not know, or cannot be computed.
+            InputError: names the variables missing in the solution, or the observations that
+                cannot be computed.
         """
         linear = self.innovations.linearise(rows)
         v, a, covariance = linear.v, linear.a, linear.covariance
@@ -200,14 +201,14 @@ class Predictor:
         return Prediction(self.equations, rows, ids, first, size, v, sigma, w, r, t2)
 
     def intersect(self, point: str, start: Array, rows: Index) -> Intersection:
-        """Intersect a point that the solution does not have from observations it does not have.
+        """Intersect a new point from observations outside the solution.
 
-        x̂ = argmin vᵀ D⁻¹ v with D = Σ + A Q Aᵀ: as if the solution itself did not learn from them.
+        x̂ = argmin vᵀ D⁻¹ v with D = Σ + A Q Aᵀ; the solution itself stays the same.
 
         Args:
-            point: its name.
+            point: name of the point.
             start: approximate coordinates (3,), metres.
-            rows: the observations, ascending.
+            rows: rows of the observations, ascending.
 
         Raises:
             InputError: as `predict`.
@@ -229,7 +230,7 @@ class Predictor:
         return Intersection(x, np.inf, len(rows) - 3)
 
     def _chunks(self, first: Index) -> list[Index]:
-        """Split observations so that their right sides take a bounded space."""
+        """Split observations so that their right-hand sides take bounded memory."""
         columns = max(1, self.solution.equations.unknowns.n_columns)
         part = first // max(1, CHUNK // columns)
         return [np.flatnonzero(part == p) for p in np.unique(part)]
@@ -258,7 +259,7 @@ def _figures(v: Array, sigma: Array, d: Array, size: Index) -> _Figures:
         size: number of components of each observation (m,).
     """
     most = int(size.max())
-    # Padded to the most components with ones on the diagonal, which test nothing.
+    # All observations are padded to ``most`` components; ones on the diagonal have no effect.
     start = np.cumsum(size) - size
     valid = np.arange(most) < size[:, None]
     place = np.where(valid, start[:, None] + np.arange(most), 0)
@@ -284,7 +285,7 @@ def _rows_of(equations: Equations, ids: Sequence[str]) -> Index:
 
 
 def _given(equations: Equations) -> Index:
-    """Return the rows of all observations but weighted unknowns."""
+    """Return the rows of all observations except weighted unknowns."""
     out = [np.zeros(0, dtype=np.intp)]
     for block in equations.blocks:
         if block.kind == "image":
@@ -297,7 +298,7 @@ def _given(equations: Equations) -> Index:
 
 
 def _absent(equations: Equations, solution: Solution) -> Index:
-    """Return the rows of observations that a solution does not have."""
+    """Return the rows of observations that are not in a solution."""
     rows = _given(equations)
     stays = np.ones(equations.n_rows, dtype=bool)
     there = solution.network
@@ -321,7 +322,7 @@ def _absent(equations: Equations, solution: Solution) -> Index:
 
 
 def _only(network: Network, observations: Sequence[AnyObservation]) -> Network:
-    """Return the network with other observations than its own."""
+    """Return the network with ``observations`` in place of its own."""
     out = network.copy()
     out.observations, out.clusters = {}, []
     out.image_mask(np.zeros(network.n_image_points, dtype=bool))

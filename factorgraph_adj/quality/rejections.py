@@ -1,4 +1,4 @@
-"""What data snooping found: observations set aside, points, what stays unresolved."""
+"""Results of data snooping: observations and points set aside, and unresolved observations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..solve.solution import Solution
 from .reliability import Reliability
 
 Test = Literal["baarda", "pope"]
-"""Baarda's w with σ0 = 1, or Pope's τ with the estimated one."""
+"""Baarda's w with σ0 = 1, or Pope's τ with the estimated σ̂0."""
 
 
 @dataclass(frozen=True)
@@ -19,37 +19,37 @@ class Rejected:
     """An observation that was set aside."""
 
     id: str
-    """Its id."""
+    """Id of the observation."""
     kind: str
-    """Its kind."""
+    """Kind of the observation."""
     label: str
     """Readable name with the component of the largest test value, and the source."""
     component: str
     """Component with the largest test value, empty for scalar kinds."""
     test: float
-    """Test value of that component, w or τ, in the adjustment with it."""
+    """Test value of the component, w or τ, in the adjustment with the observation."""
     estimated_error: float
-    """Estimated gross error of that component, observed − true, in the adjustment with it."""
+    """Estimated gross error of the component, observed − true, in the same adjustment."""
     round: int
-    """Round in which it was set aside; 0: by the robust start."""
+    """Round in which the observation was set aside; 0: by the robust start."""
     final_error: float
-    """Observed − computed from the clean solution; NaN where that does not determine it."""
+    """Observed − computed from the clean solution; NaN if that solution does not determine it."""
     final_sigma: float
-    """Standard deviation of ``final_error`` if there were no gross error, a-priori σ0 = 1."""
+    """Standard deviation of ``final_error`` without a gross error, a-priori σ0 = 1."""
     final_test: float
-    """Test value that it would have if it were put back into the clean solution: w or τ."""
+    """Test value of the observation put back into the clean solution: w or τ."""
     inseparable: tuple[tuple[str, float], ...]
-    """Labels of what it could not be told from when it was set aside, with the correlations."""
+    """Labels of inseparable observations at that round, with the correlations."""
 
 
 @dataclass(frozen=True)
 class Unresolved:
-    """An observation that is still above the critical value, but stays in."""
+    """An observation above the critical value that stays in the adjustment."""
 
     id: str
-    """Its id."""
+    """Id of the observation."""
     kind: str
-    """Its kind."""
+    """Kind of the observation."""
     label: str
     """Readable name with the component of the largest test value, and the source."""
     component: str
@@ -59,25 +59,25 @@ class Unresolved:
     estimated_error: float
     """Estimated gross error, observed − true."""
     reason: str
-    """Why it stays."""
+    """Reason why the observation stays."""
 
 
 @dataclass(frozen=True)
 class PointSetAside:
-    """A point that was taken out with all its rays."""
+    """A point that was removed with all its rays."""
 
     name: str
-    """Its name."""
+    """Name of the point."""
     rays: tuple[str, ...]
-    """Ids of its rays that went with it; others were rejected before."""
+    """Ids of the rays removed with the point; its other rays were rejected before."""
     label: str
-    """The ray with the largest test value."""
+    """Label of the ray with the largest test value."""
     test: float
-    """That test value, w or τ."""
+    """Largest test value, w or τ."""
     round: int
-    """Round in which it was set aside; 0: by the robust start."""
+    """Round in which the point was removed; 0: by the robust start."""
     reason: str
-    """Why it is the point that went."""
+    """Reason why the whole point was removed."""
 
 
 @dataclass(frozen=True)
@@ -91,40 +91,40 @@ class Round:
     largest: float
     """Largest |test value|."""
     suspects: int
-    """Observations above the critical value."""
+    """Number of observations above the critical value."""
     set_aside: int
-    """Observations that it set aside, those of points among them."""
+    """Number of observations set aside in the round, including the rays of removed points."""
     readmitted: int
-    """Observations that it put back."""
+    """Number of observations put back in the round."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Snooping(Shown):
-    """What data snooping found."""
+    """Result of data snooping."""
 
     solution: Solution
-    """The adjustment without what was set aside."""
+    """The adjustment without the observations that were set aside (the clean solution)."""
     reliability: Reliability
-    """Its reliability, with α0 and power of the tests."""
+    """Reliability of ``solution``, with α0 and power of the tests."""
     rejected: tuple[Rejected, ...]
-    """What was set aside, in that order, but for the rays of points that went as a whole."""
+    """Observations set aside, in that order, without the rays of removed points."""
     readmitted: tuple[str, ...]
-    """Ids of what was put back because it fitted, whether or not it was rejected again."""
+    """Ids of observations that fitted and were put back, including those rejected again later."""
     points_set_aside: tuple[PointSetAside, ...]
-    """Points that went with all their rays, since what was left of them determined nothing."""
+    """Points removed with all their rays, since the remaining rays did not determine them."""
     unresolved: tuple[Unresolved, ...]
-    """What is still above the critical value but cannot be set aside."""
+    """Observations above the critical value that cannot be set aside."""
     rounds: tuple[Round, ...]
-    """The rounds."""
+    """The rounds of the search."""
     critical: float
     """Critical value of the last round."""
     test: Test
-    """Which test."""
+    """Test that decides."""
     reason: str
-    """Why the search ended."""
+    """Reason why the search ended."""
 
     def headline(self) -> str:
-        """Say what was found."""
+        """Return the numbers of observations and points set aside, and why the search ended."""
         return (
             f"Snooping: {len(self.rejected)} observations and {len(self.points_set_aside)} points "
             f"set aside, {len(self.unresolved)} unresolved, σ̂0 {self.solution.sigma0:.4f}; "
@@ -132,7 +132,7 @@ class Snooping(Shown):
         )
 
     def first_rows(self) -> Rows:
-        """Return what was set aside."""
+        """Return the observations that were set aside."""
         return Rows(
             ("observation", "test value", "estimated error", "round"),
             ((r.label, r.test, r.estimated_error, r.round) for r in self.rejected),
@@ -141,5 +141,5 @@ class Snooping(Shown):
 
     @property
     def network(self) -> Network:
-        """The network without what was set aside."""
+        """The network without the observations that were set aside."""
         return self.solution.network

@@ -46,10 +46,10 @@ def position(solution: Solution, place: Place) -> Array:
 def covariance(solution: Solution, a: Place, b: Place | None = None) -> Array:
     """Return the covariance of a place, or of the difference b − a of two, (3, 3) metres².
 
-    Σ = Σ_aa + Σ_bb − Σ_ab − Σ_ba; the datum cancels as far as motions of the whole do.
+    For a difference Σ = Σ_aa + Σ_bb − Σ_ab − Σ_ba, in which shifts of the datum cancel.
 
     Raises:
-        InputError: unknown names, or twice the same.
+        InputError: unknown names, or two identical places.
     """
     own = _block(solution, a, a)
     if b is None:
@@ -63,7 +63,7 @@ def covariance(solution: Solution, a: Place, b: Place | None = None) -> Array:
 def covariances(solution: Solution, places: Sequence[Place]) -> Array:
     """Return the covariances of many places at once, (n, 3, 3) metres².
 
-    They come from the selected inverse; no place needs a solution of its own.
+    The covariances come from the selected inverse, without further solutions of the equations.
 
     Raises:
         InputError: unknown names, all at once.
@@ -88,7 +88,7 @@ def covariances(solution: Solution, places: Sequence[Place]) -> Array:
 
 
 def _block(solution: Solution, a: Place, b: Place) -> Array:
-    """Return the covariance between two places, (3, 3): the last three of six for a photo."""
+    """Return the covariance between two places, (3, 3): X0, Y0, Z0 for a photo."""
     kind, name = variable(a)
     if variable(b) == (kind, name):
         return solution.variable_covariance((kind, name))[-3:, -3:]
@@ -100,9 +100,9 @@ class DistancePrecision:
     """The adjusted slope distance between two places and its precision."""
 
     a: Place
-    """From."""
+    """First place."""
     b: Place
-    """To."""
+    """Second place."""
     distance: float
     """Slope distance D, metres."""
     sigma: float
@@ -123,16 +123,16 @@ def distance_precision(solution: Solution, a: Place, b: Place) -> DistancePrecis
     """Return the precision of the slope distance between two points or projection centres.
 
     σ_D² = dᵀ Σ_Δ d / D², d = X_b − X_a, Σ_Δ the covariance of d with its cross-covariances.
-    Distances between marks: without heights of instrument and target. Does not depend on the
-    datum of a free network, unless that has to fill scale too.
+    The distance is taken between the marks, without heights of instrument and target. In a free
+    network σ_D is independent of the datum, unless the datum defect includes the scale.
 
     Args:
         solution: an adjusted network.
         a: name of a point, or ``("pose", name)`` for a projection centre.
-        b: the same.
+        b: second place, as ``a``.
 
     Raises:
-        InputError: unknown names, twice the same, or two places that coincide.
+        InputError: unknown names, two identical places, or two places that coincide.
     """
     d = position(solution, b) - position(solution, a)
     variance = covariance(solution, a, b)

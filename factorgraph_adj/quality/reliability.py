@@ -1,4 +1,4 @@
-"""Reliability: what each observation can prove about itself, and what slips through.
+"""Reliability: how well each observation is controlled, and the effect of undetected errors.
 
 With P the weight matrix, Q the cofactors of the unknowns and Q_vv = P⁻¹ − A Q Aᵀ those of the
 residuals v = computed − observed (MODEL.md §4; Baarda 1968; El-Hakim 1986, eqs. 3 to 8):
@@ -10,7 +10,7 @@ residuals v = computed − observed (MODEL.md §4; Baarda 1968; El-Hakim 1986, e
     its effect on unknowns   ∇x  = Q AᵀP e_i ∇_i
     external reliability     δ̄_i = √(∇xᵀ N ∇x)                          = δ0 √((1 − r_i)/r_i)
 
-The right column holds for observations without correlation, the left one always.
+The right column holds for uncorrelated observations, the left column for all.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ from .levels import ALPHA, POWER
 from .rows import largest_shift, share_diagonal, weighted, weighted_diagonal, weights
 
 UNCONTROLLED = 1e-6
-"""Share of an error that must show in the residuals for the observation to count as controlled:
-below it, the smallest detectable error is more than 4000 σ, and rounding can tell nothing."""
+"""Share of an error in the residuals above which an observation counts as controlled. Below this
+share the smallest detectable error is more than 4000 σ, and rounding errors dominate."""
 UNMOVED = 1e-12
-"""Effect of an error of one σ on a point, metres, that is rounding."""
+"""Effect of an error of one σ on a point, metres, below which the effect is rounding error."""
 TRUSTED = 1e-3
-"""Largest difference of Σr from the redundancy with which the figures are given out."""
+"""Largest difference between Σr and the redundancy with which the figures are accepted."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Reliability(Shown):
     """Reliability of every scalar observation; arrays (n,) like ``solution.observations``.
 
-    Residuals, errors and σ are in SI or image units. Where an observation is not controlled by
-    any other (r = 0) its tests are NaN and its smallest detectable error is infinite.
+    Residuals, errors and σ are in SI or image units. An observation that no other controls (r = 0)
+    has NaN test values and an infinite smallest detectable error.
     """
 
     solution: Solution
@@ -57,27 +57,27 @@ class Reliability(Shown):
     power: float
     """Probability 1 − β0 with which an error of the smallest detectable size is found."""
     redundancy_numbers: Array
-    """r; from 0 to 1 without correlation, Σ over the observations = redundancy."""
+    """r, from 0 to 1 for uncorrelated observations; Σr over all observations = redundancy."""
     e1: Array
-    """Part of an error that goes into all unknowns but the object points (El-Hakim 1986, eq. 6).
-    In a free network e1 and e12 belong to its datum; r, e2 and e1 + e12 do not."""
+    """Part of an error that goes into all unknowns except object points (El-Hakim 1986, eq. 6).
+    In a free network e1 and e12 depend on the datum; r, e2 and e1 + e12 are independent of it."""
     w: Array
     """Test values of Baarda, a-priori σ0 = 1, with the sign of the residual."""
     mdb: Array
     """Smallest detectable error ∇ > 0, for σ0 = 1, or σ̂0 in an a-posteriori solution."""
     delta_bar: Array
-    """External reliability δ̄: no function of the unknowns is moved by ∇ by more than δ̄ times its
-    own standard deviation."""
+    """External reliability δ̄: ∇ changes a function of the unknowns by at most δ̄ times the standard
+    deviation of that function."""
     largest_effect: Array
-    """Largest effect of ∇ on a coordinate of the observation's own points, metres; NaN where it
-    has none."""
+    """Largest effect of ∇ on a coordinate of the observation's own points, metres; NaN for an
+    observation without unknown points."""
     estimated_errors: Array
-    """Estimated error observed − true = −(Pv)_i / (P Q_vv P)_ii if the observation alone is
-    wrong; NaN where it is not controlled."""
+    """Estimated error observed − true = −(Pv)_i / (P Q_vv P)_ii if only this observation is
+    wrong; NaN for an uncontrolled observation."""
     controlled: Mask
-    """Whether other observations control it."""
+    """Whether other observations control the observation."""
     redundancy_of_extra_factors: float
-    """Σ r of the factors that the user added; the rest of the redundancy."""
+    """Σr of the factors that the user added, which completes the redundancy."""
     precision: Array
     """(P Q_vv P)_ii, the inverse variance of an estimated error; 1/unit²."""
     _leverages: Leverages
@@ -128,7 +128,7 @@ class Reliability(Shown):
 
     @cached_property
     def e2(self) -> Array:
-        """Part of an error that goes into the object points, others held (eq. 6), (n,)."""
+        """Part of an error that goes into the object points, with others held (eq. 6), (n,)."""
         s = self.solution
         system = s.normal().system
         blocks, clusters = point_leverages(system, s.factor, s.datum)
@@ -136,12 +136,12 @@ class Reliability(Shown):
 
     @cached_property
     def e12(self) -> Array:
-        """Interaction of the two, the rest of A Q AᵀP (eq. 4), (n,)."""
+        """Interaction of e1 and e2: the rest of A Q AᵀP (eq. 4), (n,)."""
         return 1.0 - self.redundancy_numbers - self.e1 - self.e2
 
     @cached_property
     def groups(self) -> tuple[GroupReliability, ...]:
-        """Tests of the correlated groups as such: observations with a covariance, clusters."""
+        """Tests of correlated groups as a whole: observations with a covariance, clusters."""
         return group_reliabilities(
             self.solution,
             self._leverages.hats,
@@ -152,10 +152,10 @@ class Reliability(Shown):
     # -- of single observations ---------------------------------------------------------------
 
     def row(self, observation: int | str, component: str | None = None) -> int:
-        """Return the row of an observation by its id, and its component where it has several.
+        """Return the row of an observation by its id, and by its component if it has several.
 
         Raises:
-            InputError: unknown or ambiguous.
+            InputError: unknown or ambiguous id or component.
         """
         table = self.solution.observations
         if not isinstance(observation, str):
@@ -177,13 +177,14 @@ class Reliability(Shown):
         Args:
             observation: row, or id.
             unknowns: name of a point, or kind and name such as ``("pose", "12")``, or a list
-                of them; none: all of them.
-            component: which one, where the observation has several.
+                of such names; None: all unknowns.
+            component: component of the observation, if it has several.
             error: ∇, SI or image units; by default the smallest detectable error.
 
         Returns:
-            For one unknown its components (k,): metres, radians, image units (poses: rotations
-            about the camera's axes, then X0, Y0, Z0). Otherwise an `Effect` for each.
+            For a single unknown the effects on its k components, (k,): metres, radians, image
+            units (poses: rotations about the camera's axes, then X0, Y0, Z0). For several unknowns
+            an `Effect` for each.
 
         Raises:
             InputError: unknown names; no ``error`` for an observation that is not controlled.
@@ -200,8 +201,8 @@ class Reliability(Shown):
     def correlation(self, rows: Sequence[int] | Index) -> Array:
         """Return the correlations (k, k) of the test values of k observations.
 
-        ρ_ij = (P Q_vv P)_ij / √((P Q_vv P)_ii (P Q_vv P)_jj): where |ρ| is near 1, an error of
-        one cannot be told from an error of the other (Förstner 1983).
+        ρ_ij = (P Q_vv P)_ij / √((P Q_vv P)_ii (P Q_vv P)_jj). With |ρ| near 1, errors of the two
+        observations cannot be distinguished (Förstner 1983).
         """
         at = np.asarray(rows, dtype=np.intp)
         return self.correlations_with(at)[at]
@@ -209,12 +210,12 @@ class Reliability(Shown):
     def suspects(
         self, most: int = 10, *, inseparable: float = 0.9, critical: float | None = None
     ) -> tuple[Suspect, ...]:
-        """Return the observations with the largest |w|, and what they cannot be told from.
+        """Return the observations with the largest |w|, each with its inseparable observations.
 
         Args:
-            most: how many at most.
-            inseparable: correlation of test values from which on two are not to be told apart.
-            critical: only those with a larger |w|.
+            most: maximum number of observations.
+            inseparable: correlation of test values from which two observations are inseparable.
+            critical: limit that |w| must exceed.
         """
         size = np.where(self.controlled, np.abs(self.w), 0.0)
         order = np.argsort(-size, kind="stable")[:most]
@@ -245,32 +246,32 @@ class Suspect:
     """An observation with a large test value."""
 
     row: int
-    """Its row."""
+    """Row of the observation."""
     label: str
-    """Its readable name, with the source."""
+    """Readable name of the observation, with the source."""
     value: float
-    """W."""
+    """Test value w."""
     inseparable: tuple[tuple[int, float], ...]
-    """Rows whose test values are correlated so highly with its own that either may be to
-    blame, with the correlations."""
+    """Rows of inseparable observations, with the correlations of the test values; the error may
+    be in any of these observations."""
 
 
 def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWER) -> Reliability:
     """Compute the reliability of every observation of an adjustment.
 
-    All of it comes from one pass over the factorised normal equations (selected inverse); see
-    the formulas above.
+    All figures come from one pass over the factorised normal equations (selected inverse), by the
+    formulas of the module.
 
     Args:
-        solution: what `adjust` found; held unknowns, free networks and correlated observations
-            are all taken as they are. Weighted unknowns are observations too.
+        solution: result of `adjust`; held unknowns, free networks and correlated observations
+            are allowed. Weighted unknowns count as observations.
         alpha: probability α0 of a false alarm of one test.
         power: probability with which an error of the smallest detectable size is found.
 
     Raises:
         InputError: probabilities outside (0, 1), or α0 ≥ power.
-        AdjustmentError: the normal equations are singular at the solution, or so close to it
-            that Σr is not the redundancy.
+        AdjustmentError: the normal equations are singular at the solution, or so nearly singular
+            that Σr differs from the redundancy.
     """
     check_probabilities(alpha, power)
     try:
@@ -321,13 +322,13 @@ def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWE
 
 
 def _effect(shift: Array, mdb: Array, weight: Array) -> Array:
-    """Return shift · ∇; what does not move by more than rounding has no effect, whatever ∇ is."""
+    """Return shift · ∇; a shift below `UNMOVED` gives 0, even for an infinite ∇."""
     still = shift * np.sqrt(1.0 / weight) < UNMOVED
     return np.where(still, 0.0, np.where(still, 1.0, shift) * np.where(still, 1.0, mdb))
 
 
 def check_probabilities(alpha: float, power: float) -> None:
-    """Raise InputError where α0 or power is outside (0, 1), or α0 ≥ power."""
+    """Raise InputError if α0 or power is outside (0, 1), or α0 ≥ power."""
     if not 0 < alpha < 1 or not 0 < power < 1 or alpha >= power:
         raise InputError(
             f"alpha and power must lie between 0 and 1, alpha below power: {alpha}, {power}"
@@ -342,7 +343,7 @@ def noncentrality(alpha: float, power: float) -> float:
 def critical_tau(alpha: float, redundancy: int) -> float:
     """Return the critical value of Pope's |τ| = t √f / √(f − 1 + t²), t of f − 1, f = redundancy.
 
-    NaN where f < 2: a single redundant observation has |τ| = 1 whatever its error.
+    NaN for f < 2: with f = 1, |τ| = 1 for every error.
     """
     f = redundancy
     if f < 2:
@@ -352,7 +353,7 @@ def critical_tau(alpha: float, redundancy: int) -> float:
 
 
 def _transform(solution: Solution) -> STransform | None:
-    """Return what leads from the minimal datum of the solver to that of the solution."""
+    """Return the S-transformation from the minimal datum of the solver to the solution's datum."""
     if solution.datum is None or solution.datum_cross is None:
         return None
     return STransform(solution.datum.basis, *solution.datum_cross)

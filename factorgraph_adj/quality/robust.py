@@ -1,15 +1,15 @@
 """Robust estimation: M-estimators by iterative reweighting.
 
-Each observation gets a factor γ ≤ 1 on its weight, which depends on how badly it fits; the
-network is adjusted with these equivalent weights, and so on until they rest. What counts is
+Each observation gets a factor γ ≤ 1 on its weight, which depends on its misfit. The network is
+adjusted with these equivalent weights, and the two steps are repeated until the weights converge.
+The misfit is
 
     t = v / (σ √r)
 
-with the redundancy number r of the network as it is, all at full weight: an error that leverage
-hides in a small residual counts for what it is. (With r of the reweighted adjustment, which
-rises for the one and falls for the others, weights chase one another: in simulations with 20 %
-gross errors they did not come to rest.) One γ for all components of an observation, from the
-largest |t|/s; s is a scale.
+with the redundancy number r of the network at full weights: t also shows an error that leverage
+hides in a small residual. (In the reweighted adjustment r rises for some observations and falls for
+others; with these r the weights oscillated and did not converge in simulations with 20 % gross
+errors.) All components of an observation have the same γ, from the largest |t|/s with a scale s.
 
     Huber     γ = 1 up to k, k/t beyond                             k = 1.5   (Huber 1964)
     Danish    γ = 1 up to k, exp(1 − (t/k)²) beyond                 k = 2     (Krarup et al. 1980)
@@ -17,8 +17,8 @@ largest |t|/s; s is a scale.
     Tukey     γ = (1 − (t/k)²)², 0 from k                           k = 4.685 (Beaton & Tukey 1974)
 
 Correlated observations keep their correlation (bifactor equivalent weights, Yang et al. 2002).
-All start with Huber's criterion, which is convex, at a small scale, where it is nearly the sum
-of |t|: the others have many minima.
+All estimators start with Huber's criterion, because it is convex and the others have many minima.
+Its scale is small at first, so that it is nearly the sum of |t|.
 """
 
 from __future__ import annotations
@@ -42,21 +42,21 @@ Estimator = Literal["huber", "danish", "igg3", "tukey"]
 ESTIMATORS: tuple[Estimator, ...] = ("huber", "danish", "igg3", "tukey")
 
 LEAST_WEIGHT = 1e-6
-"""Smallest γ: nothing becomes undetermined, and an error of 1000 σ pulls like one of 0.001 σ."""
+"""Smallest γ. It keeps every unknown determined; an error of 1000 σ has the effect of 0.001 σ."""
 OF_THE_MEDIAN = 1.4826
-"""σ of a normal distribution / its median absolute deviation."""
+"""Ratio of σ to the median absolute deviation of a normal distribution."""
 LEAST_REDUNDANCY = 0.01
-"""Redundancy number from which down residuals are not enlarged any more: γ of the others changes
-what little they are."""
+"""Smallest redundancy number r in t; the small residuals of observations with a smaller r depend
+mainly on the γ of other observations."""
 LOOSE = 0.05
-"""Change of γ at which Huber's criterion has led near enough to go on."""
+"""Largest change of a γ at which the start with Huber's criterion ends."""
 NEARLY_ABSOLUTE = 0.1
-"""Part of the median scale at which Huber's criterion starts where σ0 is not known."""
+"""Part of the median scale at which Huber's criterion starts if σ0 is unknown."""
 INNER_TOLERANCE = 1e-3
-"""Steps relative to σ at which an adjustment on the way is at rest."""
+"""Step relative to σ below which an intermediate adjustment has converged."""
 
 RobustProgress = Callable[[int, float, float], None]
-"""Called with iteration, scale and the largest change of a γ."""
+"""Function called with the iteration, the scale and the largest change of a γ."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,22 +64,22 @@ class Robust(Shown):
     """A robust adjustment; arrays (n,) like ``solution.observations``."""
 
     solution: Solution
-    """The network adjusted with equivalent weights; its σ are those of the equivalent weights,
-    σ/√γ, and so are its residual sum of squares and its covariances."""
+    """The network adjusted with equivalent weights; its standard deviations σ/√γ, residual sum of
+    squares and covariances belong to these weights."""
     estimator: Estimator
-    """Which M-estimator."""
+    """Name of the M-estimator."""
     weights: Array
     """γ of each scalar observation, from `LEAST_WEIGHT` to 1."""
     test_values: Array
-    """t = v/(σ √r); NaN where it is not controlled."""
+    """t = v/(σ √r); NaN for uncontrolled observations."""
     scale: float
     """s, in units of the a-priori standard deviations."""
     iterations: int
     """Number of adjustments."""
     converged: bool
-    """Whether the weights came to rest."""
+    """Whether the weights converged."""
     reason: str
-    """Why it ended."""
+    """Reason why the iteration ended."""
 
     def headline(self) -> str:
         """Return which estimator was used, and how the estimation ended."""
@@ -104,18 +104,18 @@ def robust_adjust(
     """Adjust a network so that a minority of gross errors does little harm.
 
     Args:
-        network: what was measured; it is not changed.
-        estimator: which M-estimator, see above.
-        scale: ``a-priori``: s = 1 where the standard deviations are trusted, but more as long as
-            the median of all |t| asks for it; ``median``: s = 1.4826 median |t|.
+        network: the network; it is not changed.
+        estimator: name of the M-estimator, see the formulas of the module.
+        scale: ``a-priori``: s = 1 for trusted standard deviations, but larger as long as 1.4826
+            median |t| is larger; ``median``: s = 1.4826 median |t|.
         datum: as for `adjust`.
         start: as for `adjust`.
-        tolerance: change of every γ at which the weights are at rest.
-        max_iterations: adjustments after which the result says that it has not converged.
+        tolerance: largest change of a γ at which the weights have converged.
+        max_iterations: maximum number of adjustments; then the result has ``converged`` false.
         progress: called after each adjustment; an exception in it ends the estimation.
 
     Raises:
-        InputError: an unknown choice; what `adjust` raises.
+        InputError: an unknown choice; errors of `adjust`.
         DatumError, ApproximationError: as `adjust`.
         AdjustmentError: as `reliability`.
     """
@@ -163,7 +163,7 @@ def equivalent_weights(estimator: Estimator, t: Array) -> Array:
 
 
 def _spread(rel: Reliability) -> Array:
-    """Return σ √r (n,), which residuals are measured by; NaN where nothing controls them."""
+    """Return σ √r (n,), the denominator of t; NaN for uncontrolled observations."""
     r = np.clip(rel.redundancy_numbers, LEAST_REDUNDANCY, 1.0)
     return np.where(rel.controlled, rel.solution.equations.sigmas() * np.sqrt(r), np.nan)
 
@@ -171,7 +171,8 @@ def _spread(rel: Reliability) -> Array:
 def _next_scale(t: Array, s: float, estimator: Estimator, *, starting: bool, known: bool) -> float:
     """Return the scale of the next weights.
 
-    Huber's criterion supports any scale: its own may fall, but not rise to where it would stay.
+    Huber's criterion converges at any scale; its median scale may only decrease, because a larger
+    scale would maintain itself.
     """
     median = _scale(t)
     if starting:
@@ -182,13 +183,13 @@ def _next_scale(t: Array, s: float, estimator: Estimator, *, starting: bool, kno
 
 
 def _scale(t: Array) -> float:
-    """Return 1.4826 median |t|; 1 where nothing is controlled."""
+    """Return 1.4826 median |t|; 1 if all observations are uncontrolled."""
     size = np.abs(t[~np.isnan(t)])
     return (OF_THE_MEDIAN * float(np.median(size)) if len(size) else 0.0) or 1.0
 
 
 def _of_observations(solution: Solution, t: Array, estimator: Estimator) -> Array:
-    """Return γ (n,), the same for all components of an observation, for scaled t (n,)."""
+    """Return γ (n,) for scaled t (n,), equal for all components of an observation."""
     number = solution.equations.observation_of_row
     first = np.flatnonzero(np.diff(number, prepend=-1))
     largest = np.maximum.reduceat(np.nan_to_num(np.abs(t)), first)

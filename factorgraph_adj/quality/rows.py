@@ -1,7 +1,7 @@
-"""From whitened rows back to observations, whose covariances may join several of them.
+"""Conversion of whitened rows to observations, with covariances inside observations and clusters.
 
 With W Σ Wᵀ = I and P = WᵀW the solver works on Ã = W A and ṽ = W v, observation by observation or
-cluster by cluster. For a matrix M over the rows of such a group, Q_vv P = W⁻¹ M W and
+cluster by cluster. For the rows of an observation or a cluster, Q_vv P = W⁻¹ M W and
 P Q_vv P = Wᵀ M W with M = I − Ã Q Ãᵀ.
 """
 
@@ -78,7 +78,7 @@ def weighted(equations: Equations, whitened: Array) -> Array:
 def largest_shift(equations: Equations, found: Leverages) -> Array:
     """Return max |Q_p AᵀP e_i| over the coordinates of the observation's own points, (n_rows,).
 
-    Metres per unit of the observation; NaN where it touches no unknown point.
+    The unit is metres per unit of the observation; NaN for an observation without unknown points.
     """
     out = np.full(equations.n_rows, np.nan)
     for block, part in zip(equations.blocks, found.blocks, strict=True):
@@ -119,20 +119,20 @@ def _has_point(equations: Equations, block: Block) -> Array:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a scalar row stands."""
+    """Block, observation and component of a scalar row."""
 
     number: int
     """Number of the block."""
     block: Block
     """The block."""
     observation: int
-    """Which observation of it."""
+    """Number of the observation in the block."""
     component: int
-    """Which component of that."""
+    """Number of the component in the observation."""
 
 
 def place_of(equations: Equations, row: int) -> Place:
-    """Return where a scalar row stands."""
+    """Return the block, observation and component of a scalar row."""
     for number, block in enumerate(equations.blocks):
         if block.rows.start <= row < block.rows.stop:
             return Place(number, block, *divmod(row - block.first_row, block.dimension))

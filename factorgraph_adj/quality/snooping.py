@@ -1,10 +1,10 @@
-"""Data snooping: find gross errors, set them aside, adjust again, until nothing is found.
+"""Data snooping: gross errors are found and set aside, and the network is adjusted again.
 
-A round adjusts the network, tests every observation (Baarda's w, or Pope's τ where σ0 is not
-known), and sets aside the worst by the rule of `candidates`. Where a round finds nothing more,
-those set aside are predicted from the clean solution: what fits is re-admitted, once, and the
-search goes on. An image point goes with x and y, a vector with all its components; what counts is
-the largest test value of the components.
+A round adjusts the network, tests every observation (Baarda's w, or Pope's τ if σ0 is unknown),
+and sets aside the worst observations by the rule of `candidates`. After a round without a new gross
+error, the observations set aside are predicted from the clean solution. An observation that fits is
+put back, at most once, and the search continues until nothing changes. An observation is set aside
+with all its components, by their largest test value.
 """
 
 from __future__ import annotations
@@ -40,28 +40,29 @@ def snoop(
 ) -> Snooping:
     """Find gross errors by iterated tests.
 
-    Every observation can be set aside, control points and weighted unknowns among them: a
-    weighted unknown without its given value is free. One without which something would not be
-    determined stays in, and is listed as unresolved; but a point that only images see goes with
-    all its rays where the other rays alone do not determine it.
+    Every observation can be set aside, also control points and weighted unknowns: a weighted
+    unknown without its given value is free. An observation that some unknown needs to be
+    determined stays in the network and is listed as unresolved. A point that only images observe
+    is removed with all its rays, if its other rays do not determine it.
 
     Args:
-        network: what was measured; it is not changed.
+        network: the network; it is not changed.
         alpha: probability α0 of a false alarm of one test.
         power: power of the tests, for the reliability of each round.
-        test: ``baarda`` where σ0 = 1 is known, ``pope`` where it is estimated.
-        sidak: ``alpha`` is that of all n tests together: α0 = 1 − (1 − α)^(1/n).
-        share: observations with test values from this part of the largest on may go in the same
+        test: ``baarda`` for the known σ0 = 1, ``pope`` for an estimated σ0.
+        sidak: whether ``alpha`` refers to all n tests together: α0 = 1 − (1 − α)^(1/n).
+        share: part of the largest test value that others must reach to be set aside in the same
             round, see `candidates`; 1: only the largest of each round.
-        robust: set aside what this M-estimator finds first, then snoop: for many gross errors.
-        max_rounds: adjustments after which the search stops.
+        robust: M-estimator for networks with many gross errors; the outliers of its adjustment
+            are set aside before the first round.
+        max_rounds: maximum number of rounds.
         datum: as for `adjust`.
         variance: as for `adjust`.
         start: an earlier solution of the network to start from.
         progress: called after each round; an exception in it ends the search.
 
     Raises:
-        InputError: unknown choices, probabilities or shares outside (0, 1]; what `adjust` raises.
+        InputError: unknown choices, probabilities or shares outside (0, 1]; errors of `adjust`.
         DatumError, ApproximationError: as `adjust`, for the whole network.
         AdjustmentError: as `reliability`.
     """

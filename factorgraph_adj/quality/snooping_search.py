@@ -1,4 +1,4 @@
-"""The search of data snooping: where it stands, and one round after the other."""
+"""The search of data snooping: its state and its rounds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .reliability import critical_tau, reliability
 
 
 class SnoopingSearch:
-    """Where a search stands."""
+    """State of a search."""
 
     def __init__(
         self, solution: Solution, test: Test, alpha: float, power: float, options: dict[str, Any]
@@ -40,13 +40,13 @@ class SnoopingSearch:
         self.readmitted: list[str] = []
         self.stuck: dict[str, str] = {}
         self.place: dict[str, int] = {}
-        """Which component of what was set aside had the largest test value."""
+        """Component with the largest test value, by id of the observation set aside."""
         self.coordinates: dict[str, Array] = {}
-        """Where points were when they were set aside."""
+        """Coordinates of each removed point at its removal, (3,) metres."""
         self.rounds: list[Round] = []
 
     def begin(self, values: Array, progress: Callable[[Round], None] | None) -> None:
-        """Set aside what stands out in a robust adjustment, by test values (n,) for σ0 = 1."""
+        """Set aside the outliers of a robust adjustment, by test values (n,) for σ0 = 1."""
         critical = normal_quantile(1.0 - self.alpha / 2.0)
         chosen = choose(
             self.reliability, values, scale=1.0, critical=critical, share=0.0, every=True
@@ -65,7 +65,7 @@ class SnoopingSearch:
         )
 
     def run(self, share: float, max_rounds: int, progress: Callable[[Round], None] | None) -> str:
-        """Go on until nothing is found; return why it ended."""
+        """Run rounds until nothing changes; return the reason why the search ended."""
         for number in range(1, max_rounds + 1):
             sigma0, size, critical = self.solution.sigma0, self._largest(self.values), self.critical
             gone = self._reject(share, number)
@@ -90,7 +90,7 @@ class SnoopingSearch:
 
     @property
     def critical(self) -> float:
-        """Their critical value."""
+        """Critical value of the test values."""
         rel = self.reliability
         return rel.critical_w if self.test == "baarda" else rel.critical_tau
 
@@ -105,7 +105,7 @@ class SnoopingSearch:
     # -- setting aside --------------------------------------------------------------------------
 
     def _reject(self, share: float, number: int) -> int:
-        """Set aside the worst; return how many observations."""
+        """Set aside the worst observations; return their number."""
         while chosen := self._choice(share).chosen:
             gone = self._set_aside(chosen, number) or self._set_aside(chosen[:1], number)
             if gone:
@@ -123,7 +123,7 @@ class SnoopingSearch:
         )
 
     def _set_aside(self, chosen: Sequence[Outlier], number: int) -> int:
-        """Adjust without them; return how many observations went, 0 if that failed."""
+        """Adjust without the chosen outliers; return the number removed, 0 after a failure."""
         aside = {r.id: r for c in chosen if c.point is None for r in [self._rejected(c, number)]}
         lost = {p.name: p for c in chosen if c.point is not None for p in [self._point(c, number)]}
         points = [*self.points, *lost]
@@ -138,7 +138,7 @@ class SnoopingSearch:
         return 0
 
     def _adjust(self, ids: Iterable[str], points: Iterable[str]) -> AdjustmentError | None:
-        """Adjust without these; return what went wrong, and stay where we were."""
+        """Adjust without observations and points; after a failure keep the state and return it."""
         try:
             network = without(self.network, ids, points=points)
             solution = adjust(network, start=self.solution, **self.options)
@@ -151,7 +151,7 @@ class SnoopingSearch:
         return None
 
     def _units(self, ids: Collection[str]) -> list[int]:
-        """Return the numbers of observations of the solution, by id."""
+        """Return the numbers of the observations with these ids in the solution."""
         number = self.solution.equations.observation_of_row
         found = self.solution.equations.find(list(ids))
         return [int(number[rows[0]]) for rows in found if len(rows)]
@@ -197,7 +197,7 @@ class SnoopingSearch:
     # -- putting back ---------------------------------------------------------------------------
 
     def _readmit(self) -> int:
-        """Put back what fits the solution again, once each; return how many observations."""
+        """Put back observations and points that fit, each once; return how many observations."""
         ids, points = self._fitting(), self._fitting_points()
         rays = [ray for name in points for ray in self.points[name].rays]
         if not ids and not points:
@@ -215,9 +215,9 @@ class SnoopingSearch:
         return len(ids) + len(rays)
 
     def _with_start(self, points: Collection[str]) -> Network:
-        """Return the network with coordinates for points, where they started the first time.
+        """Return the network with the first start coordinates of the points.
 
-        Inner constraints refer to those.
+        The inner constraints refer to these coordinates.
         """
         network = self.network.copy()
         for name, x in zip(network.points, self.start.tolist(), strict=True):
@@ -226,7 +226,7 @@ class SnoopingSearch:
         return network
 
     def _fitting(self) -> list[str]:
-        """Return the observations set aside that would not be above the critical value."""
+        """Return the removed observations whose predicted test value passes the test."""
         prediction = self._predicted([i for i in self.aside if i not in self.readmitted])
         if prediction is None:
             return []
@@ -235,7 +235,7 @@ class SnoopingSearch:
         return [i for i, ok in zip(prediction.ids, largest <= critical, strict=True) if ok]
 
     def _fitting_points(self) -> list[str]:
-        """Return the points set aside whose rays would meet: T² of their intersection passes."""
+        """Return the removed points whose rays intersect: T² of the intersection passes."""
         predictor = Predictor(self.equations, self.solution)
         pope, f = self.test == "pope", self.solution.redundancy
         out = []
@@ -256,7 +256,7 @@ class SnoopingSearch:
         return out
 
     def _predicted(self, ids: Sequence[str]) -> Prediction | None:
-        """Predict observations that were set aside, as far as the solution determines them."""
+        """Predict the observations set aside that the solution determines."""
         found = [rows for rows in self.equations.find(ids) if len(rows)]
         if not found:
             return None
@@ -267,10 +267,9 @@ class SnoopingSearch:
         return predictor.predict(rows) if len(rows) else None
 
     def _if_put_back(self, prediction: Prediction) -> tuple[Array, Array]:
-        """Return the test values (k,) that observations would have in the adjustment.
+        """Return test values (k,) and critical values (m,) of observations put back.
 
-        Also the critical value for each of them, (m,). For Pope's test, vᵀPv grows by T² and the
-        redundancy by the number of components.
+        For Pope's test vᵀPv increases by T², and the redundancy by the number of components.
         """
         if self.test == "baarda":
             return prediction.w, np.full(len(prediction.first), self.critical)
@@ -279,10 +278,10 @@ class SnoopingSearch:
         critical = np.array([critical_tau(self.alpha, int(k)) for k in f])
         return prediction.w / np.repeat(sigma0, prediction.size), critical
 
-    # -- what was found -------------------------------------------------------------------------
+    # -- result ---------------------------------------------------------------------------------
 
     def result(self, reason: str) -> Snooping:
-        """Return it, with what was set aside predicted from the clean solution."""
+        """Return the result, with final errors from the clean solution."""
         return Snooping(
             self.solution,
             self.reliability,
@@ -313,7 +312,7 @@ class SnoopingSearch:
         return tuple(out.values())
 
     def _unresolved(self) -> tuple[Unresolved, ...]:
-        """Return what is above the critical value at the end, the largest first."""
+        """Return the observations above the critical value at the end, the largest first."""
         units = Units.of(self.solution.equations)
         size = units.largest(self.values)
         order = np.argsort(-size, kind="stable")

@@ -1,9 +1,9 @@
-"""Systematic errors: which additional parameters are real, and which cannot be told apart.
+"""Systematic errors: significance and separability of additional parameters.
 
-Parameters of interior orientation, lens distortion, distance meters and refraction are tested one
-by one against the value they have if there is nothing to model, and looked at for what they are
-correlated with. A parameter that is not significant, or that others explain, weakens the network
-without bettering its model: the network is overparametrised.
+Each parameter of interior orientation, lens distortion, distance meters and refraction is tested
+against its value without a systematic error, and strong correlations with other unknowns are
+listed. A parameter that is not significant, or that others explain, weakens the network without
+improving its model: the network is overparametrised.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from .levels import ALPHA_OF_MODEL
 from .ties import NO_PARTNERS, Tie, partners_of_photos, partners_of_points
 
 INTERIOR = ("c", "x0", "y0")
-"""Calibration parameters that are not additional ones."""
+"""Calibration parameters of every camera; all others are additional parameters."""
 STRONG = 0.95
-"""Correlation from which on two quantities count as not to be told apart."""
+"""Correlation from which on two quantities count as inseparable."""
 
 Label: TypeAlias = tuple[VariableKind, str, str]
 """Kind, name and component of a parameter, such as ``("calibration", "P31", "k1")``."""
@@ -36,39 +36,41 @@ Label: TypeAlias = tuple[VariableKind, str, str]
 
 @dataclass(frozen=True)
 class TestedParameter:
-    """One calibration or additional parameter, tested."""
+    """One tested calibration or additional parameter."""
 
     kind: VariableKind
     """``calibration``, ``edm`` or ``refraction``."""
     name: str
-    """Camera (``camera@photo`` where every photo has its own), distance meter, refraction group."""
+    """Name of the camera (``camera@photo`` for calibrations of single photos), distance meter or
+    refraction group."""
     component: str
-    """Which parameter of it, such as ``k1``, ``scale`` or ``kappa``."""
+    """Name of the parameter, such as ``k1``, ``scale`` or ``kappa``."""
     additional: bool
-    """False for c, x0, y0, which a camera has anyway."""
+    """Whether the parameter is an additional one; false for c, x0, y0."""
     weighted: bool
-    """Whether a given value with a standard deviation takes part in its estimate."""
+    """Whether the parameter has a given value with a standard deviation."""
     value: float
     """Estimate, SI or image units."""
     reference: float
-    """What it is tested against: 0; the given value of c, x0, y0, of coefficients of refraction
-    and of whatever is weighted."""
+    """Reference value of the test: the given value for c, x0, y0, coefficients of refraction and
+    weighted parameters; 0 for all others."""
     sigma: float
     """Standard deviation of the estimate."""
     critical: float
     """Critical value of |t|."""
     variance_inflation: float
-    """Variance of the estimate as a multiple of what it would be if the other free parameters of
-    the same camera, or distance meter, were known: Σ_ii (Σ⁻¹)_ii ≥ 1."""
+    """Ratio of the variance of the estimate to its variance with known other parameters of the
+    same camera, or distance meter: Σ_ii (Σ⁻¹)_ii ≥ 1."""
     orientation: Tie | None
-    """Strongest correlation with the exterior orientation of a photo of the same camera; none
-    where there is nothing to find or it was not looked for."""
+    """Strongest correlation with the exterior orientation of a photo of the same camera; None
+    without a free photo, or with ``ties`` false."""
     point: Tie | None
-    """The same with an object point."""
+    """Strongest correlation with an object point; None without a free point, or with ``ties``
+    false."""
 
     @property
     def label(self) -> Label:
-        """Kind, name and component."""
+        """Kind, name and component of the parameter."""
         return self.kind, self.name, self.component
 
     @property
@@ -78,18 +80,18 @@ class TestedParameter:
 
     @property
     def significant(self) -> bool:
-        """Whether it differs from its reference: |t| above the critical value.
+        """Whether the estimate differs from its reference value: |t| above the critical value.
 
-        The weight of a weighted parameter pulls it to its reference, so that one that is
-        significant would be so all the more without the weight.
+        The weight of a weighted parameter pulls the estimate towards its reference value; a
+        significant weighted parameter would also be significant without the weight.
         """
         return abs(self.t) > self.critical
 
     @property
     def explained(self) -> float:
-        """Share of its information that goes to the other parameters of the same camera, 0 to 1.
+        """Squared multiple correlation with the other parameters of the same camera, 0 to 1.
 
-        The square of its multiple correlation with them, 1 − 1/variance_inflation.
+        It equals 1 − 1/variance_inflation.
         """
         return 1.0 - 1.0 / self.variance_inflation
 
@@ -110,11 +112,11 @@ class Correlation:
     """A strong correlation of two parameters."""
 
     a: Label
-    """One of them."""
+    """First parameter."""
     b: Label
-    """The other."""
+    """Second parameter."""
     value: float
-    """Their correlation."""
+    """Correlation of the two parameters."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -122,16 +124,16 @@ class Significance(Shown):
     """Tests and correlations of calibration and additional parameters."""
 
     parameters: tuple[TestedParameter, ...]
-    """All that are free or weighted, in the order of the network."""
+    """All free or weighted parameters, in the order of the network."""
     correlations: tuple[Correlation, ...]
-    """Pairs of them correlated from the limit on, strongest first."""
+    """Pairs of parameters with a correlation of at least ``limit``, strongest first."""
     alpha: float
-    """Probability that a parameter which is not real is called significant."""
+    """Probability that a parameter with the true value ``reference`` is called significant."""
     limit: float
-    """Correlation from which on two quantities count as not to be told apart."""
+    """Correlation from which on two quantities count as inseparable."""
     critical: float
-    """Critical value of |t|: of the normal distribution, or of Student's with the redundancy as
-    degrees of freedom where the adjustment is a posteriori."""
+    """Critical value of |t|: of the normal distribution, or, in an a-posteriori solution, of
+    Student's with the redundancy as degrees of freedom."""
 
     def headline(self) -> str:
         """Return how many parameters were tested, and how many are not significant."""
@@ -158,16 +160,17 @@ class Significance(Shown):
 
     @property
     def insignificant(self) -> tuple[TestedParameter, ...]:
-        """Additional parameters that the observations do not ask for, least |t| first."""
+        """Additional parameters that are not significant, smallest |t| first."""
         found = [p for p in self.parameters if p.additional and not p.significant]
         return tuple(sorted(found, key=lambda p: abs(p.t)))
 
     @cached_property
     def overparametrised(self) -> tuple[str, ...]:
-        """Sentences that name parameters which cannot be told from others.
+        """Sentences that name inseparable parameters; empty if all parameters are separable.
 
-        From one another in pairs; where no pair does it, from all others of the camera together;
-        from the exterior orientation of photos; from object points. Empty where all is well.
+        They name pairs of correlated parameters, parameters without such a pair that all others of
+        the camera together explain, and correlations with the exterior orientation of photos and
+        with object points.
         """
         out = []
         paired = {label for c in self.correlations for label in (c.a, c.b)}
@@ -196,7 +199,7 @@ class Significance(Shown):
 
 
 def describe(label: Label) -> str:
-    """Return how a parameter is called in messages: ``k1 of camera 'P31'``."""
+    """Return the name of a parameter in messages: ``k1 of camera 'P31'``."""
     kind, name, component = label
     if not name:
         return f"{component} of the {UNKNOWNS[kind].title} of the network"
@@ -204,7 +207,7 @@ def describe(label: Label) -> str:
 
 
 def correlation_text(value: float) -> str:
-    """Return a correlation with three digits, with more where they would round to one."""
+    """Return a correlation with three digits, or with six if three digits round to one."""
     text = f"{value:+.3f}"
     return text if "1.000" not in text else f"{value:+.6f}"
 
@@ -218,17 +221,17 @@ def significance(
 ) -> Significance:
     """Test calibration and additional parameters of an adjustment, and look for correlations.
 
-    Calibrations of cameras, scale and zero constant of distance meters and coefficients of
-    refraction, as far as they are free or weighted. t = (x̂ − x_ref)/σ_x̂ is compared with the
-    quantile 1 − α/2 of the normal distribution; of Student's distribution with r degrees of
-    freedom where covariances are scaled by σ̂0². If a parameter were held at x_ref, vᵀPv would
-    grow by t² (by t² σ̂0² a posteriori).
+    The free or weighted calibrations of cameras, scales and zero constants of distance meters and
+    coefficients of refraction are tested. t = (x̂ − x_ref)/σ_x̂ is compared with the quantile
+    1 − α/2 of the normal distribution, or, if σ̂0² scales the covariances, of Student's distribution
+    with r degrees of freedom. With a parameter held at x_ref, vᵀPv would increase by t² (by t² σ̂0²
+    a posteriori).
 
     Args:
-        solution: what `adjust` found.
-        alpha: probability that a parameter which is not real is called significant.
-        correlation: correlation from which on two quantities count as not to be told apart.
-        ties: whether to look for correlations with photos and points too.
+        solution: result of `adjust`.
+        alpha: probability that a parameter with the true value x_ref is called significant.
+        correlation: correlation from which on two quantities count as inseparable.
+        ties: whether correlations with photos and points are computed too.
 
     Raises:
         InputError: alpha or correlation are not between 0 and 1.
@@ -239,7 +242,7 @@ def significance(
     if not 0 < correlation <= 1:
         raise InputError(f"correlation must lie above 0 and be 1 at most, not {correlation}")
     if solution.reference is not None:
-        # Parameters do not depend on the datum; their ties are those to the given one.
+        # Parameters are independent of the datum; their ties refer to the given datum.
         solution = replace(solution, reference=None)
     posterior = solution.variance == "a-posteriori" and solution.redundancy > 0
     quantile = 1.0 - alpha / 2.0
@@ -293,7 +296,7 @@ def significance(
 
 @dataclass(frozen=True)
 class _Variable:
-    """The free components of one tested variable; arrays in their order."""
+    """The free components of one tested variable; arrays in the order of the components."""
 
     kind: VariableKind
     name: str
@@ -307,9 +310,9 @@ class _Variable:
 
 
 def _variables(solution: Solution) -> Iterator[_Variable]:
-    """Iterate over what is tested."""
+    """Yield the tested variables."""
     unknowns = solution.equations.unknowns
-    # Cameras first: their parameters are what a reader looks for.
+    # Cameras come first, because their parameters interest most readers.
     for kind in reversed([k.name for k in UNKNOWNS.values() if k.additional]):
         table = unknowns[kind]
         for number in np.flatnonzero(table.offset >= 0).tolist():
@@ -339,12 +342,13 @@ def _variables(solution: Solution) -> Iterator[_Variable]:
 def _strong(
     variables: list[_Variable], covariances: Iterable[Array], limit: float
 ) -> list[Correlation]:
-    """Return the pairs of parameters that are correlated from the limit on, strongest first.
+    """Return the pairs of parameters with a correlation of at least ``limit``, strongest first.
 
     Args:
-        variables: all of them.
-        covariances: of all parameters with those of each variable, (parameters, p) each.
-        limit: correlation from which on they are strong.
+        variables: all tested variables.
+        covariances: covariances of all parameters with the p parameters of each variable,
+            (parameters, p) each.
+        limit: smallest correlation that is listed.
     """
     labels = [(v.kind, v.name, component) for v in variables for component in v.components]
     sigma = np.concatenate([np.zeros(0), *(v.sigma for v in variables)])

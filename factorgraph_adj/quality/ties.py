@@ -1,4 +1,4 @@
-"""What parameters are tied to: exterior orientations and object points, by correlation."""
+"""Ties: correlations of parameters with exterior orientations and object points."""
 
 from __future__ import annotations
 
@@ -17,39 +17,40 @@ class Tie:
     """The strongest correlation of a parameter with a photo or a point."""
 
     name: str
-    """Photo or point."""
+    """Name of the photo or point."""
     component: str
-    """Which component of it. Of a photo: rx, ry, rz about the axes of the camera and x, y, z of the
-    projection centre along them (x right, y down, z forward). Of a point: x, y, z."""
+    """Component of the photo or point. A photo has rotations rx, ry, rz about the axes of the
+    camera and x, y, z of the projection centre along these axes (x right, y down, z forward); a
+    point has x, y, z."""
     correlation: float
-    """The correlation."""
+    """Correlation of the parameter with the component."""
     count: int
-    """How many photos, or points, have a component that is correlated from the limit on."""
+    """Number of photos, or points, with a correlation of at least the limit."""
 
 
 @dataclass(frozen=True)
 class Partners:
-    """Photos or points that parameters may be correlated with, n of them."""
+    """The n photos or points with which parameters may be correlated."""
 
     names: tuple[str, ...]
-    """Their names."""
+    """Names of the photos or points."""
     components: tuple[str, ...]
-    """Names of their k components."""
+    """Names of the k components of each."""
     columns: Index
-    """Their columns, (n, k)."""
+    """Columns of the components, (n, k)."""
     sigma: Array
-    """Standard deviations, infinite where held, (n, k)."""
+    """Standard deviations, infinite for held components, (n, k)."""
     axes: Array | None = None
-    """Rotations from the frame to the axes that the last three components are counted along,
-    (n, 3, 3); none: the frame's."""
+    """Rotations from the frame to the axes of the last three components, (n, 3, 3); None: axes of
+    the frame."""
 
     def ties(self, covariance: Array, sigma: Array, limit: float) -> list[Tie | None]:
         """Return the strongest tie of each parameter.
 
         Args:
-            covariance: of all columns with the parameters, (n_columns, p).
+            covariance: covariances of all columns with the parameters, (n_columns, p).
             sigma: standard deviations of the parameters, (p,).
-            limit: correlation from which on ties are counted.
+            limit: smallest correlation that is counted.
         """
         if not self.names:
             return [None] * len(sigma)
@@ -70,7 +71,7 @@ NO_PARTNERS = Partners((), (), np.zeros((0, 0), np.intp), np.zeros((0, 0)))
 
 
 def partners_of_photos(solution: Solution) -> dict[str, Partners]:
-    """Return the photos with something to find, by the name of their calibration."""
+    """Return the photos with unknown components, by the name of their calibration."""
     network, table = solution.network, solution.equations.unknowns["pose"]
     groups: dict[str, list[str]] = {}
     for photo in network.photos:
@@ -94,7 +95,7 @@ def partners_of_photos(solution: Solution) -> dict[str, Partners]:
 
 
 def partners_of_points(solution: Solution) -> Partners:
-    """Return the object points with coordinates to find."""
+    """Return the object points with unknown coordinates."""
     table = solution.equations.unknowns["point"]
     numbers = np.flatnonzero(table.offset >= 0)
     if not len(numbers):
@@ -108,6 +109,6 @@ def partners_of_points(solution: Solution) -> Partners:
 
 
 def _deviations(variances: Array) -> Array:
-    """Return standard deviations, infinite where the variance is zero."""
+    """Return standard deviations; a variance of zero gives infinity."""
     held = variances <= 0
     return np.where(held, np.inf, np.sqrt(np.where(held, 1.0, variances)))

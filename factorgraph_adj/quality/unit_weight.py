@@ -1,4 +1,4 @@
-"""The global test: does vᵀPv agree with the standard deviations that were assumed?"""
+"""The global test of vᵀPv against the a-priori standard deviations."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class GlobalTest:
     """Two-sided test of σ̂0² = vᵀPv/r against σ0² = 1."""
 
     vtpv: float
-    """vᵀPv, which is χ² with r degrees of freedom if model and weights are right."""
+    """vᵀPv, distributed as χ² with r degrees of freedom for the right model and weights."""
     redundancy: int
-    """r."""
+    """Redundancy r."""
     alpha: float
-    """Probability α with which right models and weights are rejected, such as 0.05."""
+    """Probability α with which the right model and weights are rejected, such as 0.05."""
     lower: float
-    """Smallest σ̂0 that is accepted; 0 without redundancy."""
+    """Smallest accepted σ̂0; 0 without redundancy."""
     upper: float
-    """Largest σ̂0 that is accepted; infinite without redundancy."""
+    """Largest accepted σ̂0; infinite without redundancy."""
 
     @property
     def sigma0(self) -> float:
@@ -35,7 +35,7 @@ class GlobalTest:
 
     @property
     def accepted(self) -> bool:
-        """Whether σ̂0 lies between the bounds; without redundancy there is nothing to reject."""
+        """Whether σ̂0 lies between the bounds; always true without redundancy."""
         return self.redundancy <= 0 or self.lower <= self.sigma0 <= self.upper
 
 

@@ -1,13 +1,13 @@
-"""Variance components: the weights of groups of observations, from their own residuals.
+"""Variance components: the weights of groups of observations, from the residuals of the groups.
 
-Group g has the covariance f_g² Σ_g with known Σ_g and one unknown factor f_g. At its estimate,
-the weighted square sum of its residuals is what its redundancy lets expect,
+Group g has the covariance f_g² Σ_g with known Σ_g and one unknown factor f_g. At the estimates,
+the weighted square sum of the residuals of each group equals its expectation,
 
-    v_gᵀP_g v_g = r_g   for all g at once, with P_g = Σ_g⁻¹/f_g²,
+    v_gᵀP_g v_g = r_g   for all g at once, with P_g = Σ_g⁻¹/f_g².
 
-which is where restricted maximum likelihood has its maximum, and where Förstner's iteration
-f² ← f² v_gᵀP_g v_g / r_g and Helmert's S f² = q come to rest (Förstner 1979, AVN 86, 446–453;
-Koch 1999, § 3.6; Patterson & Thompson 1971, Biometrika 58, 545–554; Amiri-Simkooei 2007).
+This is the maximum of the restricted likelihood, and the limit of Förstner's iteration
+f² ← f² v_gᵀP_g v_g / r_g and of Helmert's S f² = q (Förstner 1979, AVN 86, 446–453; Koch 1999,
+§ 3.6; Patterson & Thompson 1971, Biometrika 58, 545–554; Amiri-Simkooei 2007).
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from .levels import CONFIDENCE
 from .observation_groups import Groups, ObservationGroups, observation_groups
 
 CERTAIN = 10.0
-"""Degrees of freedom of an estimate below which it is warned of: its factor is uncertain by more
-than 1/√20, 22 %."""
+"""Degrees of freedom below which an estimate is called uncertain: the standard deviation of its
+factor is more than 1/√20, 22 %."""
 SEPARABLE = 0.9
-"""Correlation of two estimates above which they are warned of."""
+"""Correlation of two estimates above which their groups are called inseparable."""
 
 
 @dataclass(frozen=True)
@@ -45,18 +45,18 @@ class VarianceComponent:
     name: str
     """Name of the group."""
     factor: float
-    """σ / σ a-priori."""
+    """Factor f = σ / a-priori σ."""
     sigma: float
-    """Standard deviation of the factor, f √((S⁻¹)_gg / 2); NaN where it is not estimated,
-    infinite where it is not separable at all."""
+    """Standard deviation of the factor, f √((S⁻¹)_gg / 2); NaN for a factor that is not estimated,
+    infinite for a group that is completely inseparable from others."""
     redundancy: float
-    """r_g with the estimated weights."""
+    """Redundancy r_g with the estimated weights."""
     n: int
     """Number of scalar observations."""
     state: State
-    """Whether it was estimated, and how well."""
+    """State of the estimate."""
     note: str
-    """Why, in words; empty where there is nothing to say."""
+    """Reason of the state, in words; may be empty."""
 
     @property
     def estimated(self) -> bool:
@@ -65,15 +65,15 @@ class VarianceComponent:
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom ν = 1 / (S⁻¹)_gg ≤ r_g of a χ² as uncertain as the estimate."""
+        """Degrees of freedom ν = 1 / (S⁻¹)_gg ≤ r_g of the χ² distribution of the estimate."""
         return 0.5 * (self.factor / self.sigma) ** 2 if np.isfinite(self.sigma) else 0.0
 
     @property
     def p_value(self) -> float:
         """Probability of a factor at least as far from 1, if the a-priori σ is right.
 
-        Two-sided, ν f² as χ² with ν degrees of freedom: exact where there is one group only.
-        NaN where the factor is not estimated.
+        The value is two-sided, for ν f² distributed as χ² with ν degrees of freedom, which is exact
+        for a single group. It is NaN for a factor that is not estimated.
         """
         if not self.freedom > 0:
             return np.nan
@@ -101,21 +101,22 @@ class VarianceComponents(Shown):
     """Estimated variance components of a network, and the adjustment with their weights."""
 
     components: tuple[VarianceComponent, ...]
-    """One for each group."""
+    """Component of each group."""
     correlation: Array
     """Correlations of the estimates (k, k); zero with groups that are not estimated."""
     solution: Solution
     """The network, adjusted with the estimated weights: σ̂0 is near 1."""
     groups: ObservationGroups
-    """Which group each row of ``solution.observations`` is in."""
+    """Group of each row of ``solution.observations``."""
     iterations: int
     """Number of adjustments."""
     converged: bool
-    """Whether the components came to rest."""
+    """Whether the components converged."""
     reason: str
-    """Why the iteration ended."""
+    """Reason why the iteration ended."""
     exact: bool
-    """Whether standard deviations are exact, or from stochastic traces (to a few per cent)."""
+    """Whether standard deviations are exact; otherwise stochastic traces give them to a few per
+    cent."""
 
     def headline(self) -> str:
         """Return how many groups there are, and how the estimation ended."""
@@ -139,7 +140,7 @@ class VarianceComponents(Shown):
 
     @cached_property
     def factors(self) -> Array:
-        """Factor of the standard deviation of every scalar observation, 1 in no group, (n,)."""
+        """Factor of the standard deviation of every scalar observation, 1 without group, (n,)."""
         return np.append([c.factor for c in self.components], 1.0)[self.groups.of_row]
 
 
@@ -155,32 +156,31 @@ def estimate_variance_components(
 ) -> VarianceComponents:
     """Estimate one factor of the standard deviations of each group of observations.
 
-    Adjusts, compares v_gᵀP_g v_g with r_g, changes the weights, and adjusts again from there
-    until the components stand still. cov(ln f²) = 2 S⁻¹, see `group_redundancy`. A group with
-    r_g < 1 keeps its a-priori σ; one whose residuals stay too small whatever its σ is stopped
-    where r_g falls below 1, for there it is not told from zero (a negative variance component,
-    in other estimators). The notes of the components say so, and warn of estimates with less
-    than 10 degrees of freedom and of groups that are not to be told apart.
+    Each iteration adjusts the network, compares v_gᵀP_g v_g with r_g and changes the weights,
+    until the components converge. cov(ln f²) = 2 S⁻¹, see `group_redundancy`. A group with r_g < 1
+    keeps its a-priori σ. If the residuals of a group are too small for every σ, its iteration ends
+    as r_g falls below 1, because the component cannot be distinguished from zero (other estimators
+    give a negative variance component). The notes of the components report both cases, and warn of
+    estimates with less than 10 degrees of freedom and of inseparable groups.
 
-    Weighted unknowns and control are observations and get groups like others. Give a mapping or
-    a function to leave them, or anything else, at their a-priori weights.
+    Weighted unknowns and control are observations and have groups like all others. A mapping or a
+    function as ``groups`` can leave these or other observations at their a-priori weights.
 
     Args:
-        network: what was measured.
+        network: the network.
         groups: ``kind``; ``camera`` or ``photo`` (image coordinates by camera or photo, all else
             by kind); ``instrument`` (distances by the instrument they name, image coordinates
             by camera, all else by kind); a mapping from names of groups to ids; or a function
-            that returns the group of an `ObservationRecord`, or none.
+            that returns the group of an `ObservationRecord`, or None.
         datum: as for `adjust`.
         tolerance: bound on the last change of every component, relative to its own σ.
-        max_iterations: number of adjustments; after as many the result says that it has not
-            converged.
-        seed: of the stochastic traces for large networks.
+        max_iterations: maximum number of adjustments; then the result has ``converged`` false.
+        seed: seed of the stochastic traces for large networks.
         extra_factors: any ``gtsam.NonlinearFactor``, as for `adjust`; they keep their weights.
 
     Raises:
         InputError: unknown groups or ids, an observation in two groups, correlated observations
-            in different groups, by name; and everything that `adjust` raises.
+            in different groups, by name; errors of `adjust`.
     """
     if max_iterations < 1 or not tolerance > 0:
         raise InputError("max_iterations must be at least 1, and tolerance greater than 0")
