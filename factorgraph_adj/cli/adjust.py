@@ -1,4 +1,4 @@
-"""The commands ``factorgraph-adj adjust`` and ``plot``: an adjustment as protocol or figures."""
+"""The commands ``factorgraph-adj adjust`` and ``plot``: adjust, then print or draw the result."""
 
 from __future__ import annotations
 
@@ -68,16 +68,16 @@ class Adjusted:
     solution: Solution
     """The last adjustment."""
     snooping: Snooping | None
-    """The search for gross errors that came before it, where one was asked for."""
+    """Data snooping before the last adjustment; None without the option."""
     components: VarianceComponents | None
-    """The variance components that gave its weights, where they were asked for."""
+    """Variance components that determined the weights; None without the option."""
 
 
 def _solve(options: argparse.Namespace) -> Adjusted:
-    """Read, check and adjust as the options say.
+    """Read, check and adjust a project according to the options.
 
     Raises:
-        InputError: options that contradict each other, or problems of the input.
+        InputError: options contradict each other, or the input has problems.
     """
     _refuse_options(options)
     project = READERS.load(options.project)
@@ -117,7 +117,7 @@ def _solve(options: argparse.Namespace) -> Adjusted:
 
 
 def _refuse_options(options: argparse.Namespace) -> None:
-    """Raise what is wrong with the options, before anything is read."""
+    """Raise the problems of the options before any file is read."""
     problems = []
     if options.out is not None and Path(options.out).exists() and not Path(options.out).is_dir():
         problems.append(Problem("--out must be a folder", options.out))
@@ -132,7 +132,7 @@ def _refuse_options(options: argparse.Namespace) -> None:
 
 
 def _snoops(options: argparse.Namespace) -> bool:
-    """Return whether gross errors are searched; a robust start implies the search."""
+    """Return whether data snooping is requested; a robust start implies data snooping."""
     return bool(options.snoop) or options.robust is not None
 
 
@@ -184,7 +184,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 
 def _verdict(found: Adjusted) -> int:
-    """Say on stderr what is doubtful, and return the exit code."""
+    """Print doubts about the result on stderr, and return the exit code."""
     solution, doubts = found.solution, []
     test = global_test(solution)
     if not solution.converged:

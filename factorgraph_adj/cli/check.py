@@ -1,4 +1,4 @@
-"""The command ``factorgraph-adj check``: every problem of the input, without an adjustment."""
+"""The command ``factorgraph-adj check``: list all problems of the input without an adjustment."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def refuse_problems(project: Project) -> None:
-    """Raise every problem of a network that shows before it is adjusted.
+    """Raise all problems of a network that can be found before the adjustment.
 
     Raises:
-        InputError: the problems, points and photos with their file and line.
+        InputError: the network has problems; those of points and photos state file and line.
     """
     problems = check(project.network, sources=project.sources)
     if problems:
@@ -50,7 +50,7 @@ def refuse_problems(project: Project) -> None:
 
 
 def _hint_at_plan(name: str, n_problems: int) -> None:
-    """Say that a design needs no readings, where readings are what the input lacks."""
+    """Print that a design needs no readings, if the input lacks readings."""
     try:
         READERS.load(name, readings=False)
     except InputError as error:

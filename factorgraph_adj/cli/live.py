@@ -1,7 +1,7 @@
 """The stream as a terminal view (extra ``cli``): counts, verdicts, weakest points, latency.
 
-It is fed with the answers of `factorgraph_adj.service.stream` and knows nothing else, so
-that it shows what a program at the other end of the pipe would know.
+The view receives only the answers of `factorgraph_adj.service.stream`; it therefore shows exactly
+the information that a program at the other end of the pipe has.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
 
 MISSING = "the live view needs rich: pip install 'factorgraph_adj[cli]'"
 REMEMBERED = 200
-"""Verdicts and errors that are remembered: as many lines as a tall terminal has."""
+"""Number of latest verdicts and errors that are kept; enough lines for a tall terminal."""
 LATENCIES = 1000
-"""Lines over which the median is taken."""
+"""Number of latest lines whose latencies give the median."""
 GAP = "   "
 FRAMES = 4
-"""Pictures a second."""
+"""Number of pictures in a second."""
 WIDE = 110
-"""Columns from which on both lists stand side by side."""
+"""Smallest width of a terminal, columns, that shows both lists side by side."""
 NARROW = 42
-"""Columns of the weakest points, beside the verdicts."""
+"""Width of the list of weakest points, columns, when it stands beside the verdicts."""
 FIXED_LINES = {True: 8, False: 10}
-"""Lines of a picture that are not rows of the lists, side by side or one above the other."""
+"""Number of lines outside the rows of the lists, by whether the lists stand side by side."""
 COUNTS = (
     ("observations", "in the graph", "in the graph", "bold"),
     ("waiting", "waiting", "waiting", "cyan"),
@@ -49,10 +49,10 @@ Answer = Mapping[str, Any]
 
 
 class LiveView:
-    """What a terminal shows of a stream; draw it with rich."""
+    """Terminal view of a stream, which rich can draw."""
 
     def __init__(self) -> None:
-        """Start with nothing."""
+        """Start an empty view."""
         self._lock = threading.Lock()  # rich draws in a thread of its own
         self._name = ""
         self._unit = ""
@@ -63,7 +63,7 @@ class LiveView:
         self._longest = 0.0
         self._lines = 0
 
-    # -- what is answered -----------------------------------------------------------------------
+    # -- answers --------------------------------------------------------------------------------
 
     def take(self, answer: Answer) -> None:
         """Take in an answer of the stream."""
@@ -87,10 +87,10 @@ class LiveView:
             self._seconds.append(answer["seconds"])
             self._longest = max(self._longest, answer["seconds"])
 
-    # -- what is shown --------------------------------------------------------------------------
+    # -- picture --------------------------------------------------------------------------------
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Draw it as wide as the terminal is, and no higher."""
+        """Draw the view in the width and within the height of the terminal."""
         from rich.console import Group
         from rich.table import Table
 
@@ -175,10 +175,10 @@ class LiveView:
 
 @contextmanager
 def live_view(stream: TextIO) -> Iterator[LiveView]:
-    """Show a view on a terminal while it is fed; the last picture stays.
+    """Show a view on a terminal while it takes answers; the last picture stays on the screen.
 
     Args:
-        stream: the terminal, such as ``sys.stderr``. Elsewhere only the last picture is written.
+        stream: the terminal, such as ``sys.stderr``; a file gets the last picture only.
 
     Raises:
         InputError: rich is not installed.
@@ -189,7 +189,7 @@ def live_view(stream: TextIO) -> Iterator[LiveView]:
     except ImportError:
         raise InputError(MISSING) from None
     view = LiveView()
-    # Standard output is left alone: its lines are for programs.
+    # Standard output is reserved for the lines that programs read.
     with Live(
         get_renderable=lambda: view,
         console=Console(file=stream),
@@ -201,7 +201,7 @@ def live_view(stream: TextIO) -> Iterator[LiveView]:
 
 
 def _verdict_rows(answer: Answer) -> Iterator[tuple[str, str, str, str]]:
-    """Iterate over what was observed, the verdict, test value, and what is lacking."""
+    """Iterate over observation, verdict, test value, and lacking support."""
     if answer.get("ok") is False:
         first = answer["error"][0]
         more = len(answer["error"]) - 1
@@ -215,7 +215,7 @@ def _verdict_rows(answer: Answer) -> Iterator[tuple[str, str, str, str]]:
 
 
 def _table(title: str) -> Table:
-    """Return a table whose first column has what is left of the width."""
+    """Return a table whose first column takes the remaining width."""
     from rich.table import Table
 
     out = Table(box=None, expand=True, padding=(0, 2, 0, 0), header_style="italic dim")
@@ -224,7 +224,7 @@ def _table(title: str) -> Table:
 
 
 def _fill(table: Table, rows: int) -> None:
-    """Keep the height of a table that is not full yet, so that nothing jumps."""
+    """Add empty rows to a table, so that the picture keeps its height."""
     for _ in range(max(rows, 0)):
         table.add_row(*("" for _ in table.columns))
 

@@ -1,7 +1,7 @@
 """The command: ``factorgraph-adj check | adjust | plot | stream | plan | propose PROJECT``.
 
 Each command adds its own parser and returns one of the `factorgraph_adj.cli.exit_codes`. Errors
-go to stderr as a list, one problem a line.
+go to stderr as a list with one problem in each line.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # σ on a terminal that has no σ
+            stream.reconfigure(errors="replace")  # the terminal's encoding may lack σ
     options = _parser().parse_args(arguments)
     try:
         return int(options.run(options))
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("interrupted: nothing was written", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader of the protocol has seen enough (… | head).
+        # The reader of the protocol has closed the pipe (… | head).
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FINE
     except Exception as error:

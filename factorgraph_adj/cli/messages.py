@@ -1,4 +1,4 @@
-"""What commands say on stderr: lists of problems, and progress on a terminal."""
+"""Messages of the commands on stderr: lists of problems, and progress on a terminal."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import TypeAlias
 from ..errors import Problem
 
 Show: TypeAlias = Callable[[str], None]
-"""Replaces the line of progress by a text."""
+"""Function that replaces the line of progress by a text."""
 MOST_PROBLEMS = 200
-"""Largest number of problems that are listed; a shifted column has one for each line of a file."""
+"""Largest number of listed problems; a shifted column gives a problem in every line of a file."""
 
 
 def complain(problems: Sequence[Problem]) -> None:
-    """List problems on stderr, one a line."""
+    """List problems on stderr, one in each line."""
     n = len(problems)
     print(f"{n} problem{'s' * (n != 1)}:", file=sys.stderr)
     for problem in problems[:MOST_PROBLEMS]:
@@ -27,13 +27,13 @@ def complain(problems: Sequence[Problem]) -> None:
 
 @contextmanager
 def progress(name: str) -> Iterator[Show | None]:
-    """Show the progress of a command on a terminal, with rich where it is installed.
+    """Show the progress of a command on a terminal, with rich if it is installed.
 
     Args:
         name: name of the network, which begins each text.
 
     Yields:
-        The function that shows a text; None where stderr is no terminal.
+        The function that shows a text; None if stderr is not a terminal.
     """
     if not sys.stderr.isatty():
         yield None

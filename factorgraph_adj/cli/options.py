@@ -1,4 +1,4 @@
-"""Options that several commands share: what is adjusted, how, and with which probabilities."""
+"""Options that several commands share: project, kind of adjustment, probabilities of tests."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from ..quality.robust import ESTIMATORS
 
 
 def add_project(parser: argparse.ArgumentParser) -> None:
-    """Add what is adjusted."""
+    """Add the argument for the project."""
     parser.add_argument("project", metavar="PROJECT", help=f"a file: {READERS}; or a folder")
 
 
 def add_adjustment(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say how to adjust."""
+    """Add the options of the adjustment."""
     how = parser.add_argument_group("how to adjust")
     how.add_argument("--datum", choices=("given", "free"), help="instead of the project's")
     how.add_argument(
@@ -68,7 +68,7 @@ def add_probabilities(parser: argparse._ActionsContainer) -> None:
 
 
 def count(text: str) -> int:
-    """Read a whole number from 1."""
+    """Read a whole number ≥ 1."""
     if not text.isdigit() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
     return int(text)

@@ -1,4 +1,4 @@
-"""The commands ``factorgraph-adj plan`` and ``propose``: designs, before anything is measured."""
+"""The commands ``factorgraph-adj plan`` and ``propose``: designs before the measurement."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from .exit_codes import DOUBTFUL, FINE
 from .options import add_probabilities, add_project, count
 
 LISTED = 20
-"""Rows of a list, unless --rows says otherwise."""
+"""Default number of rows of a list (option --rows)."""
 NO_READINGS = "No readings are needed: observations.csv may go without its column value."
 
 
@@ -124,17 +124,17 @@ def _propose(options: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class _Unmet:
-    """Targets for which no choice of candidates was found."""
+    """Targets that no choice of candidates meets."""
 
     best: Plan
     """The design with all candidates."""
     hopeless: bool
-    """Whether points and observations of the design fail even so."""
+    """Whether points and observations of the design miss targets even with all candidates."""
     which: str
-    """All candidates, in words."""
+    """Description of all candidates."""
 
     def explains(self, error: InputError) -> bool:
-        """Return whether an error is of items of the targets alone, not of bad input."""
+        """Return whether an error concerns only items of the targets; others mean bad input."""
         items = {i for t in self.best.targets for i in self.best.figures(t)[0]}
         return all(
             p.where in items or any(p.where.startswith(f"{i}: ") for i in items)
@@ -143,7 +143,7 @@ class _Unmet:
 
 
 def _unmet(project: Project, wishes: Wishes, *, alpha: float, power: float) -> _Unmet:
-    """Return the best that can be had; raises what is wrong with the input."""
+    """Return the unmet targets of the design with all candidates; raise problems of the input."""
     own = list(project.network.points)
     targets = tuple(for_points(t, own) for t in wishes.targets)
     without = plan(project.network, alpha=alpha, power=power)
@@ -157,12 +157,12 @@ def _unmet(project: Project, wishes: Wishes, *, alpha: float, power: float) -> _
 
 
 def _checked_out(name: str, project: Project, problems: list[Problem]) -> Path:
-    """Return the file of the proposed design; it must not take the place of the design."""
+    """Return the file of the proposed design; it must not overwrite the design."""
     path = Path(name)
     if path.suffix != ".toml":
         path = path / "project.toml"
     if path.parent.resolve() == project.path.parent.resolve():
-        # Its tables would be overwritten even if the TOML file has a name of its own.
+        # Even with another TOML file, the tables of the design would be overwritten.
         problems.append(Problem("--out must be in another folder than the design", name))
     return path
 
@@ -218,7 +218,7 @@ def _targets(found: Plan, rows: int) -> list[str]:
 
 
 def _measure(target: Target) -> tuple[str, str, float]:
-    """Return what the figures of a target are, their unit as printed, and its size in SI."""
+    """Return the name of a target's figures, their printed unit, and the size of the unit in SI."""
     what = re.sub(r" \([^()]+\)$", "", describe(target))
     if isinstance(target, RedundancyNumber):
         return what, "", 1.0
@@ -228,7 +228,7 @@ def _measure(target: Target) -> tuple[str, str, float]:
 
 
 def render_unmet(found: _Unmet, error: InputError, rows: int) -> str:
-    """Return as text what the targets lack with all candidates together."""
+    """Return a text about the targets that are unmet with all candidates together."""
     if found.hopeless:
         head = [f"The targets cannot be met. The best that can be had, with {found.which}:"]
     else:

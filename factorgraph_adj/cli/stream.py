@@ -1,8 +1,9 @@
 """The command ``factorgraph-adj stream``: the protocol of `service.stream` in a pipe.
 
-One line in, one line out, flushed. It ends with 0 at the end of input, on ``{"do": "stop"}``, on
-SIGTERM and where nobody reads the answers any more; on SIGINT with 130. The line in hand is
-finished and answered first; a second SIGINT does not wait for it.
+Every input line gives one output line, which is flushed. The command ends with exit code 0 at the
+end of input, on ``{"do": "stop"}``, on SIGTERM and when the reader of the answers closes the pipe;
+on SIGINT it ends with 130. The current line is finished and answered first; a second SIGINT ends
+the command at once.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from .live import MISSING, LiveView, live_view
 from .options import add_probabilities, add_project
 
 ALPHA = 0.001
-"""Of one test, where nothing is stated."""
+"""Default probability of a false alarm of one test."""
 
 
 def add_stream(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -59,7 +60,7 @@ def add_stream(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     )
     parser.add_argument("--datum", choices=("given", "free"), help="instead of the project's")
     add_probabilities(parser)
-    parser.set_defaults(alpha=None)  # a journal that is resumed has its own
+    parser.set_defaults(alpha=None)  # a resumed journal states its own α
     parser.add_argument(
         "--live",
         action="store_true",
@@ -85,7 +86,7 @@ def _stream(options: argparse.Namespace) -> int:
 def _converse(
     stream: Stream, stop: _Signals, target: IO[bytes] | None, view: LiveView | None
 ) -> None:
-    """Answer line after line."""
+    """Answer the lines one after the other until the end."""
     _hand_out(stream.ready(), target, view)
     for number, line in enumerate(stop.lines(sys.stdin.buffer), start=1):
         _hand_out(stream.answer(line, number), target, view)
@@ -98,7 +99,7 @@ def _view(options: argparse.Namespace) -> AbstractContextManager[LiveView | None
 
 
 def _start(options: argparse.Namespace) -> Stream:
-    """Read the project, and begin or resume."""
+    """Read the project; begin a stream, or resume the stream of a journal."""
     problems = []
     if options.resume and options.journal is None:
         problems.append(Problem("--resume needs --journal FILE"))
@@ -125,10 +126,10 @@ def _start(options: argparse.Namespace) -> Stream:
 
 
 def _same(adjustment: IncrementalAdjustment, project: Project, options: argparse.Namespace) -> None:
-    """Refuse a journal of another project, whose units would be wrong, or with other options.
+    """Refuse a journal of another project, as its units would be wrong, or with other options.
 
     Raises:
-        InputError: what the journal does not have, or states otherwise.
+        InputError: the journal lacks parts of the project or states other options.
     """
     ours, theirs = adjustment.described, project.network
     problems = [
@@ -156,7 +157,7 @@ def _same(adjustment: IncrementalAdjustment, project: Project, options: argparse
 
 
 def _hand_out(answer: Mapping[str, Any], target: IO[bytes] | None, view: LiveView | None) -> None:
-    """Hand out an answer."""
+    """Write an answer to the output and show it in the live view."""
     if view is not None:
         view.take(answer)
     if target is not None:
@@ -165,21 +166,21 @@ def _hand_out(answer: Mapping[str, Any], target: IO[bytes] | None, view: LiveVie
 
 
 class _Stopped(Exception):
-    """A signal came while there was nothing to do but to wait for a line."""
+    """A signal arrived while the command waited for a line."""
 
 
 class _Signals:
-    """Asked to stop by a signal: at once while waiting for a line, else when it is answered."""
+    """Stop on a signal: at once while waiting for a line, otherwise after the answer."""
 
     def __init__(self) -> None:
         self.received: int | None = None
-        """The first signal."""
+        """Number of the first signal; None before any signal."""
         self.started = False
-        """Whether there is a stream; before, SIGINT has nothing to wait for."""
+        """Whether the stream has started; before the start, SIGINT ends the command at once."""
         self._waiting = False
 
     def take(self, number: int, frame: FrameType | None) -> None:
-        """Note a signal."""
+        """Handle a signal."""
         if number == signal.SIGINT and (self.received is not None or not self.started):
             raise KeyboardInterrupt
         self.received = self.received or number
@@ -188,7 +189,7 @@ class _Signals:
             raise _Stopped
 
     def lines(self, source: IO[bytes]) -> Iterator[bytes]:
-        """Iterate over lines until they or the patience of others end.
+        """Iterate over lines until the end of input or a signal to stop.
 
         Raises:
             InputError: standard input cannot be read.
@@ -209,7 +210,7 @@ class _Signals:
 
 
 def _line(source: IO[bytes]) -> bytes:
-    """Return the next line; of one that is too long, only so much that this is seen."""
+    """Return the next line; a line that is too long is cut to one byte above the limit."""
     line = source.readline(LONGEST + 1)
     if len(line) > LONGEST and not line.endswith(b"\n"):
         while (rest := source.readline(LONGEST)) and not rest.endswith(b"\n"):
@@ -219,10 +220,10 @@ def _line(source: IO[bytes]) -> bytes:
 
 @contextmanager
 def _signals() -> Iterator[_Signals]:
-    """Take SIGTERM and SIGINT over."""
+    """Handle SIGTERM and SIGINT inside the context; restore the former handlers at its end."""
     taken = _Signals()
     if threading.current_thread() is not threading.main_thread():
-        yield taken  # only the main thread may take signals
+        yield taken  # Python allows signal handlers in the main thread only
         return
     before = {n: signal.signal(n, taken.take) for n in (signal.SIGTERM, signal.SIGINT)}
     try:

@@ -1,4 +1,4 @@
-"""Files written all or not at all: an error or an interruption leaves what was there before."""
+"""Write all files or none: an error or an interruption leaves the old files in place."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from ..errors import InputError, Problem
 
 
 def write_files(folder: str | Path, files: Mapping[str, str | bytes | None]) -> None:
-    """Write files into a folder, made if it is not there.
+    """Write files into a folder; create the folder if it does not exist.
 
-    Everything is written to a temporary folder beside first and then moved into place. If
-    that is interrupted half-way, the files moved so far are put back.
+    All files are first written to a temporary folder inside the target and then moved into
+    place. If the move is interrupted, the replaced files are restored.
 
     Args:
-        folder: where to.
-        files: text (UTF-8) or bytes, by name; none: a file that is not to be there, as from an
+        folder: the target folder.
+        files: text (UTF-8) or bytes by file name; None removes the file, for example one of an
             earlier run.
 
     Raises:
-        InputError: the folder cannot be written to; nothing has changed.
+        InputError: the folder cannot be written to; no file has changed.
     """
     target = Path(folder)
     try:
@@ -51,7 +51,7 @@ def write_files(folder: str | Path, files: Mapping[str, str | bytes | None]) -> 
 
 
 def _move(source: Path, target: Path, names: list[str]) -> None:
-    """Move files into place; on any error put those that were replaced back."""
+    """Move files into place; on any error restore the replaced files."""
     old = source / "old"
     old.mkdir()
     done: list[str] = []

@@ -1,12 +1,12 @@
 """Reader of Bundle Adjustment in the Large problems.
 
-The format (Agarwal, Snavely, Seitz, Szeliski, 2010) is one stream of numbers: how many
+The format (Agarwal, Snavely, Seitz, Szeliski, 2010) is one stream of numbers: the numbers of
 cameras, points and observations; ``camera point x y`` for each observation; nine numbers for
 each camera (rotation vector, translation, f, k1, k2); three for each point.
 
     P = R X + t,  p = −P/P_z,  (x, y) = f (1 + k1 |p|² + k2 |p|⁴) p
 
-The camera's axes are x right, y up, and it looks along −z: those of photogrammetry.
+The camera's axes are those of photogrammetry: x right, y up, viewing direction −z.
 """
 
 from __future__ import annotations
@@ -30,24 +30,25 @@ from ..rotation import TURN_ABOUT_X, exp_rotation
 from ..types import Array, Index, Mask
 
 SIGMA_PX = 1.0
-"""Standard deviation of an image coordinate; the format states none, its cost is ½ vᵀv."""
+"""Standard deviation of an image coordinate, pixels; the cost of the format, ½ vᵀv, implies 1."""
 HEAD, PER_OBSERVATION, PER_CAMERA, PER_POINT = 3, 4, 9, 3
 MOST_PROBLEMS = 50
-"""Problems of one kind that are listed: a shifted file has as many as it has numbers."""
+"""Largest number of listed problems of one kind; in a shifted file every number is a problem."""
 
 
 def read_bal(path: str | Path, *, behind: Literal["leave out", "keep"] = "leave out") -> Network:
     """Read a problem of Bundle Adjustment in the Large as a free network.
 
     Every photo has a camera of its own with unknown c = f, k1, k2 (`NormalisedLens`); image
-    coordinates are pixels from the principal point, x right, y up, σ = 1 px. So ½ vᵀPv of
-    an adjustment is the cost that is published for these problems. Photos, cameras and points
-    are named by their numbers in the file: "0", "1", …
+    coordinates are pixels from the principal point, x right, y up, σ = 1 px. Therefore ½ vᵀPv
+    of an adjustment is the cost that is published for these problems. Photos, cameras and
+    points are named by their numbers in the file: "0", "1", …
 
-    Some problems hold points that lie behind the cameras which observe them: the formula fits
-    them all the same, a camera cannot see them. COLMAP and GTSAM count such observations as
-    zero without a word, other programs use them. Here they are left out, and points with fewer
-    than two rays left too; the network's name says how many.
+    Some problems hold points behind the cameras that observe them: the formula is valid for
+    these points, but a camera cannot see them. COLMAP and GTSAM silently set the residuals of
+    such observations to zero, other programs use them. This reader leaves out these
+    observations, and points with fewer than two remaining rays; the network's name states both
+    numbers.
 
     Args:
         path: the file; names ending in .bz2 and .gz are unpacked.
@@ -95,14 +96,14 @@ def read_bal(path: str | Path, *, behind: Literal["leave out", "keep"] = "leave 
 
 @dataclass(frozen=True)
 class _File:
-    """A file as text, with the lines of its words for messages."""
+    """A file as text, with the line number of each word for messages."""
 
     source: Path
     text: bytes
 
     @cached_property
     def lines(self) -> Index:
-        """Line of each whitespace-separated word, and of the last one again at the end."""
+        """Line of each whitespace-separated word; the line of the last word is repeated."""
         letters = np.frombuffer(self.text, dtype=np.uint8)
         space = np.isin(letters, np.frombuffer(b" \t\n\r\v\f", dtype=np.uint8))
         begins = ~space & np.concatenate([[True], space[:-1]])
@@ -110,15 +111,15 @@ class _File:
         return np.append(line, line[-1] if len(line) else 1)
 
     def where(self, word: int) -> str:
-        """Return file:line of a word; past the last one, of the last."""
+        """Return file:line of a word; an index past the end gives the last word."""
         return f"{self.source}:{self.lines[min(word, len(self.lines) - 1)]}"
 
     def not_numbers(self) -> list[Problem]:
-        """Return the words that are not numbers."""
+        """Return the problems of the words that are not numbers."""
         problems = []
         for i, word in enumerate(self.text.split()):
             try:
-                # Python, unlike this format, allows 1_000.
+                # Python accepts 1_000 as a number; this format does not.
                 float(word if b"_" not in word else b"")
             except ValueError:
                 shown = word.decode("ascii", "backslashreplace")[:30]
@@ -127,7 +128,7 @@ class _File:
 
 
 def _first(problems: list[Problem], count: int) -> list[Problem]:
-    """Return the first problems of a kind, and how many more there are."""
+    """Return the first problems of a kind, and a last one with the number of further ones."""
     shown = problems[:MOST_PROBLEMS]
     if count > len(shown):
         shown.append(Problem(f"and {count - len(shown)} more of this kind", shown[-1].where))
@@ -151,10 +152,10 @@ def _unpack(source: Path) -> bytes:
 
 
 def _parse(file: _File) -> Array:
-    """Return the numbers of the file; InputError lists the words that are none."""
+    """Return the numbers of the file; InputError lists the words that are not numbers."""
     try:
         with warnings.catch_warnings():
-            # Text that is no number is a DeprecationWarning in numpy 2.
+            # numpy 2 gives a DeprecationWarning for text that is not a number.
             warnings.simplefilter("error", DeprecationWarning)
             return np.asarray(np.fromstring(file.text.decode("ascii"), sep=" "), dtype=float)
     except (DeprecationWarning, ValueError):

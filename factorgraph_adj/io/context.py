@@ -1,4 +1,4 @@
-"""What a record of an observation need not say itself."""
+"""Defaults for records of observations: units, standard deviations, image axes."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from .numbers import Units
 
 @dataclass(frozen=True)
 class ImageAxes:
-    """How image coordinates of one camera stand in files."""
+    """Unit, direction of y and default σ of one camera's image coordinates in files."""
 
     unit: str = "mm"
     """Unit: px or a length."""
     y_down: bool = False
-    """Whether y points down (pixels from the upper left corner); inside it points up."""
+    """Whether y points down in files (pixels from the upper left corner); networks have y up."""
     sigma: Mapping[str, object] = field(default_factory=dict)
-    """Fields of the standard deviation where a record has none."""
+    """Fields of the default standard deviation, for records that state none."""
 
 
 @dataclass(frozen=True)
 class RecordContext:
-    """What a record need not say itself."""
+    """Defaults of a project for records that do not state these things themselves."""
 
     units: Units = field(default_factory=Units)
     """Units of values."""
     sigma: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
-    """Fields of the standard deviation by kind, where a record has none."""
+    """Fields of the default standard deviation by kind, for records that state none."""
     images: Mapping[str, ImageAxes] = field(default_factory=dict)
     """Axes of image coordinates by photo."""
     cameras: Mapping[str, ImageAxes] = field(default_factory=dict)
-    """The same by camera, for photos that are still to come."""
+    """Axes of image coordinates by camera, for photos that are added later."""

@@ -1,7 +1,7 @@
-"""Names of fields: which columns and keys each kind of observation has.
+"""Names of fields: the columns and keys of each kind of observation.
 
-They follow from the records of the kinds, see `factorgraph_adj.observations.registry`, so that a
-new kind needs nothing here.
+The names follow from the records of the kinds, see `factorgraph_adj.observations.registry`; a new
+kind needs no change in this module.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from ..observations import KINDS, observation_kind
 from ..units import ANGLE, LENGTH
 
 NAMES = ("station", "target", "target2", "point", "photo")
-"""Fields that name points and photos, in the order in which the package's own kinds have them."""
+"""Fields that name points and photos, in the order of the package's own kinds."""
 HEIGHTS = ("instrument_height", "target_height", "target2_height")
-"""Lengths that several kinds share."""
+"""Fields of lengths that several kinds share."""
 TEXTS = ("set", "instrument", "refraction", "axes")
-"""Texts that several kinds share."""
+"""Fields of text that several kinds share."""
 PART_COLUMNS = {
     "ppm": "ppm",
     "per_sqrt_km": "sqrt_km",
     "centring_instrument": "centring_instrument",
     "centring_target": "centring_target",
 }
-"""Columns of the parts of a standard deviation, without their units."""
+"""Columns of the parts of a standard deviation, without the endings of their units."""
 LEVER_ARM = tuple(f"lever_arm_{a}" for a in "xyz")
 PAIRS = tuple(a + b for axes in ("xyz", "enu") for a, b in product(axes, repeat=2))
 """Pairs of axes in names of covariances."""
@@ -63,16 +63,16 @@ def names_of(kind: str) -> tuple[str, ...]:
 
 
 def texts_of(kind: str) -> tuple[str, ...]:
-    """Return the fields of a kind that name other unknowns, and its axes."""
+    """Return the fields of a kind that name other unknowns, and ``axes`` if the kind has it."""
     record = observation_kind(kind)
     own = (*record.texts, *(("axes",) if "axes" in record.attributes else ()))
     return (*(n for n in TEXTS if n in own), *(n for n in own if n not in TEXTS))
 
 
 def numbers_of(kind: str) -> dict[str, Quantity]:
-    """Return the numbers that a kind has besides its value, and what they measure.
+    """Return the numbers of a kind besides its value, with their physical quantities.
 
-    A constant of a model is a length unless the metadata of its field has another ``quantity``.
+    A constant of a model is a length unless the metadata of its field states a ``quantity``.
     """
     record = observation_kind(kind)
     stated = {f.name: f.metadata.get("quantity", "length") for f in fields(record.observation)}
@@ -101,14 +101,14 @@ def sigma_fields(kind: str) -> tuple[str, ...]:
 
 
 def stand_in_sigma(kind: str) -> dict[str, object]:
-    """Return any valid standard deviation of a kind, for where the real one was found wrong."""
+    """Return a valid standard deviation of a kind to stand in for one that is wrong."""
     units = ("px", "m") if kind == "image" else ("rad",) if is_angle(kind) else ("m",)
     return {f"sigma_{u}": 1.0 for u in units}
 
 
 @lru_cache
 def plain_fields(kind: str) -> tuple[str, ...]:
-    """Return the fields of a kind but for its standard deviation."""
+    """Return the fields of a kind without those of its standard deviation."""
     have = attributes(kind)
     out = ["kind", "id", *names_of(kind)]
     if kind == "image":
@@ -121,7 +121,7 @@ def plain_fields(kind: str) -> tuple[str, ...]:
 
 
 def known_fields(kind: str | None = None) -> frozenset[str]:
-    """Return every field that records of a kind, or of any kind, may have."""
+    """Return every field that records of a kind may have; without ``kind``, of all kinds."""
     return _known_fields((kind,) if kind else tuple(KINDS))
 
 
@@ -148,7 +148,7 @@ def columns() -> tuple[str, ...]:
 
 
 def unknown_field(name: str, valid: Iterable[str]) -> str | None:
-    """Return what is wrong with the name of a column or key; none if it is known."""
+    """Return the message about an unknown column or key; None if the name is known."""
     names = set(valid)
     if name in names:
         return None
@@ -168,7 +168,7 @@ def unknown_field(name: str, valid: Iterable[str]) -> str | None:
 
 
 def offer(kind: str) -> str:
-    """Return the fields of a kind, with one unit for all."""
+    """Return the fields of a kind for a message, each standard deviation in one unit only."""
     unit = "mgon" if is_angle(kind) else "mm"
     stated = [f for f in sigma_fields(kind) if f.endswith(("_mm", f"_{unit}", "_mm2", "ppm"))]
     return ", ".join([*plain_fields(kind), *stated])

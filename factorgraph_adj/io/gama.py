@@ -45,28 +45,28 @@ def read_gama(path: str | Path) -> Network:
     """Read a network of GNU Gama.
 
     The coordinates stay the file's x, y, z: the frame's axes are ``axes-xy``. Angles of
-    ``angles="right-handed"`` (counter-clockwise), azimuths among them, change their sign.
-    Every observation knows its file and line (``source``).
+    ``angles="right-handed"`` (counter-clockwise), including azimuths, change their sign.
+    Every observation states its file and line (``source``).
 
-    What Gama does differently, or means differently:
+    Differences between Gama and this package:
 
-    - Its weights are p = (sigma-apr / stdev)², ours 1 / stdev²: vᵀPv of Gama = sigma-apr² ·
-      vᵀPv here, m0' = sigma-apr · sigma0. Coordinates and redundancy are the same. Its
-      standard deviations are scaled by m0' where sigma-act is "aposteriori" (the default):
+    - Gama's weights are p = (sigma-apr / stdev)², ours 1 / stdev²: vᵀPv of Gama = sigma-apr² ·
+      vᵀPv here, m0' = sigma-apr · sigma0. Coordinates and redundancy are the same. Gama scales
+      its standard deviations by m0' where sigma-act is "aposteriori" (the default):
       ``adjust(network, variance="a-posteriori")``. sigma-apr (default 10) enters only
       into the standard deviation of height differences with ``dist``, sigma-apr · √km.
     - Every ``<obs>`` with directions is a set with an orientation unknown of its own.
       ``orientation``, an approximate value, is not needed.
     - Components that are neither ``fix`` nor ``adj`` do not exist in Gama; here they are held,
-      at 0 where they have no value. Gama leaves observations that need them out without an
-      error; here each one is an error.
+      at 0 where they have no value. Gama silently leaves out observations that need such
+      components; here each of these observations is an error.
     - Uppercase ``adj`` (constrained) makes the network free and its point a datum point;
       without a datum defect it has no effect, as in Gama.
-    - ``tol-abs`` is not applied: Gama leaves out what disagrees with the approximate
-      coordinates by more; here every observation takes part.
+    - ``tol-abs`` is not applied: Gama leaves out observations that disagree with the approximate
+      coordinates by more than this tolerance; here every observation takes part.
     - Angles in degrees (41-28-15.8) have standard deviations and covariances in arc seconds,
       those in gon in cc. ``angular`` concerns the output of Gama only.
-    - A zenith angle of more than 200 gon is one of the second face.
+    - A zenith angle of more than 200 gon is a reading in the second face.
     - A point may appear several times as long as nothing is stated twice and differently.
 
     Args:
@@ -84,7 +84,7 @@ def read_gama(path: str | Path) -> Network:
 
 @dataclass(frozen=True)
 class _Setup:
-    """What the observations of an ``<obs>`` share."""
+    """Data that the observations of one ``<obs>`` share."""
 
     station: str
     height: float
@@ -102,7 +102,7 @@ class _Reader:
         self.sets: dict[str, int] = {}
 
     def read(self) -> Network:
-        """Return the network; what is wrong is with the source."""
+        """Return the network; problems are noted in ``source``."""
         networks = list(self.source.root.all("network"))
         if len(networks) != 1:
             self.source.add(self.source.root, f"must have one <network>, not {len(networks)}")
@@ -318,7 +318,7 @@ class _Reader:
         return station, self.source.name(element, to)
 
     def _angular(self, element: Element) -> tuple[float, float]:
-        """Return ``val`` in radians and the radians in a unit of its standard deviation."""
+        """Return ``val`` in radians, and the unit of its standard deviation in radians."""
         text = element.attributes.get("val", "")
         if not _DMS.match(text):
             return self.source.number(element, "val") * GON, CC
@@ -333,7 +333,7 @@ class _Reader:
         return default if given is None else given
 
     def _default_of_distance(self, section: Element, length: float) -> float | None:
-        """Return a + b Dᶜ, D in km, mm; None where nothing is stated."""
+        """Return a + b Dᶜ in mm, D in km; None where the section states no default."""
         text = section.attributes.get("distance-stdev", "")
         if not text or not length > 0:
             return None

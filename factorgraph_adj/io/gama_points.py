@@ -1,4 +1,4 @@
-"""Points of a ``.gkf`` file: coordinates, what is held, what carries the datum."""
+"""Points of a ``.gkf`` file: coordinates, held components, datum components."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMPONENTS = ("xy", "XY", "z", "Z", "xyz", "XYZ", "xyZ", "XYz")
 
 @dataclass
 class _Point:
-    """What the ``<point>`` elements of one name state together."""
+    """A point as all ``<point>`` elements of its name describe it together."""
 
     element: Element
     values: dict[str, float] = field(default_factory=dict)
@@ -41,7 +41,7 @@ class GamaPoints:
         return any("constrained" in p.status.values() for p in self._points.values())
 
     def read(self, section: Element) -> None:
-        """Read the points of a ``<points-observations>``, those of ``<coordinates>`` too."""
+        """Read the points of a ``<points-observations>``, including its ``<coordinates>``."""
         for element in section.all("point"):
             self._read(element, observed=False)
         for group in section.all("coordinates"):
@@ -78,7 +78,7 @@ class GamaPoints:
 
     def _status(self, element: Element) -> dict[str, Status]:
         out: dict[str, Status] = {}
-        for attribute in ("adj", "fix"):  # fix wins
+        for attribute in ("adj", "fix"):  # read second, fix overrides adj
             text = element.attributes.get(attribute, "")
             if not text:
                 continue
@@ -97,7 +97,7 @@ class GamaPoints:
     def require(
         self, element: Element, name: str, *, plan: bool = False, height: bool = False
     ) -> None:
-        """Note a problem unless a point has what an observation of it needs."""
+        """Note a problem unless a point has the components that an observation needs."""
         if not name:
             return
         point = self._points.get(name)
@@ -121,7 +121,7 @@ class GamaPoints:
             )
 
     def add_to(self, network: Network) -> None:
-        """Add the points that take part."""
+        """Add the points that take part in the adjustment to the network."""
         for name, point in self._points.items():
             if not point.status:
                 continue

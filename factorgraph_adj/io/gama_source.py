@@ -1,4 +1,4 @@
-"""The ``.gkf`` file as elements: its vocabulary, its numbers, and a list of what is wrong."""
+"""The ``.gkf`` file as XML elements: its vocabulary, its numbers and its problems."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ VOCABULARY: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "vec": (("from", "to", "dx", "dy", "dz", "from_dh", "to_dh", "extern"), ()),
     "cov-mat": (("dim", "band"), ()),
 }
-"""Attributes and children that each element may have."""
+"""Attributes and children that each element may have, by its tag."""
 
 
 class GamaSource:
     """A ``.gkf`` file: its elements and the problems found in it so far."""
 
     def __init__(self, path: Path) -> None:
-        """Read the file; note every element and attribute that the format does not have.
+        """Read the file; note every element and attribute that is unknown in the format.
 
         Raises:
             InputError: the file is missing, not XML, or not a ``<gama-local>``.
@@ -76,7 +76,7 @@ class GamaSource:
         for element in self.root.walk():
             attributes, children = VOCABULARY.get(element.tag, ((), ()))
             if element.tag not in VOCABULARY:
-                continue  # named where it stands
+                continue  # an unknown tag is noted as a child of its parent
             for name in element.attributes:
                 if name not in attributes:
                     self.add(element, f"<{element.tag}> has no attribute {name!r}; valid: "
@@ -91,7 +91,7 @@ class GamaSource:
         return f"{self.path.name}:{element.line}"
 
     def add(self, element: Element, what: str) -> None:
-        """Note a problem, once."""
+        """Note a problem; the same problem is noted only once."""
         problem = Problem(what, self.place(element))
         if problem not in self.problems:
             self.problems.append(problem)
@@ -116,7 +116,7 @@ class GamaSource:
         default: float | None = None,
         positive: bool = False,
     ) -> float:
-        """Return a finite number; NaN, and a problem, where there is none."""
+        """Return a finite number; otherwise note a problem and return NaN."""
         text = element.attributes.get(attribute, "")
         if not text and default is not None:
             return default

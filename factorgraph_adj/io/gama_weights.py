@@ -23,7 +23,7 @@ DEFAULT_STDEV = {
     "z-angle": "zenith-angle-stdev",
     "azimuth": "azimuth-stdev",
 }
-"""Attributes of ``<points-observations>`` with the standard deviation of an element."""
+"""Attribute of ``<points-observations>`` with the default standard deviation, by element."""
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,13 @@ class Pending:
     """An observation that waits for its weight."""
 
     element: Element
-    """Where it stands."""
+    """Its XML element."""
     units: tuple[float, ...]
-    """Metres or radians in one unit of the standard deviation, for each component."""
+    """Unit of the standard deviation of each component, in metres or radians."""
     sigma: float | None
-    """Standard deviation by ``stdev``, ``dist`` or a default, in the file's unit."""
+    """Standard deviation from ``stdev``, ``dist`` or a default, in the file's unit."""
     make: Callable[[Array], Observation]
-    """Make it with its covariance (k, k), metres² or radians²."""
+    """Function that makes the observation from its covariance (k, k), metres² or radians²."""
 
 
 class GamaWeights:
@@ -49,7 +49,7 @@ class GamaWeights:
         self.observations: list[AnyObservation] = []
 
     def weigh(self, group: Element, pending: Sequence[Pending | None]) -> None:
-        """Give the observations of a group their weights and keep them; None: in error."""
+        """Give the observations of a group their weights and keep them; None is a faulty one."""
         matrices = list(group.all("cov-mat"))
         if len(matrices) > 1:
             self.source.add(matrices[1], "a second <cov-mat> of the same observations")
@@ -98,7 +98,7 @@ class GamaWeights:
             self.source.problems.extend(error.problems)
 
     def _matrix(self, element: Element, size: int) -> Array | None:
-        """Return the covariance (size, size) in the file's units; None where it is wrong."""
+        """Return the covariance (size, size) in the file's units; None if it is wrong."""
         before = len(self.source.problems)
         dim = self.source.count(element, "dim")
         band = self.source.count(element, "band")
@@ -132,14 +132,17 @@ class GamaWeights:
 
 
 def _cluster(members: list[Pending], own: list[Array]) -> Callable[[Array], Correlated]:
-    """Return what makes a cluster with a joint covariance; ``own`` are its diagonal blocks."""
+    """Return a function that makes a cluster from its joint covariance.
+
+    ``own`` are the covariance matrices of the members, the diagonal blocks.
+    """
     return lambda joint: Correlated(
         tuple(p.make(q) for p, q in zip(members, own, strict=True)), joint
     )
 
 
 def _uncorrelated_groups(covariance: Array, rows: list[Array]) -> list[list[int]]:
-    """Split observations into groups without correlation between them."""
+    """Split observations into mutually uncorrelated groups."""
     owner = np.concatenate([np.full(len(r), i) for i, r in enumerate(rows)])
     i, j = np.nonzero(covariance)
     joined = coo_array((np.ones(len(i)), (owner[i], owner[j])), shape=(len(rows), len(rows)))

@@ -24,20 +24,20 @@ from .tables import IGNORED, Row
 
 Fields = dict[str, object]
 CORRELATED = "correlated"
-"""The kind of observations with a joint covariance."""
+"""Value of ``kind`` for observations with a joint covariance."""
 SI = Units("m", "rad", "rad", "m", "rad")
-"""Units of what is written."""
+"""Units of written records."""
 _CORRELATED_KEYS = ("kind", "observations", "covariance_si", *IGNORED)
 _OBSERVATION_TEXTS = frozenset({"kind", "id", *NAMES, *TEXTS})
 
 
 def plain(record: Mapping[str, str], texts: Iterable[str]) -> Fields:
-    """Return the filled fields of a record in SI, the numbers as numbers."""
+    """Return the filled fields of a record in SI; text of numbers becomes numbers."""
     return {k: v if k in texts else float(v) for k, v in record.items() if v}
 
 
 def checked(fields: object, source: str) -> Mapping[str, object]:
-    """Return fields that are a JSON object."""
+    """Return the fields; InputError if they are not a JSON object."""
     if isinstance(fields, Mapping):
         return fields
     raise InputError(Problem(f"a record must be an object {{…}}, not {fields!r}", source))
@@ -46,17 +46,17 @@ def checked(fields: object, source: str) -> Mapping[str, object]:
 def observation_fields(
     item: AnyObservation, *, id: str | Sequence[str] | None, unit: str = "mm"
 ) -> Fields:
-    """Return the record of an observation; its source is left out.
+    """Return the record of an observation, without its source.
 
     Args:
         item: the observation, or several with a joint covariance.
-        id: its name in the network, where it has none of its own; of correlated observations
-            one for each.
-        unit: unit of the camera, for image coordinates: px or a length; their σ is named by it.
+        id: name in the network, for an observation without its own id; for correlated
+            observations a sequence with one name for each.
+        unit: unit of the camera, for image coordinates: px or a length; it ends the name of σ.
 
     Raises:
-        InputError: an empty id or name of a set, or a standard deviation of which no part
-            applies: no record says that.
+        InputError: the id or the name of a set is empty, or no part of the standard deviation
+            applies: a record cannot state these.
     """
     if not isinstance(item, Correlated):
         return _single_fields(item, id if isinstance(id, str) else None, unit)
@@ -73,7 +73,7 @@ def observation_fields(
 
 
 def _single_fields(item: Observation, id: str | None, unit: str) -> Fields:
-    # An empty field counts as absent, so that reading would give something else.
+    # An empty field counts as absent; reading it would give another observation.
     stated = {n: getattr(item, n, None) for n in ("id", *item.record.texts)}
     problems = [
         Problem(f"{name} must be text that is not empty, not {value!r}", item.label())
@@ -99,16 +99,16 @@ def observation_of(
 
     Args:
         fields: the record, as `json.loads` gives it.
-        context: what the record leaves to a project. Without it lengths are metres and angles
-            gon where the record states no ``unit``, heights of instruments and targets are
-            metres, and image coordinates have the unit that σ names. What
-            `observation_fields` returns is read without a context.
+        context: defaults of the project. Without a context, lengths are metres and angles gon
+            where the record states no ``unit``, heights of instruments and targets are metres,
+            and image coordinates have the unit that σ names. Records of `observation_fields`
+            are read without a context.
         source: where the record stands, for messages and for the observation.
 
     Raises:
-        InputError: everything that is wrong with it, as `records.observation` lists it;
-            correlated observations that are none, or whose covariance is not square, symmetric,
-            positive definite or of the size of their components.
+        InputError: all problems of the record, as `records.observation` lists them; for
+            correlated observations also an empty or malformed list, and a covariance that is
+            not square, symmetric, positive definite or of the size of their components.
     """
     fields = checked(fields, source)
     if fields.get("kind") == CORRELATED:
@@ -125,7 +125,7 @@ def _single_of(
 
 
 def _own_axes(fields: Mapping[str, object]) -> ImageAxes:
-    """Return the unit of image coordinates that σ of a record names."""
+    """Return image axes with the unit that the name of a record's σ states."""
     named = [f.rpartition("_")[2] for f in sigma_fields("image") if f in fields]
     return ImageAxes(named[0]) if named else ImageAxes()
 
@@ -157,7 +157,7 @@ def _correlated_of(
             begin += _size(record)
         except InputError as error:
             problems.extend(error.problems)
-            # What comes after has no known place in the covariance.
+            # The places of the following members in the covariance are unknown now.
             covariance = None
     if isinstance(given, list) and not given:
         row.wrong("observations must be one record or more")
@@ -171,7 +171,7 @@ def _correlated_of(
 
 
 def _matrix(row: Row) -> Array | None:
-    """Return the covariance; none, noted in the row, where it is no square of numbers."""
+    """Return the covariance; None, noted in the row, if it is not a square matrix of numbers."""
     given = row.take("covariance_si", required=True)
     if given is None:
         return None
@@ -188,7 +188,7 @@ def _matrix(row: Row) -> Array | None:
 
 
 def _axes(record: Mapping[str, object]) -> tuple[str, ...]:
-    """Return the components of a record that may still be wrong."""
+    """Return the components of a record, which is not checked yet."""
     kind = KINDS.get(str(record.get("kind")))
     if kind is not None and kind.by_axis:
         return tuple(str(record.get("axes") or "xyz").replace(" ", ""))
@@ -200,7 +200,7 @@ def _size(record: Mapping[str, object]) -> int:
 
 
 def _with_sigma(record: Mapping[str, object], variances: Array) -> Mapping[str, object]:
-    """Give a member the variances of the group as its own where it has none, as tables do."""
+    """Give a member without a standard deviation the variances of the group, as tables do."""
     kind, axes = str(record.get("kind")), _axes(record)
     if kind not in KINDS or any(record.get(f) is not None for f in sigma_fields(kind)):
         return record

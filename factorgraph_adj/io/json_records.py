@@ -1,16 +1,16 @@
-"""Records as plain JSON: what stands in a journal, and what comes in over a pipe.
+"""Records as plain JSON: the entries of a journal and the requests of a stream.
 
 The fields are the columns of the CSV tables and the keys of [[camera]], see
 `factorgraph_adj.io.records`, `factorgraph_adj.io.read_unknowns` and
-`factorgraph_adj.io.project`; here they are only made numbers, or read from them. Written are
-metres and radians, with ``unit`` where a field does not name its own, so that a record needs no
-project to be read; read are numbers, text, true and false in any unit.
+`factorgraph_adj.io.project`; this module converts them to and from JSON values. Written records
+are in metres and radians, with ``unit`` where the name of a field has no unit, so that they can be
+read without a project. Read records may hold numbers, text, true and false in any unit.
 
 Observations with a joint covariance are ``{"kind": "correlated", "observations": [fields, …],
 "covariance_si": [[…], …]}``: the covariance of all components in order, metres and radians.
 
-Whatever is wrong with a record is one `InputError` with all problems; where they are begins
-with the source that the reader states. Every float comes back to the bit.
+One `InputError` lists all problems of a record; the place of each begins with the source that
+the reader states. Every float is read back to the bit.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ def point_of(
 
     Args:
         fields: the record, with the columns of points.csv.
-        context: units of what does not name its own; metres and degrees by default.
-        frame: for points given by latitude, longitude and height.
+        context: units of fields without a unit in their name; metres and degrees by default.
+        frame: frame of the network, for points given by latitude, longitude and height.
         source: where the record stands, for messages.
 
     Raises:
@@ -90,7 +90,7 @@ def point_of(
 
 
 def photo_fields(photo: Photo) -> Fields:
-    """Return the record of a photo, metres and radians; its rotation as a matrix."""
+    """Return the record of a photo, metres and radians, with its rotation as a matrix."""
     return plain(photo_record(photo, SI, angles=False), _TEXTS)
 
 
@@ -105,8 +105,8 @@ def photo_of(
 
     Args:
         fields: the record, with the columns of photos.csv.
-        context: units of what does not name its own; metres and gon by default.
-        frame: the frame it stands in; photos need a right-handed one.
+        context: units of fields without a unit in their name; metres and gon by default.
+        frame: frame of the network; photos need a right-handed frame.
         source: where the record stands, for messages.
 
     Raises:
@@ -125,7 +125,7 @@ def photo_of(
 
 
 def camera_fields(camera: Camera) -> Fields:
-    """Return the record of a camera, with the keys of [[camera]]; image units."""
+    """Return the record of a camera, with the keys of [[camera]], in image units."""
     return camera_record(camera)
 
 
@@ -133,9 +133,9 @@ def camera_of(fields: Mapping[str, object], *, source: str = "") -> Camera:
     """Return the camera that a record describes.
 
     Args:
-        fields: the record, with the keys of [[camera]]. What it says about files of image
-            coordinates only, ``y_axis`` and σ, counts for y0 and else has no effect here;
-            `factorgraph_adj.io.project.read_camera` returns it.
+        fields: the record, with the keys of [[camera]]. Its keys for files of image coordinates,
+            ``y_axis`` and σ, have no effect here except that ``y_axis`` gives the sign of y0;
+            `factorgraph_adj.io.project.read_camera` returns them.
         source: where the record stands, for messages.
 
     Raises:
@@ -158,7 +158,7 @@ def _entity(
     source: str,
     read: Callable[[Row, str, UnknownsReader], _Found],
 ) -> _Found:
-    """Read one entity of a name into a network that has nothing else."""
+    """Read one named entity into an otherwise empty network."""
     fields = checked(fields, source)
     problems: list[Problem] = []
     of = f"{what} {fields['name']!r}" if fields.get("name") not in (None, "") else what
@@ -182,14 +182,14 @@ def _known(row: Row, columns: Iterable[str]) -> None:
 
 
 def network_of(files: Mapping[str, str]) -> Network:
-    """Return the network whose project files are given; the way back of `network_files`.
+    """Return the network whose project files are given; the inverse of `network_files`.
 
     Args:
         files: texts by file name, the TOML as ``project.toml``.
 
     Raises:
-        InputError: a name that is not a plain file name, no ``project.toml``, a text that is
-            none, and what `read_project` finds wrong.
+        InputError: a name is not a plain file name, ``project.toml`` is missing, a value is not
+            text, or `read_project` finds problems.
     """
     problems = []
     if "project.toml" not in files:

@@ -1,8 +1,8 @@
 """Numbers in files: read and written in any unit without losing a bit.
 
-A cell is read as the float64 next to the exact decimal product text × unit, and a value is
-written with as many digits as reading it back exactly takes. 0.5 mm is therefore the same
-float as 0.0005 m, and a project survives any number of round trips in any unit.
+A cell is read as the float64 nearest to the exact decimal product text × unit. A value is written
+with as many digits as are needed to read the same float64 back. 0.5 mm is therefore the same
+float as 0.0005 m, and a project stays the same after any number of round trips in any unit.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _PLAIN = {"": Decimal(1), "ppm": Decimal("1e-6"), "km": Decimal(1000), "px": Decimal(1)}
 
 ANGLE_UNITS = (*ANGLE, "dms")
-"""Units of angles of whole values; standard deviations take all but dms."""
+"""Units of observed angles; standard deviations may have all of them except dms."""
 SIGMA_OF_ANGLE = {
     "rad": "mrad",
     "mrad": "mrad",
@@ -35,26 +35,26 @@ SIGMA_OF_ANGLE = {
     "arcsec": "arcsec",
     "dms": "arcsec",
 }
-"""The unit of standard deviations that goes with a unit of angle."""
+"""Default unit of the standard deviations of angles, by unit of angle."""
 
 
 @dataclass(frozen=True)
 class Units:
-    """Units of a project's files and reports; inside all is metres and radians."""
+    """Units of a project's files and reports; values in memory are metres and radians."""
 
     length: str = "m"
-    """Coordinates, heights of instruments and targets, observed lengths."""
+    """Unit of coordinates, heights of instruments and targets, and observed lengths."""
     angle: str = "gon"
-    """Observed angles, ω φ κ, orientation unknowns; dms: degrees-minutes-seconds."""
+    """Unit of observed angles, ω φ κ and orientation unknowns; dms: degrees-minutes-seconds."""
     geographic: str = "deg"
-    """Latitudes and longitudes."""
+    """Unit of latitudes and longitudes."""
     sigma_length: str = "mm"
-    """Standard deviations and residuals of lengths, written and reported."""
+    """Unit of standard deviations and residuals of lengths in written files and reports."""
     sigma_angle: str = ""
-    """Standard deviations and residuals of angles; by default what goes with ``angle``."""
+    """Unit of standard deviations and residuals of angles; default: `SIGMA_OF_ANGLE`."""
 
     def __post_init__(self) -> None:
-        """Check the names; InputError lists all that are unknown."""
+        """Check the names of the units; InputError lists all unknown ones."""
         problems = [
             Problem(f"unknown unit {getattr(self, key)!r}; valid: {', '.join(valid)}", key)
             for key, valid in (
@@ -74,9 +74,9 @@ class Units:
 
 @lru_cache
 def factor(unit: str) -> Decimal:
-    """Return the exact size of a unit in metres, radians or (ppm) one; ``mm2`` is squared.
+    """Return the exact size of a unit in metres or radians, of ppm as a ratio; mm2 is squared.
 
-    Derived from the tables of `factorgraph_adj.units`: π is divided by a whole number.
+    The sizes follow from the tables of `factorgraph_adj.units`: π is divided by a whole number.
     """
     if unit.endswith("2"):
         return _EXACT.multiply(factor(unit[:-1]), factor(unit[:-1]))
@@ -94,7 +94,7 @@ def parse(value: object, unit: str = "") -> float:
     """Read a number (text of a cell, or a number of JSON) in ``unit``.
 
     Raises:
-        ValueError: says what is wrong, for a person.
+        ValueError: the message says for users what is wrong.
     """
     if isinstance(value, bool) or not isinstance(value, str | int | float):
         raise ValueError(f"{value!r} is not a number")
@@ -114,7 +114,7 @@ def _parse(text: str, unit: str) -> float:
     size = factor(unit)
     try:
         number = float(text) if size == 1 else float(_EXACT.multiply(Decimal(text), size))
-    except ArithmeticError:  # an exponent beyond what decimals can hold
+    except ArithmeticError:  # the exponent is outside the range of Decimal
         raise ValueError(f"{text!r} is too large or too small a number") from None
     if math.isinf(number):
         raise ValueError(f"{text!r} is not a finite number")
@@ -122,7 +122,7 @@ def _parse(text: str, unit: str) -> float:
 
 
 def _parse_dms(text: str) -> float:
-    parse_angle(text, "dms")  # says what is wrong
+    parse_angle(text, "dms")  # raises the error for a malformed text
     degrees, minutes, seconds = (Decimal(t) for t in re.findall(r"\d+(?:\.\d*)?", text))
     total = (degrees * 60 + minutes) * 60 + seconds
     value = float(_EXACT.multiply(total, factor("arcsec")))
@@ -149,7 +149,7 @@ def write(value: float, unit: str = "") -> str:
 
 
 def _tidy(number: Decimal) -> str:
-    """Return a decimal without trailing zeros, and without an exponent where that is short."""
+    """Return a decimal without trailing zeros, and without an exponent if the text is short."""
     number = number.normalize(_EXACT)
     return format(number, "f") if -8 < number.adjusted() < 16 else str(number)
 

@@ -1,9 +1,9 @@
 """Tables of unknowns that are parameters: their columns, and how rows are read and written.
 
-All follows from the record of the kind, see `factorgraph_adj.models.variables`: ``keys`` name the
-unknown; each component has a column of its value and one of its standard deviation; ``fixed`` or
-``free`` says what is held. A column has its unit at its end, such as ``zero_mm``, unless the
-component is plain: then it is in the unit of the project.
+The tables follow from the record of the kind, see `factorgraph_adj.models.variables`: ``keys``
+name the unknown; each component has a column for its value and a column for its standard
+deviation; ``fixed`` or ``free`` names the held or the free components. The name of a column ends
+in its unit, such as ``zero_mm``; a column without a unit is in the unit of the project.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def table_of(kind: UnknownKind) -> UnknownTable:
 
 
 def _units(component: Component) -> tuple[str, ...]:
-    """Return the endings of the columns of a component: units, or nothing where it has none."""
+    """Return the endings of the columns of a component: its units, or an empty text."""
     if component.quantity == "length":
         return tuple(LENGTH)
     if component.quantity == "angle":
@@ -48,7 +48,7 @@ def _sigma_column(kind: UnknownKind, component: Component) -> str:
 
 
 def _shares_sigma(kind: UnknownKind) -> bool:
-    """Return whether a column ``sigma`` may hold for all components."""
+    """Return whether one column ``sigma`` may state the σ of all components."""
     return kind.size > 1 and len({c.quantity for c in kind.components}) == 1
 
 
@@ -73,7 +73,7 @@ def columns_of(kind: UnknownKind) -> tuple[str, ...]:
 
 
 def read_parameter(row: Row, kind: UnknownKind, key: Key, network: Network, units: Units) -> None:
-    """Put the unknown of a row into the network; what is wrong is noted in the row."""
+    """Put the unknown of a row into the network; problems are noted in the row."""
     given = [_value(row, c, units) for c in kind.components]
     components = kind.components[: _size(row, kind, given)]
     values = [c.start if v is None else v for c, v in zip(components, given, strict=False)]
@@ -118,7 +118,7 @@ def _value(row: Row, component: Component, units: Units) -> float | None:
 
 
 def _size(row: Row, kind: UnknownKind, given: list[float | None]) -> int:
-    """Return the number of components that a row states, where kinds have fewer than listed."""
+    """Return the number of components that a row states; some kinds may omit the last ones."""
     if not kind.variable_size:
         return kind.size
     size = max((i + 1 for i, v in enumerate(given) if v is not None), default=0)
@@ -157,7 +157,7 @@ def _words(row: Row, column: str, names: list[str]) -> list[str]:
 
 
 def _held(row: Row, names: list[str]) -> list[str]:
-    """Return the components that are held: all, none, or those that are named."""
+    """Return the held components: all, none, or the named ones."""
     text = str(row.fields.get("fixed") or "").lower()
     if len(names) == 1 or text in (*TRUE, *FALSE) or not set(text.split()) & set(names):
         return names if row.flag("fixed") else []

@@ -1,8 +1,8 @@
 """Projects on disk: a TOML file beside CSV tables.
 
-The TOML file says what cannot stand in a table: name, datum, frame, units, cameras, standard
-deviations by kind, options. The tables hold one thing a row; their columns are those of
-`factorgraph_adj.io.read_unknowns` and `factorgraph_adj.io.fields`.
+The TOML file states name, datum, frame, units, cameras, standard deviations by kind, and options.
+The tables have one entity or observation in each row; `factorgraph_adj.io.read_unknowns` and
+`factorgraph_adj.io.fields` define their columns.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .tables import Row, Table, read_table
 
 
 def tables() -> tuple[str, ...]:
-    """Return the tables of a project; each is a file name.csv unless [files] says otherwise."""
+    """Return the names of a project's tables; without [files], each is a file NAME.csv."""
     parameters = (table_of(k).file for k in parameter_kinds())
     return ("points", "photos", "images", "observations", "covariances", *parameters)
 
@@ -47,39 +47,39 @@ FRAMES = {
     "geocentric": ("ellipsoid", "radius"),
     "topocentric": ("latitude", "longitude", "height", "ellipsoid", "radius"),
 }
-"""Keys of [frame] by its kind."""
+"""Keys of [frame] by kind of frame."""
 CAMERA_KEYS = ("name", "lens", "unit", "y_axis", "per_photo", "parameters")
 Variance = Literal["a-priori", "a-posteriori"]
 
 
 @dataclass(frozen=True)
 class AdjustOptions:
-    """How the project wants to be adjusted."""
+    """Options of the adjustment that the project states."""
 
     variance: Variance = "a-priori"
-    """Variance of unit weight in standard deviations."""
+    """Variance of unit weight that scales standard deviations."""
     max_iterations: int = 100
-    """Iterations after which the adjustment gives up."""
+    """Largest number of iterations of the adjustment."""
 
 
 @dataclass(frozen=True)
 class Project:
-    """A project as read: its network and what concerns files and reports only."""
+    """A project as read: its network, and settings for files and reports."""
 
     network: Network
-    """What is measured and asked for."""
+    """Observations and unknowns."""
     path: Path
     """The file that was read."""
     context: RecordContext = field(default_factory=RecordContext)
-    """What further records of this project need not say themselves."""
+    """Defaults for further records of this project."""
     options: AdjustOptions = field(default_factory=AdjustOptions)
-    """How it wants to be adjusted."""
+    """Options of the adjustment."""
     sources: Mapping[tuple[str, str], str] = field(default_factory=dict)
-    """File and line by what (point, photo) and name."""
+    """File and line by entity (point, photo) and name."""
 
     @property
     def units(self) -> Units:
-        """Units of its files and reports."""
+        """Units of the project's files and reports."""
         return self.context.units
 
 
@@ -90,7 +90,7 @@ def read_project(path: str | Path) -> Network:
         path: the TOML file, or the folder that has it as ``project.toml``.
 
     Raises:
-        InputError: everything that is wrong, each with file and line or key.
+        InputError: all problems, each with file and line or key.
     """
     return load_project(path).network
 
@@ -148,7 +148,7 @@ def load_project(path: str | Path, *, readings: bool = True) -> Project:
             cast(Table, found_tables["observations"]), found_tables.get("covariances")
         )
     if problems:
-        # With every name in place the structure can be judged in the same run.
+        # The structure can be checked in the same run only if every name is known.
         whole = reader.complete and observations.complete and None not in found_tables.values()
         found = check(network, sources=reader.sources) if whole else ()
         raise InputError([*problems, *found])
@@ -172,7 +172,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
 
 
 def _table(document: dict[str, Any], key: str, file: str, problems: list[Problem]) -> Row:
-    """Return a table of the document; one that is none is noted and counts as empty."""
+    """Return a table of the document; a value that is not a table is noted and counts as empty."""
     value = document.get(key, {})
     if not isinstance(value, dict):
         problems.append(Problem(f"must be a table [{key}], not {value!r}", f"{file}: {key}"))
@@ -229,7 +229,7 @@ def _frame(row: Row, units: Units) -> Frame:
 def _cameras(
     document: dict[str, Any], network: Network, file: str, problems: list[Problem]
 ) -> dict[str, ImageAxes]:
-    """Add the cameras; return how their image coordinates stand in files."""
+    """Add the cameras; return the axes of their image coordinates in files."""
     entries = document.get("camera", [])
     if not isinstance(entries, list) or not all(isinstance(e, dict) for e in entries):
         problems.append(Problem("cameras must be tables [[camera]]", f"{file}: camera"))
@@ -243,15 +243,15 @@ def _cameras(
 
 
 def read_camera(row: Row, name: str, network: Network) -> ImageAxes:
-    """Add a camera, or a stand-in where something is wrong with it.
+    """Add a camera, or a stand-in for a camera with problems.
 
     Args:
-        row: its keys: a table [[camera]] or a record; gets what is wrong.
-        name: its name.
-        network: gets the camera.
+        row: keys of the camera, from a table [[camera]] or a record; problems are noted here.
+        name: name of the camera.
+        network: the network to which the camera is added.
 
     Returns:
-        How its image coordinates stand in files.
+        The axes of its image coordinates in files.
     """
     unit = row.choice("unit", ("px", *LENGTH), "mm")
     y_down = row.choice("y_axis", ("up", "down"), "up") == "down"
@@ -301,7 +301,7 @@ def _lens(row: Row) -> Lens:
 
 
 def _parameters(row: Row, y_down: bool) -> tuple[dict[str, float], list[str], dict[str, float]]:
-    """Return values, free ones and standard deviations; y0 turned where y points down."""
+    """Return values, free names, standard deviations; y0 changes its sign where y points down."""
     table = row.take("parameters", required=True)
     if not isinstance(table, dict):
         if table is not None:
@@ -352,7 +352,7 @@ def _sigma_defaults(
             if what is not None:
                 row.wrong(what.replace("column", "key"))
         _positive(row, {k: v for k, v in given.items() if k in sigma_fields(kind)})
-        # A bad default is noted once, not again with every row that would use it.
+        # A bad default is noted once; the stand-in avoids a message for every row that uses it.
         out[kind] = stand_in_sigma(kind) if row.failed else given
     if whole.failed:
         return {kind: stand_in_sigma(kind) for kind in KINDS} | out
@@ -370,7 +370,7 @@ def _options(row: Row) -> AdjustOptions:
 
 
 def _tables(row: Row, path: Path) -> dict[str, Table | None]:
-    """Read the tables that [files] names, or else those that are there."""
+    """Read the tables that [files] names; without [files], those whose default file exists."""
     _only(row, tables())
     stated = bool(row.fields)
     out: dict[str, Table | None] = {}

@@ -29,18 +29,18 @@ COVARIANCE_COLUMNS = (
 
 @dataclass
 class ObservationsReader:
-    """Reads tables of observations into a network; notes problems and goes on."""
+    """Reader of tables of observations into a network; it notes problems and continues."""
 
     network: Network
     """The network, with its points, photos and other unknowns."""
     context: RecordContext
-    """What records leave to the project."""
+    """Defaults of the project for records."""
     problems: list[Problem]
-    """What is wrong."""
+    """Problems found so far."""
     unreadable: set[str] = field(default_factory=set)
-    """Names that are not to be looked up, as their table cannot be read: point, photo."""
+    """Entities (point, photo) whose names are unknown because their table cannot be read."""
     readings: bool = True
-    """Whether they are needed; zero otherwise."""
+    """Whether observed values are required; otherwise a missing value is zero."""
     complete: bool = True
     """Whether every row, or a stand-in with its names, is in the network."""
 
@@ -55,7 +55,7 @@ class ObservationsReader:
         matrices = _Covariances(covariances, self.problems) if covariances else None
         context = self.context
         if any(c.startswith(("sigma", "covariance")) and c not in valid for c in table.columns):
-            # Noted once in the header, not again with every row that lacks it.
+            # The header has the message; the stand-ins avoid one more for every row.
             stand_ins = {kind: stand_in_sigma(kind) for kind in KINDS}
             context = replace(context, sigma={**stand_ins, **context.sigma})
         rows = list(table.records())
@@ -95,7 +95,7 @@ class ObservationsReader:
             found.append(other)
 
     def images(self, table: Table) -> None:
-        """Read images.csv: many rows, so in columns, each standard deviation once."""
+        """Read images.csv by columns, as it has many rows; each standard deviation is read once."""
         valid = check_columns(table, IMAGE_COLUMNS, ("photo", "point", "x", "y"), self.problems)
         if not {"photo", "point", "x", "y"} <= valid:
             self.complete = False
@@ -175,7 +175,7 @@ class ObservationsReader:
         return 0.0, 0.0
 
     def _unknown_names(self, table: Table, unknown: dict[tuple[str, str], list[int]]) -> None:
-        """Note unknown names, each once with the lines where it stands."""
+        """Note unknown names, each once with its lines."""
         names: dict[str, Iterable[str]] = {
             "photo": self.network.photos,
             "point": self.network.points,
@@ -231,7 +231,7 @@ class _Covariances:
             self.entries.setdefault(cluster, []).append(entry)
 
     def complete_sigma(self, ident: str, record: dict[str, object]) -> None:
-        """Give a member of a cluster the variances of the cluster as its own, if it has none."""
+        """Give a member without a standard deviation the variances of its cluster."""
         cluster = self.cluster_of.get(ident)
         kind = str(record.get("kind", ""))
         if cluster is None or kind not in KINDS:
@@ -245,7 +245,7 @@ class _Covariances:
                 record[f"sigma{axis}_{unit}"] = repr(float(np.sqrt(value)))
 
     def join(self, found: list[Observation]) -> list[Observation | Correlated]:
-        """Return the observations with those of clusters together, where the first one stood."""
+        """Return the observations; each cluster takes the place of its first member."""
         by_id = {o.id: o for o in found if getattr(o, "id", None) is not None}  # type: ignore[attr-defined]
         out: list[Observation | Correlated] = []
         done: set[str] = set()
@@ -303,10 +303,10 @@ class _Covariances:
 
 
 def _symmetric(matrix: Array) -> Array:
-    """Fill what only the mirrored entry states."""
+    """Fill entries whose mirrored entry alone is stated."""
     return np.where(np.isnan(matrix), matrix.T, matrix)
 
 
 def _components(o: Observation) -> tuple[str, ...]:
-    """Return the names of the scalar components, as covariances.csv has them."""
+    """Return the names of the scalar components as written in covariances.csv."""
     return () if isinstance(o, ImagePoint) else o.component_names()

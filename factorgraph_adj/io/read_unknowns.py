@@ -1,4 +1,4 @@
-"""Tables of unknowns: points, photos, and those that are parameters."""
+"""Tables of unknowns: points, photos and parameters."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .parameter_tables import columns_of, read_parameter, table_of
 from .tables import IGNORED, Row, Table
 
 Dimension = Literal[1, 2, 3]
-"""Of a network: 1 holds x and y, 2 holds z of every point, at 0 where no value is given."""
+"""Dimension of a network: 1 holds x and y, 2 holds z of every point; missing values are 0."""
 HELD = {1: "xy", 2: "z", 3: ""}
 GEOGRAPHIC = ("latitude", "longitude", "height")
 ROTATION = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
@@ -51,7 +51,7 @@ PHOTO_COLUMNS = (
 def check_columns(
     table: Table, valid: Iterable[str], required: Iterable[str], problems: list[Problem]
 ) -> set[str]:
-    """Note columns that are unknown or missing; return the known ones that are there."""
+    """Note columns that are unknown or missing; return the known columns of the table."""
     line = min((number for number, _ in table.rows), default=2) - 1
     where, known = table.where(max(line, 1)), {*valid, *IGNORED}
     for name in required:
@@ -66,7 +66,7 @@ def check_columns(
 
 
 def _sigmas(row: Row, axes: Iterable[str], units: Iterable[str]) -> tuple[float, ...] | None:
-    """Return σ of each axis, infinite where none is given; none where no axis has one."""
+    """Return σ of each axis, infinite where none is given; None if no axis has a σ."""
     for_all = row.quantity("sigma", units, positive=True)
     each = [row.quantity(f"sigma_{a}", units, positive=True) for a in axes]
     if for_all is None and all(s is None for s in each):
@@ -76,9 +76,9 @@ def _sigmas(row: Row, axes: Iterable[str], units: Iterable[str]) -> tuple[float,
 
 
 class UnknownsReader:
-    """Reads tables of unknowns into a network; notes problems and goes on.
+    """Reader of tables of unknowns into a network; it notes problems and continues.
 
-    What is named in a bad row still gets a stand-in, so that its name is known to the rest.
+    An unknown of a bad row gets a stand-in, so that other rows can refer to its name.
     """
 
     def __init__(
@@ -90,16 +90,16 @@ class UnknownsReader:
         self.dimension = dimension
         self.problems = problems
         self.complete = True
-        """Whether all names and flags are in the network, so that its structure can be judged."""
+        """Whether all names and flags are in the network, so that its structure can be checked."""
         self.unreadable: set[str] = set()
-        """What has no names at all because its table cannot be read: point, photo."""
+        """Entities (point, photo) whose names are unknown because their table cannot be read."""
         self.sources: dict[tuple[str, str], str] = {}
-        """File and line by what (point, photo) and name."""
+        """File and line by entity (point, photo) and name."""
 
     def _rows(
         self, table: Table, columns: tuple[str, ...], required: tuple[str, ...], key: str
     ) -> Iterable[tuple[Row, str]]:
-        """Iterate over rows that have the key; notes bad columns once."""
+        """Iterate over rows that have the key; note bad columns once."""
         before = len(self.problems)
         valid = check_columns(table, columns, required, self.problems)
         self.complete &= len(self.problems) == before
@@ -113,7 +113,7 @@ class UnknownsReader:
     def _named(
         self, table: Table, columns: tuple[str, ...], what: str, *, nameless: bool = False
     ) -> Iterable[tuple[Row, str]]:
-        """Iterate over rows with a name that is new, and there unless one may be ``nameless``."""
+        """Iterate over rows with a new name; one row may lack a name where ``nameless``."""
         seen: dict[str, int] = {}
         line_of = {table.where(line): line for line, _ in table.rows}
         for row, name in self._rows(table, columns, ("name",), "name"):
@@ -138,7 +138,7 @@ class UnknownsReader:
             self.point(row, name)
 
     def point(self, row: Row, name: str) -> None:
-        """Read one point, whose name is new."""
+        """Read one point; its name must be new."""
         held = HELD[self.dimension]
         xyz = self._coordinates(row)
         fixed = "".join(row.letters("fixed", "xyz"))
@@ -170,7 +170,7 @@ class UnknownsReader:
             self.network.points[name] = replace(point, fixed=flags, sigma=sigma)  # type: ignore[arg-type]
 
     def _coordinates(self, row: Row) -> list[float]:
-        """Return x, y, z, metres, NaN where unknown, also from latitude and longitude."""
+        """Return x, y, z in metres, NaN where unknown; convert latitude, longitude, height."""
         if not any(g in row for g in GEOGRAPHIC):
             return [_or_nan(row.number(a, self.units.length)) for a in "xyz"]
         frame = self.network.frame
@@ -203,7 +203,7 @@ class UnknownsReader:
             self.photo(row, name)
 
     def photo(self, row: Row, name: str) -> None:
-        """Read one photo, whose name is new; the camera may be absent where there is only one."""
+        """Read one photo; its name must be new; a network with one camera may omit the camera."""
         only = next(iter(self.network.cameras), None) if len(self.network.cameras) == 1 else None
         camera = row.text("camera", required=only is None, default=only)
         units = self.units
@@ -258,7 +258,7 @@ class UnknownsReader:
         return [part in held for part in POSE_PARTS]
 
     def parameters(self, table: Table, kind: UnknownKind) -> None:
-        """Read the table of a kind of unknowns that are parameters."""
+        """Read the table of a kind of parameters."""
         stated, given = table_of(kind), self.network.of_kind(kind.name)
         columns, required = columns_of(kind), stated.keys[:1]
         if stated.keys == ("name",):
@@ -286,7 +286,7 @@ class UnknownsReader:
             read_parameter(row, kind, key, self.network, self.units)
 
     def _parameter_stand_in(self, kind: UnknownKind, name: str) -> None:
-        """Put an unknown of a bad row in, so that its name is known to the rest."""
+        """Put a stand-in for a bad row into the network, so that other rows can refer to it."""
         values = [0.0 if np.isnan(c.start) else c.start for c in kind.components]
         fixed = table_of(kind).held_unless_free
         self.network.set_unknown(kind.name, name, values, fixed=fixed)

@@ -1,6 +1,6 @@
-"""Readers of files by suffix: the one table of the formats that can be read.
+"""Readers of files by suffix: the table of the formats that can be read.
 
-A new format is one module with a function that reads a file, and one line in `READERS`.
+A new format needs one module with a function that reads a file, and one line in `READERS`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .project import Project, load_project
 
 
 class Load(Protocol):
-    """Reads a file as a project."""
+    """Function that reads a file as a project."""
 
     def __call__(self, path: Path, /, *, readings: bool) -> Project:
         """Return the project.
@@ -31,16 +31,16 @@ class Load(Protocol):
 
 @dataclass(frozen=True)
 class Reader:
-    """How files of one format are read."""
+    """Reader of one format."""
 
     suffixes: tuple[str, ...]
-    """Ends of the names of its files, each with its dot; a packed file has two, as ``.txt.gz``."""
+    """Suffixes of file names, with dots; packed files have two parts: ``.txt.gz``."""
     description: str
     """Name of the format for help and messages."""
     load: Load
     """The function that reads a file."""
     folders: bool = False
-    """Whether it reads folders too."""
+    """Whether the reader also reads folders."""
 
 
 @dataclass(frozen=True)
@@ -48,15 +48,15 @@ class Readers:
     """A table of readers; its text lists their suffixes and descriptions.
 
     Raises:
-        InputError: a reader without a suffix, a suffix without its dot, or a suffix (or the
-            folders) that two readers claim.
+        InputError: a reader has no suffix, a suffix has no dot, or two readers claim the same
+            suffix or both read folders.
     """
 
     entries: tuple[Reader, ...]
     """One reader for each format."""
 
     def __post_init__(self) -> None:
-        """Refuse entries that cannot be told apart by the name of a file."""
+        """Refuse readers that the name of a file does not distinguish."""
         problems = []
         owners: dict[str, str] = {}
         for reader in self.entries:
@@ -88,8 +88,8 @@ class Readers:
             readings: whether observations need observed values; those of a design do not.
 
         Raises:
-            InputError: there is no such file, no reader for it, or everything that is wrong
-                with it.
+            InputError: the file does not exist, no reader has its suffix, or the file has
+                problems (all are listed).
         """
         source = Path(path)
         if not source.exists():
@@ -103,17 +103,17 @@ class Readers:
         return next((r for r in self.entries if r.folders), None)
 
     def _of_file(self, path: Path) -> Reader | None:
-        """Return the reader of the longest suffix that the name ends in, if there is one."""
+        """Return the reader with the longest suffix that ends the name; None if no suffix does."""
         end = "".join(path.suffixes)
         fitting = [(len(s), r) for r in self.entries for s in r.suffixes if end.endswith(s)]
         return max(fitting, key=lambda entry: entry[0], default=(0, None))[1]
 
 
 def network_alone(read: Callable[[Path], Network]) -> Load:
-    """Return the reader of a format that holds nothing but a network, all readings with it.
+    """Return the reader of a format that holds only a network with all readings.
 
     Args:
-        read: reads a file as a network.
+        read: function that reads a file as a network.
 
     Returns:
         A reader of projects in default units, with default options.
@@ -142,14 +142,14 @@ READERS = Readers(
 def read(path: str | Path) -> Network:
     """Read the network of a file of any format that `READERS` lists.
 
-    The suffix tells the format. The reader of a format (`read_project`, `read_gama`,
-    `read_bal`) says what it makes of a file, and has options of its own where there are any.
+    The suffix determines the format. The readers of the formats (`read_project`, `read_gama`,
+    `read_bal`) document how they convert a file, and may have options of their own.
 
     Args:
         path: the file, or the folder that has a project as ``project.toml``.
 
     Raises:
-        InputError: there is no such file, no reader for it (the message lists the valid
-            suffixes), or everything that is wrong with it.
+        InputError: the file does not exist, no reader has its suffix (the message lists the
+            valid suffixes), or the file has problems (all are listed).
     """
     return READERS.load(path).network

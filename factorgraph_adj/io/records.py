@@ -8,7 +8,7 @@ Lines. A record fills the fields of its kind:
 - σ with its unit in the name: ``sigma_mm``, ``sigma_mgon``, ``sigma_x_mm`` …, and the parts
   ``ppm``, ``sqrt_km_mm``, ``centring_instrument_mm``, ``centring_target_mm``; or covariances
   ``covariance_xy_mm2`` …;
-- what else the dataclass of its kind has: ``set``, ``instrument``, ``instrument_height`` ….
+- the other fields of the dataclass of its kind: ``set``, ``instrument``, ``instrument_height`` ….
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from .tables import Row
 
 
 def with_reading(record: Mapping[str, object]) -> dict[str, object]:
-    """Return a record with a reading of zero where it has none, as plans need no readings."""
+    """Return a record with zero for a missing reading, as plans need no readings."""
     kind = record.get("kind")
     vector = isinstance(kind, str) and kind in KINDS and "covariance" in attributes(kind)
     names = ("x", "y") if kind == "image" else ("x", "y", "z") if vector else ("value",)
@@ -63,12 +63,12 @@ def observation(
 
     Args:
         record: the fields, text or numbers; empty ones and None count as absent.
-        context: what the record leaves to the project.
+        context: defaults of the project.
         source: where the record stands, for messages: file:line; may be empty.
 
     Raises:
-        InputError: everything that is wrong with it: unknown kind or field, missing field,
-            number that cannot be read, σ ≤ 0, no σ, bad covariance, a point to itself.
+        InputError: all problems of the record: unknown kind or field, missing field, unreadable
+            number, σ ≤ 0, no σ, bad covariance, station and target are the same point.
     """
     problems: list[Problem] = []
     context = context or RecordContext()
@@ -92,14 +92,14 @@ def observation(
         if name in known and not row.failed:
             row.wrong(f"{name} has no use here")
         elif name in known:
-            continue  # what it goes with was wrong
+            continue  # the field that it belongs to was wrong
         elif unknown_field(name, known_fields()) is None:
             row.wrong(f"{name} does not apply to {kind}; it takes: {offer(kind)}")
         else:
             row.wrong(str(unknown_field(name, known)))
     found = None
     try:
-        # After a problem a stand-in shows what else the class objects to.
+        # After a problem, a stand-in shows further problems that the class finds.
         found = stand_in(record, source=source) if problems else cls(**arguments)
     except InputError as error:
         row.wrong_all(error)
@@ -111,11 +111,11 @@ def observation(
 def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observation | None:
     """Return an observation with the names of a record and invented numbers.
 
-    It stands for a record with bad numbers where only the structure counts; none where kind
-    or names are missing.
+    The stand-in replaces a record with bad numbers in checks of the structure; None if kind or
+    names are missing.
 
     Raises:
-        InputError: the names themselves make no observation, such as a point to itself.
+        InputError: the names themselves are wrong, such as the same point as station and target.
     """
     kind = record.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
@@ -138,7 +138,7 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
 
 
 def _project_unit(quantity: Quantity, units: Units) -> str:
-    """Return the unit of the project for a number without a unit of its own."""
+    """Return the project's unit for a number without a unit of its own."""
     return {"length": units.length, "angle": units.angle, "ppm": "ppm"}.get(quantity, "")
 
 
@@ -188,7 +188,7 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
 
 
 def _stated(row: Row, kind: str, default: Mapping[str, object], place: str) -> Row | None:
-    """Return the row that states the standard deviation: the row itself, or the default's."""
+    """Return the row that states the standard deviation: the row itself, or the default row."""
     if any(f in row for f in sigma_fields(kind)):
         return row
     own = Row(default, row.where, row.problems, row.of)
@@ -200,7 +200,7 @@ def _stated(row: Row, kind: str, default: Mapping[str, object], place: str) -> R
 
 
 def _take_sigma(row: Row, kind: str, context: RecordContext, arguments: dict[str, Any]) -> None:
-    """Read a scalar standard deviation, of one or several parts."""
+    """Read a scalar standard deviation with one or several parts."""
     stated = _stated(row, kind, context.sigma.get(kind, {}), f"[sigma.{kind}] of the project")
     if stated is None:
         return
@@ -273,7 +273,7 @@ def _take_image(row: Row, context: RecordContext, arguments: dict[str, Any]) -> 
 def image_sigma(
     row: Row, axes: ImageAxes, default: Mapping[str, object]
 ) -> tuple[float, float] | None:
-    """Return σ of x and y in units of the camera; none, noted in the row, where that fails."""
+    """Return σ of x and y in units of the camera; on failure note a problem and return None."""
     place = "the camera or [sigma.image] of the project"
     stated = _stated(row, "image", {**(axes.sigma or default)}, place)
     if stated is None:
@@ -313,13 +313,13 @@ def record(
     units: Units | None = None,
     axes: ImageAxes | None = None,
 ) -> dict[str, str]:
-    """Return the record of an observation; `observation` reads the same back, to the bit.
+    """Return the record of an observation; `observation` reads it back to the bit.
 
     Args:
         found: the observation.
-        id: its name in the network, where it has none of its own.
+        id: name in the network, for an observation without its own id.
         units: units of the record.
-        axes: for image coordinates: how they stand in files.
+        axes: unit and direction of y in files, for image coordinates.
     """
     units, given = units or Units(), cast(Any, found)
     kind, have = found.kind, attributes(found.kind)
@@ -354,7 +354,7 @@ def _sigma_record(sigma: float | StandardDeviation, kind: str, units: Units) -> 
     out = {}
     if sigma.constant > 0:
         out[f"sigma_{unit}"] = numbers.write(sigma.constant, unit)
-    for part, column in parts_of(kind).items():  # one that does not apply weighs nothing
+    for part, column in parts_of(kind).items():  # other parts have no effect on the weight
         value = getattr(sigma, part)
         if value == 0:
             continue

@@ -1,4 +1,4 @@
-"""CSV tables with file and line, and fields that collect everything that is wrong with them."""
+"""CSV tables with file and line, and rows whose methods collect all problems of their fields."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from . import numbers
 
 TRUE, FALSE = ("yes", "true", "1"), ("no", "false", "0", "")
 IGNORED = ("remark",)
-"""Columns for people, which nothing reads."""
+"""Columns for human readers; programs ignore them."""
 
 
 @dataclass(frozen=True)
@@ -25,28 +25,28 @@ class Table:
     columns: tuple[str, ...]
     """Names of the columns."""
     rows: tuple[tuple[int, list[str]], ...]
-    """Line and cells of each row; as many cells as columns, without blanks at their ends."""
+    """Line and cells of each row; one cell for each column, stripped of blanks at both ends."""
 
     def where(self, line: int) -> str:
         """Return file:line."""
         return f"{self.name}:{line}"
 
     def records(self) -> Iterator[tuple[int, dict[str, str]]]:
-        """Iterate over lines and their filled fields by column."""
+        """Iterate over the rows: line, and filled fields by column."""
         for line, cells in self.rows:
             yield line, {c: v for c, v in zip(self.columns, cells, strict=True) if v}
 
 
 def read_table(path: Path, problems: list[Problem]) -> Table | None:
-    """Read a table; none where there is no header to go by.
+    """Read a table; None if it has no usable header.
 
-    Separated by commas, or by semicolons or tabulators where the header is; UTF-8; empty lines
-    and lines that start with # are passed over.
+    The encoding is UTF-8. The header determines the separator: comma, semicolon or tabulator.
+    Empty lines and lines that start with # are skipped.
 
     Args:
         path: the file.
-        problems: gets what is wrong: no such file, not UTF-8, no header, a column named twice,
-            a row with more or fewer cells than the header.
+        problems: list to which problems are added: no such file, not UTF-8, no header, a column
+            named twice, a row with more or fewer cells than the header.
     """
     name = path.name
     try:
@@ -87,19 +87,19 @@ def read_table(path: Path, problems: list[Problem]) -> Table | None:
             continue
         what = f"{len(cells)} cells, but the header has {len(header)} columns"
         problems.append(Problem(what, f"{name}:{number}"))
-        # What can be lined up still takes part, so that later checks see the row.
+        # Cells that fit the header are kept, so that later checks see the row.
         rows.append((number, (cells + [""] * len(header))[: len(header)]))
     return Table(name, tuple(header), tuple(rows))
 
 
 def write_table(columns: Sequence[str], records: Iterable[Mapping[str, str]]) -> str:
-    """Return CSV text of records; columns that no record fills are left out, but the first."""
+    """Return CSV text of records, without empty columns; the first column is always written."""
     rows = list(records)
     return write_columns({c: [r.get(c, "") for r in rows] for c in columns})
 
 
 def write_columns(columns: Mapping[str, Sequence[str]]) -> str:
-    """Return CSV text of columns; those that nothing fills are left out, but the first."""
+    """Return CSV text of columns, without empty ones; the first column is always written."""
     used = [c for i, c in enumerate(columns) if i == 0 or any(columns[c])]
     cells = [_cells(columns[c]) for c in used]
     lines = [",".join(used), *map(",".join, zip(*cells, strict=True))]
@@ -110,7 +110,7 @@ _QUOTED = re.compile(r'^#|[,;\t"]')
 
 
 def _cells(texts: Sequence[str]) -> Sequence[str]:
-    """Return texts with those in quotes that need them; seldom any does."""
+    """Return texts, quoted where needed; most tables need no quotes at all."""
     every = "".join(texts)
     if not any(c in every for c in '#,;\t"'):
         return texts
@@ -118,15 +118,15 @@ def _cells(texts: Sequence[str]) -> Sequence[str]:
 
 
 class Row:
-    """The fields of one row, record or TOML table; every method notes what is wrong.
+    """The fields of one row, record or TOML table; every method notes problems.
 
-    ``failed`` says whether anything was.
+    ``failed`` says whether the row has a problem.
     """
 
     def __init__(
         self, fields: Mapping[str, object], where: str, problems: list[Problem], of: str = ""
     ) -> None:
-        """Take fields; empty ones count as absent."""
+        """Take fields; empty fields count as absent."""
         self.fields = {k: v for k, v in fields.items() if v is not None and v != ""}
         self.where = where
         self.of = of
@@ -136,12 +136,12 @@ class Row:
 
     @property
     def failed(self) -> bool:
-        """Whether a problem was noted since the row was begun."""
+        """Whether a problem was noted since the row was created."""
         return len(self.problems) > self._before
 
     @property
     def place(self) -> str:
-        """Where the row stands and what it is about."""
+        """Place of the row in its file, and the name of its entity or observation."""
         return ": ".join(part for part in (self.where, self.of) if part)
 
     def wrong(self, what: str) -> None:
@@ -149,7 +149,7 @@ class Row:
         self.problems.append(Problem(what, self.place))
 
     def wrong_all(self, error: InputError) -> None:
-        """Note the problems of an error, with the place of this row before their own."""
+        """Note the problems of an error; the place of this row precedes theirs."""
         for p in error.problems:
             inside = p.where if p.where and p.where not in self.place else ""
             inside = inside.removeprefix(f"{self.where}: ")
@@ -168,7 +168,7 @@ class Row:
         return value
 
     def text(self, name: str, *, required: bool = False, default: str | None = None) -> str | None:
-        """Return a field as text: a name."""
+        """Return a field as text, such as a name."""
         value = self.take(name, required=required)
         if value is None:
             return default
@@ -210,7 +210,7 @@ class Row:
     def number(
         self, name: str, unit: str = "", *, required: bool = False, positive: bool = False
     ) -> float | None:
-        """Return a finite number in SI; none where it is absent or was noted as wrong."""
+        """Return a finite number in SI; None if it is absent or wrong (then a problem is noted)."""
         value = self.take(name, required=required)
         if value is None:
             return None
@@ -225,7 +225,7 @@ class Row:
         return found
 
     def present(self, prefix: str, units: Iterable[str]) -> tuple[str, str] | None:
-        """Return field and unit of the one filled field ``prefix_unit``."""
+        """Return name and unit of the single filled field ``prefix_unit``."""
         filled = [(f"{prefix}_{u}", u) for u in units if f"{prefix}_{u}" in self.fields]
         if len(filled) > 1:
             self.taken.update(f for f, _ in filled)
@@ -235,10 +235,10 @@ class Row:
     def quantity(
         self, prefix: str, units: Iterable[str], *, positive: bool = False
     ) -> float | None:
-        """Return what stands in the field ``prefix_unit``, in SI."""
+        """Return the number in the field ``prefix_unit``, in SI."""
         found = self.present(prefix, units)
         return None if found is None else self.number(*found, positive=positive)
 
     def left(self) -> list[str]:
-        """Return the filled fields that nothing asked for."""
+        """Return the filled fields that no method has read."""
         return [f for f in self.fields if f not in self.taken and f not in IGNORED]

@@ -1,4 +1,4 @@
-"""Write a network as a project that reads back to the same network, to the bit."""
+"""Write a network as a project; reading the project gives the same network to the bit."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ def write_project(network: Network, path: str | Path, *, units: Units | None = N
 
     Args:
         network: the network.
-        path: the TOML file; its folder gets the tables and is made if it is not there.
+        path: the TOML file; the tables go into its folder, which is created if missing.
         units: units of the files; metres, gon and degrees by default.
 
     Raises:
-        InputError: a name or a unit that cannot stand in a file, or the folder cannot be
-            written; nothing has changed then.
+        InputError: a name or a unit cannot be written to a file, or the folder cannot be
+            written to; no file has changed.
     """
     path = Path(path)
     if path.suffix != ".toml":
@@ -63,7 +63,7 @@ def write_project(network: Network, path: str | Path, *, units: Units | None = N
 def network_files(
     network: Network, *, units: Units | None = None, toml: str = "project.toml"
 ) -> dict[str, str]:
-    """Return the files of a project of a network: their texts by name.
+    """Return the project files of a network: texts by file name.
 
     Args:
         network: the network; it may have no observations.
@@ -71,7 +71,7 @@ def network_files(
         toml: name of the TOML file.
 
     Raises:
-        InputError: a name or a unit that cannot stand in a file.
+        InputError: a name or a unit cannot be written to a file.
     """
     units = units or Units()
     _check_names(network)
@@ -136,7 +136,7 @@ def _check_names(network: Network) -> None:
 def _sigmas(
     sigma: Iterable[float] | None, axes: Iterable[str], unit: str, prefix: str = "sigma"
 ) -> dict[str, str]:
-    """Return σ columns of weighted components: one for all where they agree."""
+    """Return σ columns of weighted components: one common column if all σ are equal."""
     given = dict(zip(axes, sigma or (), strict=False))
     if given and len(set(given.values())) == 1 and math.isfinite(next(iter(given.values()))):
         return {f"{prefix}_{unit}": numbers.write(next(iter(given.values())), unit)}
@@ -146,7 +146,7 @@ def _sigmas(
 
 
 def _filled(names: Iterable[str], values: Iterable[float], unit: str) -> dict[str, str]:
-    """Return fields of the values that are known."""
+    """Return the fields of the known values."""
     return {
         n: numbers.write(v, unit) for n, v in zip(names, values, strict=True) if not math.isnan(v)
     }
@@ -169,8 +169,8 @@ def photo_record(photo: Photo, units: Units, *, angles: bool = True) -> dict[str
     Args:
         photo: the photo.
         units: units of the fields.
-        angles: state the rotation as ω, φ, κ where they make it to the bit; otherwise, and
-            where none do, as its matrix.
+        angles: write the rotation as ω, φ, κ if they reproduce it to the bit; otherwise write
+            the matrix.
     """
     out = {"name": photo.name, "camera": photo.camera}
     if photo.position is not None:
@@ -192,10 +192,10 @@ def photo_record(photo: Photo, units: Units, *, angles: bool = True) -> dict[str
 
 
 def exact_angles(rotation: Array) -> tuple[float, float, float] | None:
-    """Return ω, φ, κ (rad) that make this world_R_camera to the bit, or none.
+    """Return ω, φ, κ (rad) that reproduce this world_R_camera to the bit; None if none do.
 
-    The angles of a matrix are known to a few units of the last place; among the neighbours
-    there are those that the matrix came from, if it came from angles.
+    Angles computed from a matrix are correct to a few units of the last place. If the matrix was
+    made from angles, these angles are among the neighbouring floats.
     """
     start = omega_phi_kappa(rotation)
     near = [a + np.arange(-4, 5) * np.spacing(abs(a)) for a in start]
@@ -255,7 +255,7 @@ def _covariances(network: Network) -> Records:
 
 
 def _parameters(network: Network, kind: UnknownKind, units: Units) -> Records:
-    """Write all, in order, unless the observations by themselves give the same free unknowns."""
+    """Write all unknowns of a kind in order, unless the observations imply the same free ones."""
     stated = network.of_kind(kind.name)
     if kind.absent == "found" and all(math.isnan(p.values[0]) for p in stated.values()):
         found = [

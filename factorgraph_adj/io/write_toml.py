@@ -1,4 +1,4 @@
-"""The TOML file of a project, as `factorgraph_adj.io.project` reads it."""
+"""Writer of the TOML file of a project, as `factorgraph_adj.io.project` reads it."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ def _frame(frame: Frame, units: Units) -> Iterator[str]:
 
 
 def _decimal(value: float, unit: str) -> str:
-    """Return a TOML number, or text where a float cannot hold the digits."""
+    """Return a TOML number, or quoted text if a float cannot hold all digits."""
     text = numbers.write(value, unit)
     return repr(float(text)) if numbers.parse(float(text), unit) == value else _text(text)
 
 
 def camera_record(camera: Camera) -> dict[str, object]:
-    """Return the keys of a camera, a table [[camera]]; a held parameter is its value alone."""
+    """Return the keys of a camera, a table [[camera]]; a held parameter is written as a number."""
     lens = camera.lens
     options = {f.name: getattr(lens, f.name) for f in fields(lens)}
     options = {k: float(v) if type(v) is int else v for k, v in options.items()}
@@ -92,7 +92,7 @@ def _camera(camera: Camera) -> Iterator[str]:
 
 
 def value_text(value: object) -> str:
-    """Return a value of TOML: text, true or false, a number, a list, or a table in one line."""
+    """Return a value as TOML: text, true or false, a number, a list, or an inline table."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{k} = {value_text(v)}" for k, v in value.items()) + " }"
     if isinstance(value, list | tuple):

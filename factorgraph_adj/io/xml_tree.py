@@ -1,4 +1,4 @@
-"""XML as a tree whose elements know their lines, so that every error can name one."""
+"""XML as a tree whose elements store their line numbers for error messages."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Element:
     children: list[Element] = field(default_factory=list)
     """Elements inside, in order."""
     text: str = ""
-    """Characters directly inside, without those of the children."""
+    """Text directly inside the element, without the text of its children."""
 
     def all(self, tag: str) -> Iterator[Element]:
         """Iterate over the children with a name."""
         return (c for c in self.children if c.tag == tag)
 
     def walk(self) -> Iterator[Element]:
-        """Iterate over this element and everything inside, in the order of the file."""
+        """Iterate over this element and all its descendants, in the order of the file."""
         yield self
         for child in self.children:
             yield from child.walk()
@@ -78,6 +78,6 @@ def read_xml(path: Path) -> Element:
                 f"{path.name}:{error.lineno}",
             )
         ) from None
-    except (ValueError, LookupError) as error:  # an unknown or multi-byte encoding
+    except (ValueError, LookupError) as error:  # the encoding is unknown or multi-byte
         raise InputError(Problem(f"is not readable XML: {error}", path.name)) from None
     return root[0]

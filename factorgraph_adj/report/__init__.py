@@ -1,1 +1,1 @@
-"""Protocols and tables for people."""
+"""Protocols, tables and figures of an adjustment."""

@@ -1,4 +1,4 @@
-"""What every section of a protocol needs to know."""
+"""Shared input of all sections of a protocol: the solution, its options and derived figures."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Line = TypeVar("Line")
 
 @dataclass(frozen=True)
 class PoseFigures:
-    """Exterior orientation of a photo as surveyors state it."""
+    """Exterior orientation of a photo in the quantities that surveyors use."""
 
     position: tuple[float, ...]
     """X0, Y0, Z0, metres."""
@@ -51,14 +51,14 @@ class PoseFigures:
 
 @dataclass(frozen=True)
 class Report:
-    """A solution, and how it is to be shown."""
+    """A solution with the options of its report."""
 
     solution: Solution
-    """What was found."""
+    """Result of the adjustment."""
     options: ReportOptions = field(default_factory=ReportOptions)
-    """How it is shown."""
+    """Units, lengths of lists, probabilities and tests of the report."""
     provenance: Provenance = field(default_factory=Provenance)
-    """What it comes from."""
+    """Data snooping or variance components that the solution comes from."""
 
     @property
     def network(self) -> Network:
@@ -82,13 +82,13 @@ class Report:
 
     @cached_property
     def rows(self) -> ReportRows:
-        """Its scalar observations."""
+        """Scalar observations of the solution."""
         residuals = self.solution.observations.residuals
         return ReportRows(self.solution.equations, residuals, self.units)
 
     @cached_property
     def singular(self) -> bool:
-        """Whether there is no covariance: it can be so where an iteration stopped half-way."""
+        """Whether the covariance is missing; this is possible if the iteration stopped early."""
         if self.solution.converged:
             return False
         try:
@@ -101,7 +101,7 @@ class Report:
 
     @cached_property
     def _reliability(self) -> Reliability | str:
-        """Reliability of every observation, or why there is none."""
+        """Reliability of every observation, or the reason why it cannot be computed."""
         if self.snooping is not None and self.snooping.solution is self.solution:
             return self.snooping.reliability
         if self.singular:
@@ -115,17 +115,17 @@ class Report:
 
     @property
     def reliability(self) -> Reliability | None:
-        """Reliability of every observation; none where it cannot be computed."""
+        """Reliability of every observation; None if it cannot be computed."""
         return None if isinstance(self._reliability, str) else self._reliability
 
     @property
     def no_reliability(self) -> str:
-        """Why there is no reliability; empty if there is."""
+        """Reason why the reliability cannot be computed; empty if it can."""
         return self._reliability if isinstance(self._reliability, str) else ""
 
     @property
     def pope(self) -> bool:
-        """Whether test values are τ."""
+        """Whether the test values are τ (Pope) and not w (Baarda)."""
         default = "pope" if self.solution.variance == "a-posteriori" else "baarda"
         return (self.options.test or default) == "pope"
 
@@ -139,7 +139,7 @@ class Report:
 
     @cached_property
     def set_aside(self) -> SetAside | None:
-        """What data snooping set aside; none if there was none, or the network is not known."""
+        """Observations set aside by data snooping; None without snooping or original network."""
         original = self.provenance.original
         if self.snooping is None or original is None:
             return None
@@ -147,14 +147,14 @@ class Report:
 
     @cached_property
     def significance(self) -> Significance | None:
-        """Tests of calibration and additional parameters; none without a covariance."""
+        """Tests of calibration and additional parameters; None without a covariance."""
         try:
             return None if self.singular else significance(self.solution)
         except AdjustmentError:
             return None
 
     def tested(self, kind: VariableKind, name: str, component: str) -> TestedParameter | None:
-        """Return the test of a parameter; none where there is none."""
+        """Return the test of a parameter; None if the parameter has no test."""
         return self._tests.get((kind, name, component))
 
     @cached_property
@@ -164,7 +164,7 @@ class Report:
 
     @cached_property
     def ellipses(self) -> dict[str, ErrorEllipse]:
-        """Error ellipses of the points, if asked for."""
+        """Error ellipses of the points, if the options ask for them."""
         if self.options.confidence is None or self.singular:
             return {}
         found = error_ellipses(self.solution, confidence=self.options.confidence)
@@ -172,7 +172,7 @@ class Report:
 
     @cached_property
     def ellipsoids(self) -> dict[str, ErrorEllipsoid]:
-        """Error ellipsoids of projection centres that are not held, if asked for."""
+        """Error ellipsoids of free projection centres, if the options ask for them."""
         if self.options.confidence is None or self.singular:
             return {}
         names = [n for n in self.network.photos if self.free("pose", n)]
@@ -182,17 +182,17 @@ class Report:
 
     @property
     def metre(self) -> float:
-        """Metres in one unit of coordinates."""
+        """Unit of coordinates, in metres."""
         return LENGTH[self.units.length]
 
     @property
     def small(self) -> float:
-        """Metres in one unit of σ of lengths."""
+        """Unit of σ of lengths, in metres."""
         return LENGTH[self.units.sigma_length]
 
     @property
     def radian(self) -> float:
-        """Radians in one unit of σ of angles."""
+        """Unit of σ of angles, in radians."""
         return ANGLE[self.units.sigma_angle]
 
     def free(self, kind: VariableKind, name: str) -> bool:
@@ -222,7 +222,7 @@ class Report:
 
     @cached_property
     def calibrations(self) -> dict[str, CalibrationEstimate]:
-        """Calibrations in use, by camera or camera@photo."""
+        """Calibrations of the network, by camera or camera@photo."""
         names = dict.fromkeys(calibration_name(self.network, f) for f in self.network.photos)
         return {name: self.solution.calibration(name) for name in names}
 
@@ -235,12 +235,12 @@ class Report:
         return {n: tuple(s) for n, s in zip(names, found, strict=True)}
 
     def where(self, file: str) -> str:
-        """Return where a table is, or how to get it."""
+        """Return the place of a table, or the way to write it."""
         tables, noun = self.options.tables, "the table" if file.endswith(".csv") else "the file"
         return f"{tables}/{file}" if tables else f"{noun} {file} (option --out)"
 
     def cut(self, rows: list[Line], what: str, file: str) -> tuple[list[Line], list[str]]:
-        """Return the rows to show, and a line about those left out, if any are."""
+        """Return the rows to show, and a line about omitted rows, if any."""
         if len(rows) <= self.options.most:
             return rows, []
         note = f"  … {len(rows) - self.options.most} more {what} in {self.where(file)}"

@@ -13,7 +13,7 @@ from .precision import ellipse_columns
 
 
 def points(report: Report) -> list[str]:
-    """Adjusted coordinates with their standard deviations, root mean square and weakest point."""
+    """Return adjusted coordinates with their standard deviations, RMS and weakest point."""
     solution, units, given = report.solution, report.units, report.network.points
     names = [n for n in given if report.free("point", n)]
     if not names:
@@ -47,7 +47,7 @@ def points(report: Report) -> list[str]:
 
 
 def check_points(report: Report) -> list[str]:
-    """Differences at points with known coordinates that took no part, and their RMS."""
+    """Return the differences at check points, whose coordinates are known, and their RMS."""
     found = compare(report.solution)
     if not found.names:
         return []
@@ -68,7 +68,7 @@ def check_points(report: Report) -> list[str]:
 
 
 def photos(report: Report) -> list[str]:
-    """Exterior orientation with standard deviations, number of points and RMS of each photo."""
+    """Return exterior orientation, standard deviations, number of points and RMS of each photo."""
     network, units = report.network, report.units
     if not network.photos:
         return []
@@ -95,7 +95,7 @@ def photos(report: Report) -> list[str]:
 
 
 def _held(fixed: tuple[bool, ...]) -> tuple[bool, ...]:
-    """Return whether X0, Y0, Z0, ω, φ, κ are held; angles are if all rotations are."""
+    """Return whether X0, Y0, Z0, ω, φ, κ are held; an angle is held if all rotations are."""
     return (*fixed[3:], *[all(fixed[:3])] * 3)
 
 

@@ -1,4 +1,4 @@
-"""Fixed-width text: columns, and numbers with as many digits as they mean."""
+"""Fixed-width text: columns, and numbers with their significant digits."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from textwrap import wrap
 from unicodedata import combining
 
 WIDTH = 100
-"""Width of a protocol's heading."""
+"""Width of a protocol's heading and paragraphs, characters."""
 NO_BREAK = "\u00a0"
-"""A blank at which no line is broken."""
+"""Blank at which `paragraph` does not break a line."""
 
 
 def title(text: str) -> list[str]:
@@ -25,13 +25,13 @@ def table(
     left: int = 1,
     notes: Sequence[str] = (),
 ) -> list[str]:
-    """Return lines of columns as wide as they need.
+    """Return a table as lines; each column is as wide as its longest cell.
 
     Args:
         header: names of the columns.
         rows: cells, row by row.
-        left: how many columns are flush left; the others are flush right.
-        notes: what stands under each row, none where it is empty; for all rows if for any.
+        left: number of columns that are flush left; the others are flush right.
+        notes: text under each row, empty for no text; either one for every row or none at all.
     """
     cells = [list(header), *(list(r) for r in rows)]
     widths = [max(_width(r[i]) for r in cells) for i in range(len(header))]
@@ -51,12 +51,12 @@ def table(
 
 
 def _width(text: str) -> int:
-    """Return the columns that a text takes; accents that stand over a letter take none."""
+    """Return the width of a text in characters; combining accents have no width."""
     return len(text) if text.isascii() else sum(not combining(c) for c in text)
 
 
 def paragraph(text: str, *, indent: int = 2) -> list[str]:
-    """Return a text as lines that are as wide as a protocol; `whole` names are not broken."""
+    """Return a text as lines of the protocol's width; names made by `whole` are not broken."""
     blank = " " * indent
     lines = wrap(
         text,
@@ -70,7 +70,7 @@ def paragraph(text: str, *, indent: int = 2) -> list[str]:
 
 
 def whole(name: str) -> str:
-    """Return a name that `paragraph` writes on one line."""
+    """Return a name whose blanks do not break, so that `paragraph` writes it on one line."""
     return name.replace(" ", NO_BREAK)
 
 
@@ -88,7 +88,7 @@ def exponent(value: float) -> int:
 
 
 def decimals(sizes: Iterable[float], *, default: int, most: int) -> int:
-    """Return decimals that show the median of ``sizes`` with two digits."""
+    """Return the number of decimals that shows the median of ``sizes`` with two digits."""
     positive = sorted(s for s in sizes if s > 0 and isfinite(s))
     if not positive:
         return default
@@ -96,7 +96,7 @@ def decimals(sizes: Iterable[float], *, default: int, most: int) -> int:
 
 
 def short(value: float) -> str:
-    """Return three significant digits, without an exponent where that is readable."""
+    """Return a value with three significant digits; very large and small ones have exponents."""
     if value == 0 or not isfinite(value):
         return "0" if value == 0 else "–"
     size = exponent(abs(value))
@@ -104,7 +104,7 @@ def short(value: float) -> str:
 
 
 def with_sigma(value: float, sigma: float) -> str:
-    """Return a value down to the second digit of its σ."""
+    """Return a value rounded to the second significant digit of its σ."""
     if not sigma > 0 or not isfinite(sigma):
         return f"{value:.7g}"
     last = exponent(sigma) - 1
@@ -114,16 +114,16 @@ def with_sigma(value: float, sigma: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share as a percentage, with as many digits as it has."""
+    """Return a share as a percentage, with its significant digits."""
     return f"{100 * share:.6g} %"
 
 
 def listed(names: Sequence[str], most: int) -> str:
-    """Return names in a row, cut with their number."""
+    """Return at most ``most`` names as text; a shortened list states the total number."""
     shown = ", ".join(names[:most])
     return shown if len(names) <= most else f"{shown} … ({len(names)} in all)"
 
 
 def rms(values: Sequence[float]) -> float:
-    """Return the root mean square; NaN of nothing."""
+    """Return the root mean square; NaN for no values."""
     return sqrt(sum(v * v for v in values) / len(values)) if values else nan

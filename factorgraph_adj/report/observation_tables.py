@@ -17,7 +17,7 @@ from .set_aside import SetAside
 
 
 def observations_table(report: Report) -> str:
-    """Return observations.csv: every figure for each observation, those set aside at the end."""
+    """Return observations.csv: all figures of each observation; set-aside ones are at the end."""
     rows = list(report.rows.all())
     columns = _what(rows)
     residuals, sigmas = report.solution.observations.residuals, report.solution.observations.sigmas
@@ -36,7 +36,7 @@ def observations_table(report: Report) -> str:
 
 
 def _what(rows: Sequence[Row]) -> dict[str, list[str]]:
-    """Return the columns that say what was observed."""
+    """Return the columns that identify the observations."""
     photo = [r.kind in ("image", "photo_position") for r in rows]
     points = [r.names[1:] if f else r.names for r, f in zip(rows, photo, strict=True)]
     return {
@@ -81,7 +81,7 @@ def _reliability(report: Report, rel: Reliability, rows: Sequence[Row]) -> dict[
 
 
 def _set_aside(aside: SetAside) -> dict[str, list[str]]:
-    """Return what the clean solution says of what was set aside."""
+    """Return the columns of the set-aside observations, predicted by the clean solution."""
     rows = aside.rows.at(aside.numbers.tolist())
     size = _sizes(rows)
     columns = _what(rows)
@@ -97,7 +97,7 @@ def _set_aside(aside: SetAside) -> dict[str, list[str]]:
 
 
 def snooping_table(report: Report) -> str:
-    """Return snooping.csv: what was set aside, readmitted, unresolved."""
+    """Return snooping.csv: observations that were set aside, readmitted or unresolved."""
     found, aside = report.snooping, report.set_aside
     if found is None or aside is None:
         return ""
@@ -144,7 +144,7 @@ def snooping_table(report: Report) -> str:
     columns = _what(rows)
     for i, (_, fields) in enumerate(records):
         if fields["state"] in whole:
-            # The observation as such, not one component of it.
+            # The row stands for the whole observation with all its components.
             columns["component"][i] = columns["observed"][i] = ""
     columns["sigma"] = [figure(r.sigma / r.scale.size) for r in rows]
     columns["small_unit"] = [r.scale.small for r in rows]
@@ -162,12 +162,12 @@ def _sizes(rows: Sequence[Row]) -> Array:
 
 
 def figures(values: Array) -> list[str]:
-    """Write derived figures with enough digits for any further use; nothing if not finite."""
+    """Write derived figures with enough digits for further use; empty if not finite."""
     return [figure(v) for v in values.tolist()]
 
 
 def yes(values: Iterable[bool]) -> list[str]:
-    """Write what is so and what is not."""
+    """Write yes or no for each value."""
     return ["yes" if v else "no" for v in values]
 
 

@@ -1,4 +1,4 @@
-"""How a solution is to be shown, and what it comes from."""
+"""Options of a report, and the provenance of its solution."""
 
 from __future__ import annotations
 
@@ -15,34 +15,34 @@ from ..quality.reliability import check_probabilities
 from ..quality.variance_components import VarianceComponents
 
 Test: TypeAlias = Literal["baarda", "pope"]
-"""Which test values are shown: w, or τ = w/σ̂0."""
+"""Test values of a report: w (baarda), or τ = w/σ̂0 (pope)."""
 
 
 @dataclass(frozen=True)
 class ReportOptions:
-    """How a solution is shown.
+    """Options of a report.
 
     Raises:
-        InputError: probabilities outside (0, 1), α0 ≥ power, a test that there is not.
+        InputError: a probability is outside (0, 1), α0 ≥ power, or the test is unknown.
     """
 
     units: Units = field(default_factory=Units)
     """Units of coordinates, angles and their standard deviations."""
     most: int = 60
-    """Number of rows after which a list is cut, with a note of what is left out."""
+    """Largest number of rows of a list; a note states the number of omitted rows."""
     n_suspects: int = 15
     """Number of observations with the largest test values that are listed."""
     tables: str = ""
-    """Folder where the CSV tables lie, for those notes."""
+    """Folder of the CSV tables; the notes about omitted rows refer to it."""
     alpha: float = ALPHA
     """Probability α0 of a false alarm of one test."""
     power: float = POWER
-    """Probability with which an error of the smallest detectable size is found."""
+    """Probability with which the test finds an error of the smallest detectable size."""
     test: Test | None = None
-    """Which test values are shown; none: τ where σ are a posteriori, else w."""
+    """Test values that are shown; None: τ if σ are a posteriori, otherwise w."""
     confidence: float | None = None
-    """Probability of error ellipses of points and ellipsoids of projection centres; none: neither
-    are shown."""
+    """Probability of error ellipses of points and ellipsoids of projection centres; None omits
+    both."""
 
     def __post_init__(self) -> None:
         """Check probabilities and test."""
@@ -55,11 +55,11 @@ class ReportOptions:
 
 @dataclass(frozen=True)
 class Provenance:
-    """What a solution comes from."""
+    """Earlier steps that a solution comes from."""
 
     snooping: Snooping | None = None
-    """Data snooping that found it, or whose network was adjusted."""
+    """Data snooping that gave the solution or the network that was adjusted."""
     original: Network | None = None
-    """The network before anything was set aside."""
+    """The network with all observations, before data snooping."""
     components: VarianceComponents | None = None
-    """Variance components that its weights come from."""
+    """Variance components that determined the weights of the solution."""

@@ -1,4 +1,4 @@
-"""Error ellipses of points and ellipsoids of projection centres, where they are asked for."""
+"""Error ellipses of points and ellipsoids of projection centres, if the options ask for them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .context import Report
 from .layout import decimals, percent, table, title
 
 COARSE = {"rad": 4, "mrad": 1, "gon": 1, "mgon": -2, "cc": -3, "deg": 1, "arcmin": 0, "arcsec": -2}
-"""Decimals of azimuths and dips; those of ellipses mean no more."""
+"""Decimals of azimuths and dips of ellipses by unit; further digits are not significant."""
 
 
 def factor(report: Report, dimension: int) -> float:
-    """Return what standard deviations are multiplied by for a region of the confidence asked."""
+    """Return the factor from standard deviations to a region of the requested confidence."""
     s = report.solution
     estimated = s.variance == "a-posteriori" and s.redundancy > 0
     known = s.redundancy if estimated else None
@@ -36,12 +36,12 @@ def half_widths(report: Report) -> dict[str, float]:
 
 
 def angle_unit(report: Report) -> str:
-    """Return the unit of azimuths in tables: decimal where angles are degrees-minutes-seconds."""
+    """Return the unit of azimuths in tables; it is decimal degrees for degrees-minutes-seconds."""
     return report.units.angle if report.units.angle in ANGLE else "deg"
 
 
 def coarse(report: Report, angle: float) -> str:
-    """Write an azimuth or dip."""
+    """Write an azimuth or dip with the decimals of `COARSE`."""
     if report.units.angle == "dms":
         return format_angle(angle, "dms", 0)
     digits = COARSE[report.units.angle]
@@ -50,12 +50,12 @@ def coarse(report: Report, angle: float) -> str:
 
 
 def ellipse_columns(report: Report, places: int) -> tuple[list[str], dict[str, list[str]], str]:
-    """Return header, cells by point and a note about what confidence figures of points mean.
+    """Return header, cells by point and a note that explains the confidence figures of points.
 
-    Ellipses where plan coordinates are unknown; intervals of heights where only they are.
+    The figures are ellipses if plan coordinates are unknown, intervals if only heights are.
 
     Args:
-        report: with a confidence.
+        report: a report with a confidence.
         places: decimals of lengths.
     """
     if report.options.confidence is None:
@@ -86,7 +86,7 @@ def _length(metres: float, *, report: Report, places: int) -> str:
 
 
 def centres(report: Report) -> list[str]:
-    """Error ellipsoids of the projection centres."""
+    """Return the section of error ellipsoids of the projection centres."""
     if report.options.confidence is None or not report.ellipsoids:
         return []
     sizes = (a / report.small for e in report.ellipsoids.values() for a in e.semi_axes)
@@ -115,7 +115,7 @@ def centres(report: Report) -> list[str]:
 
 
 def point_columns(report: Report) -> dict[str, list[str]]:
-    """Return columns of points.csv; none where no confidence is asked for."""
+    """Return the columns of points.csv; empty without a confidence."""
     if report.options.confidence is None:
         return {}
     small, angle = report.units.sigma_length, angle_unit(report)
@@ -131,7 +131,7 @@ def point_columns(report: Report) -> dict[str, list[str]]:
 
 
 def photo_columns(report: Report) -> dict[str, list[str]]:
-    """Return columns of photos.csv; none where no confidence is asked for."""
+    """Return the columns of photos.csv; empty without a confidence."""
     if report.options.confidence is None:
         return {}
     small, angle = report.units.sigma_length, angle_unit(report)
@@ -151,5 +151,5 @@ def photo_columns(report: Report) -> dict[str, list[str]]:
 
 
 def figure(value: float) -> str:
-    """Return a derived figure with enough digits for any further use; nothing if not finite."""
+    """Return a derived figure with enough digits for further use; empty if not finite."""
     return f"{value:.9g}" if isfinite(value) else ""

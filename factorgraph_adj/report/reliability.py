@@ -16,17 +16,17 @@ from .rows import Group, Row
 from .weakest import point_redundancy, weakest_points
 
 NAMES = ("kind", "what", "id", "from")
-"""Header of the columns that say which observation it is."""
+"""Header of the columns that identify an observation."""
 WEAKEST = 5
-"""Weakest observations and points that are listed."""
+"""Number of weakest observations and of weakest points that are listed."""
 NAMED = 8
-"""Names that are listed in a sentence."""
+"""Largest number of names in a sentence."""
 PARTNERS = 4
-"""Observations that are named as not to be told apart from a suspect."""
+"""Largest number of observations listed as inseparable from a suspect."""
 
 
 def reliability(report: Report) -> list[str]:
-    """Redundancy numbers by kind, and what is not controlled at all."""
+    """Return redundancy numbers by kind, and the uncontrolled observations."""
     rel = report.reliability
     if rel is None:
         return [*title("Reliability"), *paragraph(report.no_reliability)]
@@ -62,7 +62,7 @@ def _of_group(rel: Reliability, group: Group) -> list[str]:
 
 
 def _two(r: float) -> str:
-    """Write a redundancy number, without the sign of a rounding error below zero."""
+    """Write a redundancy number; a rounding error below zero gives 0."""
     return f"{r + 0.0 if abs(r) >= 0.005 else 0.0:.2f}"
 
 
@@ -71,7 +71,7 @@ def _count(rel: Reliability, rows: Index) -> str:
 
 
 def _words(report: Report, rel: Reliability) -> list[str]:
-    """Return what the figures do not say by themselves."""
+    """Return sentences that explain the figures."""
     out = []
     if not report.solution.converged:
         out.append("not converged: these figures belong to the state where the iteration stopped")
@@ -98,13 +98,13 @@ def _words(report: Report, rel: Reliability) -> list[str]:
 
 
 def weakest(report: Report) -> list[str]:
-    """Controlled observations with the smallest r, points that hidden errors move most."""
+    """Return controlled observations with the smallest r; points that hidden errors move most."""
     rel = report.reliability
     if rel is None or report.solution.redundancy <= 0 or not rel.controlled.any():
         return []
     points = _weakest_points(report, rel)
     if int(rel.controlled.sum()) <= report.options.n_suspects and not _above(report):
-        return points  # all observations are in the list of test values, with r
+        return points  # the list of test values contains all observations with their r
     r = np.where(rel.controlled, rel.redundancy_numbers, np.inf)
     order = np.argsort(r, kind="stable")[: min(WEAKEST, int(rel.controlled.sum()))]
     unit = report.units.sigma_length
@@ -167,7 +167,7 @@ def _length(metres: float, report: Report) -> str:
 
 
 def suspects(report: Report) -> list[str]:
-    """Largest test values with estimated errors, and what they cannot be told apart from."""
+    """Return the largest test values with estimated errors and inseparable observations."""
     rel = report.reliability
     if rel is None:
         return residuals(report)
@@ -222,13 +222,13 @@ def suspects(report: Report) -> list[str]:
 
 
 def _above(report: Report) -> int:
-    """Return how many test values are above the critical one; NaN is not."""
+    """Return the number of test values above the critical value; NaN does not count."""
     values, critical = report.tests
     return int(np.sum(np.abs(values) > critical))
 
 
 def _inseparable(report: Report, partners: tuple[tuple[int, float], ...]) -> str:
-    """Return what an observation is not to be told apart from, in words."""
+    """Return a sentence about the observations that are inseparable from an observation."""
     if not partners:
         return ""
     rows = report.rows.at([row for row, _ in partners[:PARTNERS]])
@@ -241,7 +241,7 @@ def _inseparable(report: Report, partners: tuple[tuple[int, float], ...]) -> str
 
 
 def _caution(report: Report, above: int) -> list[str]:
-    """Return what σ̂0 means for the tests."""
+    """Return a caution about the tests that follows from σ̂0."""
     test = global_test(report.solution)
     if test.accepted or report.pope:
         return []
@@ -288,7 +288,7 @@ def _groups(report: Report, rel: Reliability) -> list[str]:
 
 
 def _members(report: Report, group: GroupReliability) -> str:
-    """Return which observations a group has."""
+    """Return the names of the observations of a group."""
     if len(group.ids) > 1:
         return f"cluster of {listed(group.ids, 4)}"
     row = report.rows.at([int(group.rows[0])])[0]
@@ -296,7 +296,7 @@ def _members(report: Report, group: GroupReliability) -> str:
 
 
 def residuals(report: Report) -> list[str]:
-    """Largest normalised residuals, where there are no test values."""
+    """Return the largest normalised residuals, for solutions without test values."""
     size = np.abs(report.solution.observations.normalised)
     order = np.argsort(-size, kind="stable")[: report.options.n_suspects].tolist()
     rows = [

@@ -1,4 +1,4 @@
-"""What reports and tables show of a solution, gathered once: scalar observations and groups."""
+"""Scalar observations of a solution and their groups, for reports and tables."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from ..types import Array, Index
 from ..units import ANGLE, LENGTH, format_angle
 
 MOST_CAMERAS = 8
-"""Cameras that are groups of their own; more are grouped by the unit of their images."""
+"""Largest number of cameras with one group each; more cameras are grouped by image unit."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Units in which values and their small companions (σ, v) are shown."""
+    """Units in which values, and the smaller σ and v, are shown."""
 
     unit: str
-    """Unit of values: m, gon, dms, px …; empty for what has none or several."""
+    """Unit of values: m, gon, dms, px …; empty for no unit or several units."""
     small: str
     """Unit of σ and v."""
     size: float
-    """One ``small`` in the unit of the solution (SI, or image units)."""
+    """Size of ``small`` in the unit of the solution (SI, or image units)."""
 
     def value(self, value: float, digits: int) -> str:
         """Write a value."""
@@ -42,15 +42,15 @@ class Row:
     """One scalar observation after the adjustment, in the units of the solution."""
 
     number: int
-    """Its number among all rows."""
+    """Number of the row among all rows."""
     id: str
     """Id of the observation."""
     kind: str
-    """Kind."""
+    """Kind of the observation."""
     names: tuple[str, ...]
-    """Points and photo; none of weighted unknowns, whose id says what they are."""
+    """Points and photo; empty for weighted unknowns, which their id identifies."""
     component: str
-    """Which component of it; empty where there is one only."""
+    """Component of the observation; empty if it has only one."""
     observed: float
     """Observed value."""
     residual: float
@@ -58,20 +58,20 @@ class Row:
     sigma: float
     """A-priori standard deviation."""
     scale: Scale
-    """Units to show it in."""
+    """Units in which the row is shown."""
     source: str
-    """File and line, where it was read from one."""
+    """File and line, if the observation was read from a file."""
 
     @property
     def kind_name(self) -> str:
-        """Kind, for people."""
+        """Name of the kind as printed in reports."""
         return kind_name(self.kind, weighted=not self.names)
 
     @property
     def what(self) -> str:
-        """What was observed: points, photo and component."""
+        """Identification of the row: points, photo and component."""
         if not self.names:
-            # A weighted unknown; its id ends in the component.
+            # The id of a weighted unknown may already end in the component.
             return (
                 self.id if self.id.endswith(f" {self.component}") else self.with_component(self.id)
             )
@@ -79,7 +79,7 @@ class Row:
 
     @property
     def own_id(self) -> str:
-        """Id, where it says more than `what`."""
+        """Id; empty where `what` identifies the row without it."""
         return self.id if self.names and self.kind != "image" else ""
 
     def with_component(self, name: str) -> str:
@@ -92,7 +92,7 @@ class Group:
     """Observations of one kind; image coordinates of one camera."""
 
     label: str
-    """Kind, and camera."""
+    """Kind of the observations, with the camera."""
     observations: int
     """Number of observations."""
     rows: Index
@@ -118,7 +118,7 @@ class ReportRows:
     """Scalar observations and their residuals."""
 
     def __init__(self, equations: Equations, residuals: Array, units: Units) -> None:
-        """Look at the rows of ``equations``."""
+        """Refer to the rows of ``equations``."""
         self.equations = equations
         self.units = units
         self.network = equations.network
@@ -129,7 +129,7 @@ class ReportRows:
         return self.equations.n_rows
 
     def scale(self, block: Block, photo: int | None = None) -> Scale:
-        """Return the units of a block; those of image coordinates are their camera's."""
+        """Return the units of a block; image coordinates have the unit of their camera."""
         units = self.units
         if block.kind == "image":
             camera = self.network.photos[self._photos[photo or 0]].camera
@@ -142,7 +142,7 @@ class ReportRows:
             yield from self._of_block(block, range(block.n))
 
     def at(self, numbers: Iterable[int]) -> list[Row]:
-        """Return some of them, by number."""
+        """Return the rows with these numbers."""
         out: list[Row] = []
         for number in numbers:
             block = next(b for b in self.equations.blocks if b.rows.start <= number < b.rows.stop)
@@ -151,7 +151,7 @@ class ReportRows:
         return out
 
     def groups(self) -> list[Group]:
-        """Return figures by kind."""
+        """Return the groups, by kind and camera, with their figures."""
         found: dict[str, list[tuple[Block, Array, Array, Array]]] = {}
         for block in self.equations.blocks:
             v = self._residuals[block.rows].reshape(block.observed.shape)
@@ -224,7 +224,7 @@ class ReportRows:
 
 
 def scale_of(unit: Unit, units: Units) -> Scale:
-    """Return the units of a kind of observation; image coordinates have `image_scale`."""
+    """Return the units of a kind of observation; `image_scale` does this for image coordinates."""
     if unit == "m":
         return Scale(units.length, units.sigma_length, LENGTH[units.sigma_length])
     if unit == "rad":
@@ -233,12 +233,12 @@ def scale_of(unit: Unit, units: Units) -> Scale:
 
 
 def image_scale(unit: str) -> Scale:
-    """Return the units of image coordinates: micrometres for σ and v of millimetres."""
+    """Return the units of image coordinates; for millimetres, σ and v are in micrometres."""
     return Scale(unit, "um", 1e-3) if unit == "mm" else Scale(unit, unit, 1.0)
 
 
 def kind_name(kind: str, *, weighted: bool = False) -> str:
-    """Return a kind for people; control that is a weighted point is named so."""
+    """Return the printed name of a kind; control by a weighted point has its own name."""
     if kind == "control" and weighted:
         return "weighted coordinates"
     return kind.replace("_", " ")
@@ -250,7 +250,7 @@ def _numbers(block: Block) -> Index:
 
 
 def _n_observations(block: Block, rows: Array) -> int:
-    """Return the number of observations: control has a row for each of its coordinates."""
+    """Return the number of observations; control points have one row for each coordinate."""
     if block.by_axis:
         return len({ident for ident, on in zip(block.ids, rows, strict=True) if on})
     return int(rows.sum())

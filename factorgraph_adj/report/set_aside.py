@@ -1,4 +1,4 @@
-"""What data snooping set aside, as the clean solution predicts it."""
+"""Observations set aside by data snooping, as predicted by the clean solution."""
 
 from __future__ import annotations
 
@@ -20,36 +20,36 @@ from .rows import ReportRows, Row
 
 @dataclass(frozen=True, eq=False)
 class SetAside:
-    """Scalar observations that were set aside; arrays (k,), NaN where nothing predicts them."""
+    """Scalar observations that were set aside; arrays (k,), NaN where no prediction is possible."""
 
     rows: ReportRows
-    """All rows of the network before, with innovations as residuals of those."""
+    """All rows of the original network; residuals are innovations, NaN for other rows."""
     numbers: Index
-    """Which of them were set aside."""
+    """Numbers of the set-aside rows, (k,)."""
     innovation: Array
     """Computed − observed, SI or image units."""
     sigma: Array
     """Standard deviations of the innovations, a-priori σ0 = 1."""
     w: Array
-    """What their test values would be."""
+    """Test values that the observations would have in the adjustment."""
     redundancy_numbers: Array
-    """What their redundancy numbers would be."""
+    """Redundancy numbers that the observations would have in the adjustment."""
 
     def find(self, ident: str, component: str) -> Row:
-        """Return the row of an observation of the network before."""
+        """Return the row of an observation of the original network."""
         numbers = self.rows.equations.find([ident])[0].tolist()
         rows = self.rows.at(numbers)
         return next((r for r in rows if r.component == component), rows[0])
 
 
 def set_aside(solution: Solution, snooping: Snooping, original: Network, units: Units) -> SetAside:
-    """Predict what was set aside.
+    """Predict the set-aside observations.
 
     Args:
         solution: the clean solution.
-        snooping: says what was set aside.
-        original: the network before.
-        units: for the rows.
+        snooping: the data snooping, with the set-aside observations.
+        original: the network before data snooping.
+        units: units of the rows.
     """
     equations = compile_network(original)
     ids = [r.id for r in snooping.rejected]
@@ -71,7 +71,7 @@ def _predicted(solution: Solution, predictor: Predictor, numbers: Index) -> Sequ
     if on.any():
         try:
             found = predictor.predict(numbers[on])
-        except InputError:  # such as a point that is now behind its camera
+        except InputError:  # for example, a point is now behind its camera
             return out
         figures = (found.innovation, found.sigma, found.w, found.redundancy_numbers)
         for column, values in zip(out, figures, strict=True):

@@ -1,4 +1,4 @@
-"""Sections of the protocol: what data snooping set aside, and the estimated weights."""
+"""Sections of the protocol: observations set aside by data snooping, and estimated weights."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .reliability import NAMES, PARTNERS, names_of
 from .rows import kind_name
 
 NAMED = 12
-"""Readmitted observations that are named."""
+"""Largest number of readmitted observations that are named."""
 CONFIDENCE = 0.95
-"""Of the intervals of variance components."""
+"""Confidence of the intervals of variance components."""
 
 
 def snooping(report: Report) -> list[str]:
-    """What was set aside, when, with which test value and estimated error, and why it ended."""
+    """Return rounds and set-aside observations with test values and errors, and why it ended."""
     found = report.snooping
     if found is None:
         return []
@@ -104,7 +104,7 @@ def _inseparable(r: Rejected) -> str:
 
 
 def _others(found: Snooping) -> list[str]:
-    """Return what was put back."""
+    """Return the sentences about readmitted observations."""
     out = []
     if found.readmitted:
         again = {r.id for r in found.rejected}
@@ -116,7 +116,7 @@ def _others(found: Snooping) -> list[str]:
 
 
 def _points(report: Report, found: Snooping, name: str) -> list[str]:
-    """Return points that went as a whole."""
+    """Return points that were set aside with all their observations."""
     if not found.points_set_aside:
         return []
     shown, note = report.cut(list(found.points_set_aside), "points", "snooping.csv")
@@ -156,7 +156,7 @@ def _row(report: Report, ident: str, component: str) -> int:
 
 
 def components(report: Report) -> list[str]:
-    """Estimated factors of the standard deviations of groups of observations."""
+    """Return estimated factors of the standard deviations of groups of observations."""
     found = report.components
     if found is None:
         return []

@@ -19,7 +19,7 @@ FORMAT = 1
 
 
 def summary(report: Report) -> dict[str, Any]:
-    """Return what stands in solution.json."""
+    """Return the content of solution.json."""
     s, network = report.solution, report.network
     frame = network.frame
     kind = "local" if isinstance(frame, LocalFrame) else "topocentric"

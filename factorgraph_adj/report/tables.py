@@ -1,7 +1,7 @@
 """The solution as files: solution.json for programs, CSV tables for people and programs.
 
-Units stand in the names of the columns, or beside the value; those of solution.json are
-metres, radians and image units throughout.
+The names of the columns, or a column beside the value, state the units of CSV tables.
+solution.json has metres, radians and image units throughout.
 """
 
 from __future__ import annotations
@@ -45,13 +45,13 @@ def write_solution(
     """Write protocol.txt, solution.json and the CSV tables into a folder, all or nothing.
 
     Args:
-        solution: what `adjust` found.
-        folder: made if it is not there; files of an earlier solution are replaced.
-        options: as for `protocol`; the folder of the tables is this one.
+        solution: the result of `adjust`.
+        folder: the folder; it is created if missing, and files of an earlier solution are replaced.
+        options: as for `protocol`; the folder of the tables is set to ``folder``.
         provenance: as for `protocol`.
 
     Raises:
-        InputError: the folder cannot be written to; what was there before is there still.
+        InputError: the folder cannot be written to; no file has changed.
     """
     there = replace(options or ReportOptions(), tables=str(folder))
     write_tables(Report(solution, there, provenance or Provenance()), folder)
@@ -146,7 +146,7 @@ def _components_table(found: VarianceComponents) -> str:
 
 
 def _unknowns(report: Report) -> Iterator[dict[str, str]]:
-    """Calibrations, orientation unknowns and the small unknowns, one component a row."""
+    """Iterate over calibrations, orientation unknowns and small unknowns, by component."""
     for name in report.calibrations:
         camera = report.network.cameras[name.split("@")[0]]
         e = report.calibrations[name]

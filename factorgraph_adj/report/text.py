@@ -1,4 +1,4 @@
-"""The protocol of an adjustment: plain text of fixed width, for people and archives."""
+"""The protocol of an adjustment: plain text of fixed width, for readers and archives."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def protocol(
 ) -> str:
     """Return the protocol of an adjustment.
 
-    What was adjusted, how many observations of each kind, datum, iterations and why they
-    ended, σ̂0 and its test, redundancy numbers by kind, weakest observations and points,
-    adjusted coordinates, photos, calibrations and other unknowns with their standard
-    deviations and tests, check points, and the largest test values: estimated errors, and what
-    they are not to be told apart from.
+    The protocol contains: the network, the number of observations of each kind, datum, iterations
+    and the reason of their end, σ̂0 and its test, redundancy numbers by kind, weakest observations
+    and points, adjusted coordinates, photos, calibrations and other unknowns with their standard
+    deviations and tests, check points, and the largest test values with estimated errors and
+    inseparable observations.
 
     Args:
-        solution: what `adjust` found.
+        solution: the result of `adjust`.
         options: units, lengths of lists, probabilities, tests, ellipses.
         provenance: data snooping or variance components that the solution comes from.
     """
@@ -191,7 +191,7 @@ def _datum(report: Report) -> str:
 
 
 def _motions(solution: Solution) -> str:
-    """Return the motions that inner constraints hold, in short."""
+    """Return the motions that inner constraints hold, in a few words."""
     found: dict[str, list[str]] = {}
     for name in (n for d in solution.defects for n in d.names()):
         what, _, axis = name.replace(" in ", " ").replace(" about ", " ").partition(" ")

@@ -13,15 +13,15 @@ from .context import Report
 from .layout import paragraph, percent, short, table, title, with_sigma
 
 SENTENCES = 10
-"""Warnings that are listed."""
+"""Largest number of listed warnings."""
 _USUAL = ("refraction", "vertical", "edm")
 """Kinds that the heading of their table always names."""
 STRONG = 0.8
-"""Correlation from which parameters of a calibration are named together."""
+"""Smallest absolute correlation of calibration parameters that is reported as strong."""
 
 
 def calibrations(report: Report) -> list[str]:
-    """Each calibration with standard deviations and strong correlations."""
+    """Return each calibration with standard deviations and strong correlations."""
     names, few = list(report.calibrations), max(1, report.options.most // 10)
     out: list[str] = []
     for name in names[:few]:
@@ -60,7 +60,7 @@ def _calibration(report: Report, name: str, camera: Camera) -> list[str]:
 
 
 def _verdict(tested: TestedParameter | None) -> tuple[str, str]:
-    """Return t and what it says; nothing of principal distance and point without a given σ."""
+    """Return t and its verdict; empty for principal distance and point without a given σ."""
     if tested is None or not (tested.additional or tested.weighted):
         return "", ""
     if tested.weighted:
@@ -80,7 +80,7 @@ def _meaning(report: Report) -> str:
 
 
 def overparametrised(report: Report) -> list[str]:
-    """Parameters that cannot be told apart."""
+    """Return warnings about inseparable parameters."""
     found = report.significance
     if found is None or not found.overparametrised:
         return []
@@ -94,7 +94,7 @@ def overparametrised(report: Report) -> list[str]:
 
 
 def orientations(report: Report) -> list[str]:
-    """Orientation unknowns of the sets of directions."""
+    """Return the section of orientation unknowns of the sets of directions."""
     units = report.units
     digits = {"dms": 2, "deg": 6, "rad": 8, "mgon": 2, "cc": 1, "arcsec": 2}.get(units.angle, 5)
     rows = []
@@ -117,21 +117,21 @@ class SmallUnknown:
     kind: VariableKind
     """Kind of the unknown."""
     name: str
-    """Its name; empty for the refraction of the network."""
+    """Name of the unknown; empty for the refraction of the network."""
     component: str
-    """Component, as in the state."""
+    """Component, named as in the state."""
     sign: str
-    """How surveyors write it."""
+    """Symbol of the component in surveying."""
     unit: str
-    """Unit in which it is shown."""
+    """Unit in which the component is shown."""
     size: float
-    """One of that unit in SI."""
+    """Size of ``unit`` in SI."""
     value: float
     """Estimate, SI."""
     sigma: float
     """Standard deviation, SI."""
     held: bool
-    """Whether it was held."""
+    """Whether the component was held."""
 
 
 def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
@@ -145,7 +145,7 @@ def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
     }
     for kind in parameter_kinds():
         if kind.name == "orientation":
-            continue  # they have a table of their own
+            continue  # orientation unknowns have a table of their own
         for key, parameter in network.of_kind(kind.name).items():
             name = parameter_name(key)
             e = solution.unknown(kind.name, name)
@@ -165,7 +165,7 @@ def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
 
 
 def others(report: Report) -> list[str]:
-    """Refraction coefficients, deflections of the vertical, distance meters and further kinds."""
+    """Return refraction, deflections of the vertical, distance meters and further kinds."""
     rows, found = [], list(small_unknowns(report))
     for u in found:
         value, sigma = u.value / u.size, u.sigma / u.size

@@ -1,4 +1,4 @@
-"""Points that undetected errors move most, found without looking at all effects on all points."""
+"""Points that undetected errors move most, found without computing all effects on all points."""
 
 from __future__ import annotations
 
@@ -12,35 +12,35 @@ from ..quality.rows import place_of
 from ..types import Array, Index
 
 BATCH = 8
-"""Observations whose effects are solved for together."""
+"""Number of observations whose effects are computed in one solve."""
 
 
 @dataclass(frozen=True)
 class WeakPoint:
-    """A point, and the undetected error that moves it most."""
+    """A point and the undetected error that moves the point most."""
 
     name: str
-    """Its name."""
+    """Name of the point."""
     effect: float
-    """Largest effect of a smallest detectable error on one of its coordinates, metres."""
+    """Largest effect of a smallest detectable error on a coordinate of the point, metres."""
     row: int
-    """Whose error."""
+    """Scalar row of the observation with this error."""
 
 
 @dataclass(frozen=True, eq=False)
 class PointRedundancy:
-    """What observations say of each point, arrays over all points (n,)."""
+    """Redundancy of the observations of each point, arrays over all points (n,)."""
 
     rows: Index
-    """Scalar observations of it."""
+    """Number of scalar observations of the point."""
     uncontrolled: Index
-    """Those among them that no other controls."""
+    """Number of these observations that no other observation controls."""
     redundancy: Array
     """Sum of their redundancy numbers."""
 
 
 def point_redundancy(rel: Reliability) -> PointRedundancy:
-    """Return how well the observations of each point are controlled."""
+    """Return the number of observations and the redundancy of each point."""
     equations = rel.solution.equations
     n = len(equations.unknowns["point"].names)
     out = PointRedundancy(np.zeros(n, np.intp), np.zeros(n, np.intp), np.zeros(n))
@@ -60,7 +60,8 @@ def weakest_points(rel: Reliability, most: int) -> list[WeakPoint]:
     """Return the points that smallest detectable errors of controlled observations move most.
 
     An observation's ``largest_effect`` bounds its effect on each of its points. Observations are
-    taken in its order until enough points have been moved by more than what is left could.
+    taken in decreasing order of this bound, until enough points have larger effects than the
+    bound of the remaining observations.
     """
     solution = rel.solution
     offset = solution.equations.unknowns["point"].offset

@@ -1,7 +1,7 @@
-"""What the stream answers: values of JSON, in the units of the project.
+"""Answers of the stream: JSON values in the units of the project.
 
-Names are those of the CSV tables of a solution (`factorgraph_adj.report.tables`). Numbers that
-are not finite become null when the stream hands them out.
+The names are those of the CSV tables of a solution (`factorgraph_adj.report.tables`). The stream
+writes numbers that are not finite as null.
 """
 
 from __future__ import annotations
@@ -30,30 +30,30 @@ from ..units import ANGLE, LENGTH
 
 Answer = dict[str, Any]
 MOST_WAITING = 20
-"""Observations that wait that an answer names; ``waiting`` asks for all."""
+"""Largest number of waiting observations in an answer; ``waiting`` returns all of them."""
 MOST_PROBLEMS = 100
-"""Problems that an answer lists."""
+"""Largest number of problems in an answer."""
 MOST_TEXT = 600
-"""Characters of one problem: a message may quote a line of any length."""
+"""Largest number of characters of one problem; a message may quote a line of any length."""
 
 
 @dataclass(frozen=True)
 class Answers:
-    """Writes what an adjustment has found."""
+    """Converts the results of an adjustment to answers."""
 
     adjustment: IncrementalAdjustment
     """The adjustment."""
     units: Units
     """Units of the project."""
 
-    # -- what has arrived ---------------------------------------------------------------------
+    # -- arrivals -----------------------------------------------------------------------------
 
     def arrival(self, found: Arrival, *, touched: Iterable[str] = ()) -> Answer:
-        """Return verdicts, points and what waits.
+        """Return verdicts, points and waiting observations.
 
         Args:
-            found: what happened.
-            touched: points that it touched, beside its own.
+            found: the result of the arrival.
+            touched: affected points besides those of the arrived observations.
         """
         again = self.points_of(found.waits)
         points, lost = self.points(dict.fromkeys((*found.points, *touched, *again)))
@@ -67,13 +67,13 @@ class Answers:
         }
 
     def points_of(self, ids: Iterable[str]) -> list[str]:
-        """Return the points that observations join."""
+        """Return the points of observations."""
         found = [self.adjustment.observation(i) for i in ids]
         names = (n for o in found for n in o.points())
         return list(dict.fromkeys(n for n in names if n is not None))
 
     def points(self, names: Iterable[str]) -> tuple[list[Answer], list[str]]:
-        """Return points that are not held, and names of those that nothing determines."""
+        """Return the free points with coordinates, and the names of the undetermined ones."""
         found, lost = [], []
         for name in names:
             if all(self.adjustment.described.points[name].fixed):
@@ -85,20 +85,20 @@ class Answers:
         return found, lost
 
     def estimate(self, name: str) -> Answer:
-        """Return a point as it is now.
+        """Return the present estimate of a point.
 
         Raises:
-            InputError: no such point, or nothing determines it.
+            InputError: the point is unknown or not determined.
         """
         inc = self.adjustment
         return self.point(name, inc.estimate(name), inc.standard_deviations(name))
 
     def latest_waiting(self) -> list[Answer]:
-        """Return what waits, the latest first; not all of it where it is much."""
+        """Return the waiting observations, the latest first, at most `MOST_WAITING`."""
         return [self.waiting(w) for w in self.adjustment.latest_waiting(MOST_WAITING)]
 
     def counts(self) -> Answer:
-        """Return how many observations there are, where they are, and σ̂0."""
+        """Return the numbers of observations by state, the redundancy and σ̂0."""
         inc = self.adjustment
         return {
             "observations": len(inc),
@@ -112,11 +112,11 @@ class Answers:
     # -- verdicts -----------------------------------------------------------------------------
 
     def verdict(self, v: Verdict) -> Answer:
-        """Return what was found about one observation; σ and w of one that waits are unknown."""
+        """Return the verdict about one observation; σ and w of a waiting one are unknown."""
         out: Answer = {"id": v.id, "kind": v.kind, "label": v.label, "verdict": v.verdict}
         if v.verdict == "waiting":
             return out | {"lacks": v.lacks}
-        if v.innovation is None:  # found by snooping, not by its own test
+        if v.innovation is None:  # data snooping gave the verdict instead of a test on arrival
             return out
         assert v.sigma is not None and v.w is not None and v.redundancy_numbers is not None
         scale = self._scale(v)
@@ -140,7 +140,7 @@ class Answers:
         if v.kind == "image":
             network = self.adjustment.described
             units = {c.unit for c in network.cameras.values()}
-            if len(units) > 1:  # looking an image point up takes longer than its verdict
+            if len(units) > 1:  # looking up an image point takes longer than its verdict
                 photo = cast(ImagePoint, self.adjustment.observation(v.id)).photo
                 units = {network.cameras[network.photos[photo].camera].unit}
             return image_scale(units.pop())
@@ -156,20 +156,20 @@ class Answers:
         }
 
     def waiting(self, w: Waiting) -> Answer:
-        """Return what waits, and for what."""
+        """Return a waiting observation and the support that it lacks."""
         return {"id": w.id, "kind": w.kind, "label": w.label, "lacks": w.lacks}
 
     # -- unknowns -----------------------------------------------------------------------------
 
     def point(self, name: str, coordinates: Array, sigma: Array) -> Answer:
-        """Return a point: coordinates in units of length, σ in the small ones."""
+        """Return a point: coordinates in the unit of lengths, σ in the unit of σ of lengths."""
         at = zip("xyz", np.asarray(coordinates).tolist(), strict=True)
         out: Answer = {"name": name}
         out |= {a: self.length(v) for a, v in at}
         return out | self._xyz("sigma_", sigma, self.units.sigma_length)
 
     def photo(self, name: str, pose: PoseEstimate) -> Answer:
-        """Return a photo: projection centre, ω φ κ, σ; those of the attitude about its axes."""
+        """Return a photo: projection centre, ω φ κ and σ; σ of the attitude are about its axes."""
         small = self.units.sigma_angle
         out: Answer = {"name": name}
         out |= {a: self.length(v) for a, v in zip("xyz", pose.position.tolist(), strict=True)}
@@ -229,7 +229,7 @@ class Answers:
         }
 
     def reliability(self, rel: Reliability, most: int) -> Answer:
-        """Return how well observations are controlled, the weakest and the suspect ones."""
+        """Return the reliability: redundancy, uncontrolled, weakest and suspect observations."""
         report, r = Report(rel.solution, ReportOptions(self.units)), rel.redundancy_numbers
         uncontrolled = report.rows.at(np.flatnonzero(~rel.controlled).tolist())
         smallest = np.argsort(np.where(rel.controlled, r, np.inf), kind="stable")
@@ -275,7 +275,7 @@ class Answers:
         }
 
     def snooping(self, found: Snooping) -> Answer:
-        """Return what data snooping set aside, put back, and left."""
+        """Return the set-aside, readmitted and unresolved observations of data snooping."""
         return {
             "reason": found.reason,
             "critical": figure(found.critical),
@@ -313,20 +313,20 @@ def _which(row: Row) -> Answer:
 
 
 def figure(value: float) -> float:
-    """Return a derived figure with enough digits for any further use."""
+    """Return a derived figure with enough digits for further use."""
     return float(f"{value:.9g}")
 
 
 def figures(values: Sequence[float] | Array) -> list[float]:
-    """Return derived figures."""
+    """Return derived figures as `figure` does."""
     return [figure(v) for v in np.asarray(values, dtype=float).tolist()]
 
 
-# -- what is wrong ---------------------------------------------------------------------------------
+# -- errors ----------------------------------------------------------------------------------------
 
 
 def refusal(number: int, error: AdjustmentError) -> Answer:
-    """Return the answer to a line that is wrong."""
+    """Return the answer to a faulty line."""
     problems: tuple[Problem, ...] = getattr(error, "problems", (Problem(str(error)),))
     listed = [
         {"where": cut_short(p.where), "what": cut_short(p.what)} for p in problems[:MOST_PROBLEMS]
@@ -337,11 +337,11 @@ def refusal(number: int, error: AdjustmentError) -> Answer:
 
 
 def fault(number: int, error: Exception) -> Answer:
-    """Return the answer where the program failed."""
+    """Return the answer to a line on which the program itself failed."""
     what = f"a fault of the program, not of the line: {type(error).__name__}: {error}"
     return {"line": number, "ok": False, "error": [{"where": "", "what": cut_short(what)}]}
 
 
 def cut_short(text: str) -> str:
-    """Return no more of a text than a message needs."""
+    """Return a text cut to `MOST_TEXT` characters."""
     return text if len(text) <= MOST_TEXT else text[:MOST_TEXT] + "…"

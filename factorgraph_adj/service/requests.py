@@ -1,6 +1,6 @@
-"""Lines of the stream read: JSON objects, and the lists in them.
+"""Reader of the stream's lines: JSON objects, and the lists in them.
 
-What is wrong is noted in the `Row` that stands for a line, so that all of it is told at once.
+The `Row` of a line collects all problems, so that one answer lists them together.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from ..network.network import Network
 from ..observations import AnyObservation
 
 LONGEST = 1 << 26
-"""Bytes of a line that is read: 64 MB."""
+"""Largest length of a line: 64 MB, bytes."""
 MOST_SHOWN = 60
-"""Characters of a bad line that a message shows."""
+"""Largest number of characters of a faulty line in a message."""
 
 NEW = ("id", "name", "set")
-"""Fields with names of what need not be there yet."""
+"""Fields with names that may be new."""
 
 Found = TypeVar("Found")
 
@@ -33,14 +33,15 @@ Found = TypeVar("Found")
 def parse(line: str | bytes) -> dict[str, Any]:
     """Return the object of a line.
 
-    Numbers that JSON does not have (NaN, Infinity) are left to whoever reads the field, who
-    knows its name.
+    Numbers that are not JSON (NaN, Infinity) are accepted here; the reader of the field refuses
+    them, as its message can name the field.
 
     Args:
-        line: text, or bytes of UTF-8; a byte order mark counts as nothing.
+        line: text, or bytes of UTF-8; a byte order mark is ignored.
 
     Raises:
-        InputError: not UTF-8, empty, not JSON, not an object, a key twice, half a character.
+        InputError: the line is not UTF-8, empty, not JSON or not an object, has a key twice, or
+            has a lone surrogate.
     """
     if len(line) > LONGEST:
         raise InputError(f"the line is longer than {LONGEST >> 20} MB")
@@ -63,7 +64,7 @@ def parse(line: str | bytes) -> dict[str, Any]:
         raise InputError("the line has half a character (a lone surrogate)") from None
     except RecursionError:
         raise InputError("the line is not JSON that can be read: nested too deeply") from None
-    except ValueError as error:  # a whole number of thousands of digits
+    except ValueError as error:  # a whole number has thousands of digits
         raise InputError(f"the line is not JSON that can be read: {error}") from None
     if not isinstance(found, dict):
         raise InputError(f"the line must be one JSON object {{…}}, not {shown(found)}")
@@ -71,7 +72,7 @@ def parse(line: str | bytes) -> dict[str, Any]:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return an object whose keys stand there once: of two values neither can be trusted."""
+    """Return an object; refuse duplicate keys, as neither of the two values can be trusted."""
     out = dict(pairs)
     if len(out) < len(pairs):
         names = [name for name, _ in pairs]
@@ -81,7 +82,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def shown(value: object) -> str:
-    """Return a value as a message shows it."""
+    """Return the text of a value for a message."""
     text = repr(value)
     return text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "…"
 
@@ -90,17 +91,17 @@ def shown(value: object) -> str:
 
 
 def fine(row: Row) -> None:
-    """Go on only if nothing was wrong so far.
+    """Continue only if no problem was noted so far.
 
     Raises:
-        InputError: what was wrong.
+        InputError: problems were noted.
     """
     if row.problems:
         raise InputError(row.problems)
 
 
 def ids(row: Row) -> tuple[str, ...]:
-    """Return the field ``ids``: a list of ids, or one. Raises as `fine` does."""
+    """Return the field ``ids``: a list of ids, or a single id. Raises as `fine` does."""
     given = row.take("ids", required=True)
     listed: Sequence[object] = given if isinstance(given, list) else [given]
     found = []
@@ -119,7 +120,7 @@ def an_object(given: object, name: str) -> Mapping[str, Any]:
     """Return a value that must be an object.
 
     Raises:
-        InputError: it is none.
+        InputError: the value is not an object.
     """
     if not isinstance(given, Mapping):
         raise InputError(f"{name} must be an object {{…}}, not {shown(given)}")
@@ -127,12 +128,12 @@ def an_object(given: object, name: str) -> Mapping[str, Any]:
 
 
 def each(row: Row, name: str, read: Callable[[Mapping[str, Any]], Found]) -> list[Found]:
-    """Read every record of a list; what is wrong is noted with the number of the record.
+    """Read every record of a list; problems are noted with the number of the record.
 
     Args:
         row: the line.
-        name: field of the list; absent means empty.
-        read: returns what a record describes, or raises InputError.
+        name: field of the list; an absent field counts as an empty list.
+        read: function that converts a record, or raises InputError.
     """
     given = row.take(name)
     if given is None:
@@ -155,10 +156,10 @@ def each(row: Row, name: str, read: Callable[[Mapping[str, Any]], Found]) -> lis
 
 
 def new_names(fields: Mapping[str, Any]) -> None:
-    """Refuse new names that the files of a project cannot hold.
+    """Refuse new names that cannot be written to the files of a project.
 
     Raises:
-        InputError: blanks at the ends, or a line break, in the name of something that is new.
+        InputError: a new name has blanks at its ends or a line break.
     """
     for field in NEW:
         name = fields.get(field)
@@ -171,13 +172,13 @@ def new_names(fields: Mapping[str, Any]) -> None:
             new_names(member)
 
 
-# -- what records leave to their project -----------------------------------------------------------
+# -- defaults of the project -----------------------------------------------------------------------
 
 
 def completed(context: RecordContext, network: Network) -> RecordContext:
-    """Return a context that knows how image coordinates stand of every camera and photo.
+    """Return a context with the image axes of every camera and photo.
 
-    Networks that are no project state nothing but the unit of a camera.
+    A network that was not read from a project states only the unit of each camera.
     """
     cameras = {n: context.cameras.get(n, ImageAxes(c.unit)) for n, c in network.cameras.items()}
     images = {n: context.images.get(n, cameras[p.camera]) for n, p in network.photos.items()}
@@ -187,7 +188,7 @@ def completed(context: RecordContext, network: Network) -> RecordContext:
 def camera(fields: Mapping[str, Any]) -> Camera:
     """Return a camera that arrives.
 
-    How its image coordinates stand in files is part of a project: a journal does not keep it.
+    Its image axes in files are part of a project and cannot be kept in a journal.
     """
     camera = camera_of(fields)
     stated = [n for n in fields if n.startswith("sigma_") or (n, fields[n]) == ("y_axis", "down")]
@@ -206,8 +207,8 @@ def observation(fields: Mapping[str, Any], context: RecordContext) -> AnyObserva
     """Return the observation of a record.
 
     Raises:
-        InputError: what is wrong with it; a photo that is not known, since how its image
-            coordinates stand in files is not known either.
+        InputError: the record has problems, or its photo is unknown and therefore also the image
+            axes of the photo in files.
     """
     new_names(fields)
     photo = fields.get("photo")

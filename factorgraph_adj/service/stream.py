@@ -1,12 +1,12 @@
 """The protocol of ``factorgraph-adj stream``: one JSON object in, one out, line by line.
 
-Every line gets exactly one answer, in order; empty ones too. A line that is wrong in any way
-changes nothing, and the stream goes on.
+Every line, also an empty one, gets exactly one answer; answers keep the order of the lines. A
+faulty line changes nothing, and the stream continues.
 
-**Units.** As in the files of the project: plain fields (``value``, ``x``, ``omega`` …) are in
-its units, every other field has its unit in its name (``sigma_mm``, ``before_x_mm``) or beside
-it (``small_unit``). The first line of the stream states them. Numbers that are not finite, such
-as σ of a point that was not there before, are null.
+**Units.** Plain fields (``value``, ``x``, ``omega`` …) are in the units of the project, as in
+its files; every other field has its unit in its name (``sigma_mm``, ``before_x_mm``) or beside
+it (``small_unit``). The first line of the stream states the units. Numbers that are not finite,
+such as σ of a new point before the observation, are null.
 
 **A line is an observation**: the fields of a row of observations.csv or images.csv,
 
@@ -16,58 +16,59 @@ as σ of a point that was not there before, are null.
 **or a command**, named by ``do``:
 
 ====================  =======================================================================
-``do``                fields, and what is answered
+``do``                fields, and content of the answer
 ====================  =======================================================================
 ``add``               ``observations``, ``points``, ``photos``, ``cameras``: lists of records
                       with the fields of the tables and of [[camera]]; at least one of them.
-                      All or nothing. Observations with a joint covariance are one record
+                      One error refuses all. Observations with a joint covariance are one record
                       ``{"kind": "correlated", "observations": […], "covariance_si": [[…]]}``
 ``solution``          figures of the adjustment, ``points``, ``photos``, ``calibrations``
-``estimate``          one of ``point``, ``photo``, ``camera``: a name; what it is now and σ
+``estimate``          one of ``point``, ``photo``, ``camera``: a name; present estimate and σ
 ``reliability``       ``alpha``, ``power``, ``most`` (10): Σr (``sum``), ``uncontrolled``,
                       ``weakest`` (smallest r), ``largest_mdb`` of each kind, ``suspects``
-``waiting``           everything that waits, with what it lacks
-``suspects``          verdicts of what is in doubt and waits for a decision
-``rejected``          verdicts of what was rejected
-``accept``            ``ids``: put suspects, or what was rejected, into the graph
-``discard``           ``ids``: throw suspects out
-``remove``            ``ids``: take observations out; what loses its support waits again
-``replace``           ``id``, ``observation``: put another observation in its place
+``waiting``           all waiting observations, with the support that they lack
+``suspects``          verdicts of doubtful observations that wait for a decision
+``rejected``          verdicts of rejected observations
+``accept``            ``ids``: put suspect or rejected observations into the graph
+``discard``           ``ids``: discard suspect observations
+``remove``            ``ids``: remove observations; those that lose their support wait again
+``replace``           ``id``, ``observation``: replace an observation by another one
 ``reweight``          ``ids``, ``factor``: multiply weights by the factor
 ``snoop``             set gross errors aside: ``set_aside``, ``points_set_aside``,
                       ``readmitted``, ``unresolved``
-``settle``            iterate to rest: the same as a batch adjustment
-``write``             ``project``: a .toml file, or a folder; what is in the graph, as a project.
-                      Files that are there are replaced only with ``overwrite``: true
+``settle``            iterate to convergence; the result is that of a batch adjustment
+``write``             ``project``: a .toml file, or a folder; write the graph as a project.
+                      Existing files are replaced only with ``overwrite``: true
 ``stop``              end the stream
 ====================  =======================================================================
 
 ``ids`` is a list, or one id. Image coordinates of a camera that arrives have y up, and each
-states its σ or takes that of [sigma.image]: only a project says more. Answers have ``line`` (its
-number, from 1), ``ok``, for commands ``do``, and
+states its σ or takes that of [sigma.image]; only a project can state other axes. Answers have
+``line`` (number of the line, from 1), ``ok``, for commands ``do``, and
 
 - ``counts``: ``observations`` in the graph, ``waiting``, ``suspects``, ``rejected``,
   ``redundancy``, ``sigma0``;
-- ``seconds`` that it took.
+- ``seconds``: duration of the command.
 
-Observations, ``add``, ``accept``, ``remove``, ``replace`` and ``reweight`` are answered also with
+Answers to observations, ``add``, ``accept``, ``remove``, ``replace`` and ``reweight`` also have
 
-- the verdict, for a line that is one observation; ``verdicts``, a list of them, otherwise:
+- the verdict, for a line with one observation; otherwise ``verdicts``, a list of verdicts:
   ``id``, ``kind``, ``label``, ``verdict`` (accepted, suspect, rejected, waiting), ``test``
-  (√(T²/critical value): beyond 1 it is in doubt), ``t2``, ``dof``, ``critical``, ``controlled``
-  (false: nothing tests it), and for each of its ``components`` ``innovation`` (computed −
-  observed), ``innovation_sigma``, ``w``, ``redundancy_number`` that it has then; ``gains``:
-  σ of points ``before_x_mm`` …, ``after_x_mm`` …. One that waits has ``lacks`` instead;
-- ``entered``: verdicts of what waited before and entered now by itself;
-- ``points`` that were touched and are not held: ``name``, ``x``, ``y``, ``z``, ``sigma_x_mm``
-  …; ``points_lost``, those that nothing determines any more; ``waits_again``, ids of what
-  lost its support;
-- ``waiting``: what waits now, ``id``, ``kind``, ``lacks``, the latest first, 20 at most.
+  (√(T²/critical value): above 1 the observation is in doubt), ``t2``, ``dof``, ``critical``,
+  ``controlled`` (false: no other observation tests it), and for each of its ``components``
+  ``innovation`` (computed − observed), ``innovation_sigma``, ``w``, ``redundancy_number`` that
+  the component would have in the graph; ``gains``: σ of points ``before_x_mm`` …,
+  ``after_x_mm`` …. A waiting observation has ``lacks`` instead;
+- ``entered``: verdicts of waiting observations that have now entered automatically;
+- ``points``: affected free points, ``name``, ``x``, ``y``, ``z``, ``sigma_x_mm`` …;
+  ``points_lost``: points that are no longer determined; ``waits_again``: ids of observations
+  that lost their support;
+- ``waiting``: the waiting observations, ``id``, ``kind``, ``lacks``, the latest first, 20 at most.
 
-A line that is wrong is answered with ``"ok": false`` and ``error``, a list of ``where`` and
-``what``. The first line, before anything is read, has ``ready``, ``name``, ``units``, numbers of
+A faulty line is answered with ``"ok": false`` and ``error``, a list of ``where`` and ``what``.
+The first line, before any input is read, has ``ready``, ``name``, ``units``, numbers of
 ``points``, ``photos`` and ``observations`` in the graph, ``policy``, ``alpha``, ``power``,
-``resumed`` (what a journal lacked), ``waiting`` and ``counts``.
+``resumed`` (note about a torn end of the journal), ``waiting`` and ``counts``.
 """
 
 from __future__ import annotations
@@ -93,21 +94,21 @@ from . import requests
 from .answers import Answer, Answers, fault, refusal
 
 LISTED = 10
-"""Observations in the lists of ``reliability``."""
+"""Default number of observations in the lists of ``reliability``."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """What ``do`` can be."""
+    """A command: a value of ``do``."""
 
     run: Callable[[Stream, Row], Answer]
-    """Does it; problems are noted in the row or raised."""
+    """Function that executes the command; it notes problems in the row or raises them."""
     fields: tuple[str, ...] = ()
-    """Fields that it takes."""
+    """Fields of the command."""
 
 
 class Stream:
-    """An incremental adjustment that is told what to do line by line."""
+    """An incremental adjustment that is controlled line by line."""
 
     def __init__(
         self,
@@ -116,12 +117,12 @@ class Stream:
         context: RecordContext | None = None,
         power: float = POWER,
     ) -> None:
-        """Speak for an adjustment.
+        """Start a stream for an adjustment.
 
         Args:
-            adjustment: what the lines add to.
-            context: units, and what records leave to their project.
-            power: of the smallest detectable errors that ``reliability`` tells.
+            adjustment: the adjustment to which the lines are applied.
+            context: units, and defaults of the project for records.
+            power: power of the test for the smallest detectable errors in ``reliability``.
         """
         self.adjustment = adjustment
         described = adjustment.described
@@ -162,11 +163,11 @@ class Stream:
         )
 
     def answer(self, line: str | bytes, number: int) -> Answer:
-        """Answer a line; whatever is wrong with it, nothing is raised and nothing changes.
+        """Answer a line; a faulty line raises nothing and changes nothing.
 
         Args:
             line: one JSON object; bytes are UTF-8.
-            number: its number, from 1.
+            number: number of the line, from 1.
 
         Returns:
             The answer, ready for `json.dumps`.
@@ -202,7 +203,7 @@ class Stream:
         return {"do": do, **command.run(self, row)}
 
     def _observation(self, fields: Mapping[str, object]) -> Answer:
-        """Add the one observation of a line."""
+        """Add the single observation of a line."""
         if "kind" not in fields:
             what = "neither an observation (kind) nor a command (do)"
             raise InputError(Problem(f"{what}; fields: {known(fields, most=6)}"))
@@ -211,7 +212,7 @@ class Stream:
         verdicts = out.pop("verdicts")
         return {**(verdicts[0] if len(verdicts) == 1 else {"verdicts": verdicts}), **out}
 
-    # -- what changes the graph -----------------------------------------------------------------
+    # -- commands that change the graph ---------------------------------------------------------
 
     def _add(self, row: Row) -> Answer:
         context = self.context
@@ -243,7 +244,7 @@ class Stream:
 
     def _remove(self, row: Row) -> Answer:
         ids = requests.ids(row)
-        points, _ = self.answers.points(self.answers.points_of(ids))  # the others cannot be lost
+        points, _ = self.answers.points(self.answers.points_of(ids))  # only these can be lost
         touched = [str(p["name"]) for p in points]
         return self.answers.arrival(self.adjustment.remove(ids), touched=touched)
 
@@ -272,7 +273,7 @@ class Stream:
         self.adjustment.settle()
         return {}
 
-    # -- what is asked --------------------------------------------------------------------------
+    # -- queries --------------------------------------------------------------------------------
 
     def _solution(self, row: Row) -> Answer:
         requests.fine(row)

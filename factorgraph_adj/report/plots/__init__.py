@@ -1,4 +1,4 @@
-"""Figures of an adjustment; they need the extra ``plot`` (matplotlib)."""
+"""Figures of an adjustment; the extra ``plot`` (matplotlib) is required."""
 
 from .growth import plot_growth
 from .images import plot_mean_photo, plot_photo_residuals, plot_photos

@@ -1,4 +1,4 @@
-"""How standard deviations shrink while observations arrive."""
+"""Figure of standard deviations that shrink while observations arrive."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, SKY, BLACK)
 DASHES = ("-", "--", ":", "-.")
-"""One after the other where there are more points than colours."""
+"""Line styles; the next style is used after all colours are used once."""
 MOST_NAMES = 40
-"""Arrivals up to which each of them is named."""
+"""Largest number of arrivals of which each is named."""
 LINE = 120
-"""Letters in a line below the axes."""
+"""Number of letters in a line of text below the axes."""
 APART = 0.045
-"""Distance of names at the ends of the curves, as a part of the height of the axes."""
+"""Smallest distance of names at the ends of the curves, as a fraction of the axes' height."""
 
 
 @drawn
@@ -51,21 +51,22 @@ def plot_growth(
 ) -> Figure:
     """Draw standard deviations of points after every arrival, on a logarithmic scale.
 
-    A curve begins where its point is determined for the first time, and breaks where it is not.
+    A curve begins where its point is first determined, and is interrupted where the point is not
+    determined.
 
     Args:
-        arrivals: what arrived, one after the other: ``station P1``, ``photo 7``.
+        arrivals: names of the arrivals in order: ``station P1``, ``photo 7``.
         sigmas: standard deviations of each point after each arrival, metres, (n arrivals,);
-            not finite while it is not determined.
-        caught: gross errors that were caught on arrival, by the number of the arrival, from 0.
-        title: over the figure.
+            not finite while the point is not determined.
+        caught: gross errors detected on arrival, by the number of the arrival, from 0.
+        title: title of the figure.
 
     Returns:
-        A figure; one that says so where no point is determined.
+        A figure; if no point is determined, it shows a message.
 
     Raises:
-        InputError: another number of standard deviations than of arrivals, a gross error at an
-            arrival that there is not, or matplotlib is not installed.
+        InputError: the numbers of standard deviations and arrivals differ, a gross error refers
+            to an unknown arrival, or matplotlib is not installed.
     """
     n = len(arrivals)
     curves = {name: np.array(values, dtype=float) for name, values in sigmas.items()}
@@ -105,7 +106,7 @@ def plot_growth(
 
 
 def _lengths(axes: Axes) -> None:
-    """Write σ with units, at 1, 2, 5 where few decades are shown."""
+    """Write σ with units; if few decades are shown, label the ticks 1, 2 and 5 of each."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
     low, high = axes.get_ylim()
@@ -119,7 +120,7 @@ def _lengths(axes: Axes) -> None:
 
 
 def _names(axes: Axes, arrivals: Sequence[str]) -> None:
-    """Name the arrivals below the axes: all of them, or as many as have room."""
+    """Name the arrivals below the axes, as many as have room."""
     step = -(-len(arrivals) // MOST_NAMES)
     at = list(range(0, len(arrivals), step))
     axes.set_xticks([i + 1 for i in at], [arrivals[i] for i in at], rotation=90)
@@ -130,7 +131,7 @@ def _names(axes: Axes, arrivals: Sequence[str]) -> None:
 
 
 def _events(axes: Axes, events: Mapping[int, str]) -> None:
-    """Number gross errors at the upper edge, and say below the axes what they are."""
+    """Number gross errors at the upper edge, and describe them below the axes."""
     from textwrap import fill
 
     if not events:
@@ -154,7 +155,7 @@ def _events(axes: Axes, events: Mapping[int, str]) -> None:
 
 
 def _ends(axes: Axes, curves: Mapping[str, Array], right: float) -> None:
-    """Write each name and its last σ at the end of its curve, apart from the others."""
+    """Write each name and its last σ at the end of its curve without overlap."""
     last = {name: float(v[np.isfinite(v)][-1]) for name, v in curves.items()}
     low, high = np.log(axes.get_ylim())
     order = sorted(last, key=last.__getitem__)
@@ -175,7 +176,7 @@ def _ends(axes: Axes, curves: Mapping[str, Array], right: float) -> None:
 
 
 def _apart(wanted: Array, distance: float) -> Array:
-    """Return increasing places as near to those wanted as that distance allows."""
+    """Return increasing places as near to the wanted ones as the given distance allows."""
     groups: list[tuple[float, int]] = []
     for y in wanted.tolist():
         mean, n = y, 1

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def draw_heights(solution: Solution, precision: Precision | None, labels: bool) -> Figure:
-    """Draw heights with their intervals, and lines where differences were observed."""
+    """Draw heights with their intervals, and a line for each observed difference."""
     from matplotlib.collections import LineCollection
 
     unknowns, name = solution.equations.unknowns, solution.network.name or "network"
@@ -79,7 +79,7 @@ def draw_heights(solution: Solution, precision: Precision | None, labels: bool) 
 
 
 def place_in_order(solution: Solution) -> Index:
-    """Return places 0 … n − 1 of the points, those that are joined near one another."""
+    """Return places 0 … n − 1 of the points; points joined by observations get near places."""
     n = len(solution.equations.unknowns["point"].names)
     pairs = [ends for _, ends in lines_by_kinds(solution)]
     ends = np.concatenate([np.zeros((0, 2), dtype=np.intp), *pairs])

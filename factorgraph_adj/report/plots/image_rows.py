@@ -1,4 +1,4 @@
-"""Image residuals of a solution as arrays: of photos, and means over the image of a camera."""
+"""Image residuals of a solution as arrays, by photo or as means over the image of a camera."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 
 ALPHA = 0.001
-"""Probability of a false mark, where there is no reliability to take it from."""
+"""Probability of a false mark, for figures without a reliability that states it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,13 +21,13 @@ class ImageRows:
     """Image points of a solution, n of them."""
 
     solution: Solution
-    """Where they are from."""
+    """Solution of the image points."""
     photo: Index
     """Number of the photo, (n,)."""
     point: Index
     """Number of the point, (n,)."""
     row: Index
-    """Scalar row of x, (n,); that of y follows."""
+    """Scalar row of x, (n,); the row of y is the next."""
     xy: Array
     """Measured coordinates (n, 2), image units."""
     residual: Array
@@ -36,7 +36,7 @@ class ImageRows:
     """Standard deviations (n, 2), image units."""
 
     def select(self, chosen: Mask) -> ImageRows:
-        """Return some of them."""
+        """Return the chosen image points."""
         rows = (self.photo, self.point, self.row, self.xy, self.residual, self.sigma)
         return ImageRows(self.solution, *(each[chosen] for each in rows))  # type: ignore[arg-type]
 
@@ -49,16 +49,16 @@ class ImageRows:
         return np.asarray(by_photo[self.photo])
 
     def of_camera(self, camera: str) -> ImageRows:
-        """Return those of one camera."""
+        """Return the image points of one camera."""
         return self.select(self.camera == list(self.solution.network.cameras).index(camera))
 
     def of_photo(self, photo: str) -> ImageRows:
-        """Return those of one photo."""
+        """Return the image points of one photo."""
         return self.select(self.photo == self.solution.number("pose", photo))
 
     @cached_property
     def formats(self) -> dict[str, tuple[Array, Array]]:
-        """Lower left and upper right corner of what is measured, by camera, image units."""
+        """Lower left and upper right corner of the measured area, by camera, image units."""
         out = {}
         for i, name in enumerate(self.solution.network.cameras):
             own = self.xy[self.camera == i]
@@ -72,7 +72,7 @@ class ImageRows:
         return np.asarray(self.solution.state["calibration"][number, :3])
 
     def tangents(self, camera: str) -> tuple[Array, Array]:
-        """Return tangents of the rays to the corners of what is measured; ± ½ without any."""
+        """Return tangents of the rays to the corners of the measured area; ± ½ without points."""
         photos = self.solution.network.photos.values()
         name = next((f.name for f in photos if f.camera == camera), None)
         if camera not in self.formats or name is None:
@@ -101,18 +101,18 @@ def image_rows(solution: Solution) -> ImageRows:
 
 @dataclass(frozen=True, eq=False)
 class MeanPhoto:
-    """Mean residuals of the cells that hold points, m of them."""
+    """Mean residuals of the m cells that contain points."""
 
     x_edges: Array
     """Edges of the columns, image units."""
     y_edges: Array
-    """Edges of the rows."""
+    """Edges of the rows, image units."""
     centre: Array
     """Centres of the cells, (m, 2)."""
     residual: Array
     """Mean v, (m, 2) image units."""
     count: Array
-    """Points in each cell, (m,)."""
+    """Number of points in each cell, (m,)."""
     significant: Mask
     """Whether the mean differs from zero, (m,)."""
 
@@ -145,7 +145,7 @@ def mean_photo(own: ImageRows, corners: tuple[Array, Array], cells: int) -> Mean
 
 
 def cells_for(own: ImageRows, corners: tuple[Array, Array]) -> int:
-    """Return cells along the longer side such that each holds some ten points, from 3 to 12."""
+    """Return the number of cells along the longer side, 3 to 12, for about ten points in each."""
     width, height = np.maximum(corners[1] - corners[0], 1e-12).tolist()
     ratio = max(width, height) / min(width, height)
     return int(np.clip(np.sqrt(len(own.row) / 10 * ratio), 3, 12))

@@ -1,4 +1,4 @@
-"""Image residuals as vectors: of one photo, of several, and of the mean photo of a camera."""
+"""Image residuals as vectors: in one photo, in several, and in the mean photo of a camera."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEAST = 0.1
-"""Points of a cell that has a vector, as a part of the average."""
+"""Smallest number of points in a cell with a vector, as a fraction of the average."""
 MOST_NUMBERS = 400
-"""Cells of a mean photo that show their number of points."""
+"""Largest number of cells in a mean photo that shows the number of points of each cell."""
 SIGN = "v = computed − observed"
 
 
@@ -59,20 +59,20 @@ def plot_photo_residuals(
     """Draw the residuals v = computed − observed of a photo at its image points.
 
     Args:
-        solution: what `adjust` found.
+        solution: the result of `adjust`.
         photo: name of the photo.
-        reliability: of the same solution; points with |w| beyond its critical value are marked.
-            Without it, those with |v/σ| > 3.29.
-        factor: exaggeration of the vectors; by default such that neighbours keep apart.
-        names: how many of the marked points are named, worst first.
+        reliability: reliability of the same solution; points with |w| above its critical value
+            are marked. Without a reliability, points with |v/σ| > 3.29 are marked.
+        factor: exaggeration of the vectors; by default neighbouring vectors do not overlap.
+        names: number of marked points that are named, worst first.
 
     Returns:
-        A figure, axes in image units, x right, y up; one that says so where the photo has no
-        image coordinates.
+        A figure, axes in image units, x right, y up; if the photo has no image coordinates, it
+        shows a message.
 
     Raises:
-        InputError: there is no such photo, the reliability is of another solution, the factor
-            is not positive, or matplotlib is not installed.
+        InputError: the photo is unknown, the reliability is of another solution, the factor is
+            not positive, or matplotlib is not installed.
     """
     from matplotlib.patheffects import withStroke
 
@@ -118,18 +118,18 @@ def plot_photos(
     The exaggeration is the same for all photos of a camera.
 
     Args:
-        solution: what `adjust` found.
-        photos: names; by default those with the largest RMS of w, in a block of up to ``most``
-            photos all of them. The title says which.
-        reliability: of the same solution; without it, v/σ takes the place of w.
-        most: how many, where no names are given.
+        solution: the result of `adjust`.
+        photos: names of photos; by default the ``most`` photos with the largest RMS of w, or all
+            photos if they are not more. The title states the choice.
+        reliability: reliability of the same solution; without it, v/σ replaces w.
+        most: largest number of photos if no names are given.
 
     Returns:
-        A figure; one that says so where there are no image coordinates.
+        A figure; without image coordinates, it shows a message.
 
     Raises:
-        InputError: unknown photos, a reliability of another solution, or matplotlib is not
-            installed.
+        InputError: a photo is unknown, the reliability is of another solution, or matplotlib is
+            not installed.
     """
     rows = image_rows(solution)
     title = solution.network.name or "network"
@@ -149,7 +149,7 @@ def plot_photos(
         below = f"the {len(chosen)} of {len(every)} photos with the largest RMS {tests.name}"
     columns = min(4, ceil(np.sqrt(len(chosen))))
     lines = ceil(len(chosen) / columns)
-    # As high as wide formats need, and as wide as the lines of text.
+    # The ratio width / height follows the image formats; its limits leave room for text.
     formats = np.array([np.subtract(*rows.formats[c][::-1]) for c in rows.formats])
     ratio = float(np.clip(np.median(formats[:, 0] / np.maximum(formats[:, 1], 1e-12)), 0.5, 2.0))
     width, height = (3.1, 3.1 / ratio) if ratio > 1 else (max(3.1 * ratio, 2.7), 3.1)
@@ -184,25 +184,25 @@ def plot_photos(
 def plot_mean_photo(
     solution: Solution, camera: str, *, cells: int | None = None, factor: float | None = None
 ) -> Figure:
-    """Draw the mean residuals of all photos of a camera, cell by cell of the image.
+    """Draw the mean residuals of all photos of a camera in the cells of an image grid.
 
     A pattern of vectors is a systematic error that the calibration does not describe. Red
-    vectors differ from zero: n Σ (v̄/σ)² of the two components exceeds χ²(99.9 %; 2). The
-    test is on the safe side, as residuals scatter less than observations. Cells with less than
-    a tenth of the average number of points have no vector.
+    vectors differ significantly from zero: n Σ (v̄/σ)² of the two components exceeds
+    χ²(99.9 %; 2). The test is conservative, as residuals scatter less than observations. Cells
+    with less than a tenth of the average number of points have no vector.
 
     Args:
-        solution: what `adjust` found.
+        solution: the result of `adjust`.
         camera: name of the camera.
-        cells: number of cells along the longer side; by default such that they hold 10 points
-            on the average, from 3 to 12.
-        factor: exaggeration of the vectors; by default such that they fill their cells.
+        cells: number of cells along the longer side; by default 3 to 12, for an average of about
+            10 points in each cell.
+        factor: exaggeration of the vectors; by default the vectors fill their cells.
 
     Returns:
-        A figure, axes in image units; one that says so where the camera has no image points.
+        A figure, axes in image units; if the camera has no image points, it shows a message.
 
     Raises:
-        InputError: there is no such camera, no cell, a factor ≤ 0, or matplotlib is not
+        InputError: the camera is unknown, ``cells`` < 1, the factor is ≤ 0, or matplotlib is not
             installed.
     """
     cameras = solution.network.cameras

@@ -1,4 +1,4 @@
-"""Points of a plan: what they are, their markers, and names where there is room for them."""
+"""Points of a plan: their status, their markers, and names where there is room."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LABELLED = 1000
-"""With more points only what is held, known or a station is labelled."""
+"""Largest number of points of which all are labelled; otherwise only important points are."""
 MOST_NAMES = 150
-"""Points that names are tried for, unless what comes first is more."""
+"""Number of points that the labelling tries to name; important points are tried in any number."""
 SET_UP = ("direction", "horizontal_angle", "azimuth", "zenith_angle", "vertical_angle")
-"""Kinds for which an instrument stands over its station; a tape or a level does not."""
+"""Kinds measured by an instrument over its station; a tape or a level needs no such setup."""
 
 
 @dataclass(frozen=True)
 class Status:
-    """What the points of a network are, masks (n,); several can hold for one."""
+    """Status of the points of a network, masks (n,); a point may have several."""
 
     held: Mask
-    """Held in every component that any point of the network has free."""
+    """Held in all components that are free at some point of the network."""
     part: Mask
-    """Held in some of them."""
+    """Held in some of these components."""
     known: Mask
     """Weighted, or observed as control or by GNSS."""
     station: Mask
     """Station of directions or angles."""
     check: Mask
-    """With coordinates for comparison."""
+    """Check point: with known coordinates for comparison."""
     datum: Mask
-    """Among the points that carry the datum of a free network, where not all of them do."""
+    """Datum point of a free network; false everywhere if all points carry the datum."""
 
     @property
     def important(self) -> Mask:
-        """What is labelled first."""
+        """Points that are labelled first."""
         return np.asarray(self.held | self.part | self.known | self.station | self.check)
 
 
 def status_of(solution: Solution) -> Status:
-    """Return what the points of a network are."""
+    """Return the status of the points of a network."""
     table = solution.equations.unknowns["point"]
     points = list(solution.network.points.values())
     n = len(points)
@@ -70,7 +70,7 @@ def status_of(solution: Solution) -> Status:
 
 
 def draw_points(axes: Axes, at: Array, status: Status) -> list[Artist]:
-    """Draw markers of points (n, 2); return what stands in the legend."""
+    """Draw markers of points (n, 2); return the entries of the legend."""
     size = 30.0 if len(at) <= 60 else 18.0 if len(at) <= 300 else 9.0
     plain = ~(status.held | status.part | status.known)
     dot = size * (0.4 if len(at) <= 300 else 0.15)
@@ -121,15 +121,15 @@ def draw_points(axes: Axes, at: Array, status: Status) -> list[Artist]:
 def label_points(
     figure: Figure, axes: Axes, at: Array, names: list[str], first: Mask, clear: Array
 ) -> None:
-    """Write names beside points (n, 2) as far as there is room; none lies upon another.
+    """Write names beside points (n, 2) where there is room, without overlap.
 
     Args:
-        figure: laid out here, so that limits and sizes are final.
-        axes: where to.
+        figure: the figure; it is laid out first, so that limits and sizes are final.
+        axes: the axes for the names.
         at: positions, data units.
-        names: names.
-        first: those that come first.
-        clear: further positions (m, 2) that no name may hide.
+        names: names of the points.
+        first: points that are labelled first.
+        clear: further positions (m, 2) that no name may cover.
     """
     from matplotlib.patheffects import withStroke
 
@@ -202,10 +202,10 @@ def _within(box: Array, extents: Array) -> bool:
 
 
 def window(at: Array) -> tuple[Array, Array, int]:
-    """Return lower left and upper right of what is shown of positions (n, 2), and what is not.
+    """Return lower left and upper right corner of the shown area, and the number outside.
 
-    A few points far away from all others, such as those whose rays are nearly parallel, would
-    make the rest a dot: they are left outside, and counted.
+    A few positions far away from all others, such as points with nearly parallel rays, would
+    shrink the rest of ``at`` (n, 2) to a dot; they stay outside and are counted.
     """
     low, high = at.min(axis=0), at.max(axis=0)
     if len(at) >= 50:
@@ -221,6 +221,6 @@ def window(at: Array) -> tuple[Array, Array, int]:
 
 
 def spacing(at: Array, low: Array, high: Array) -> float:
-    """Return the mean distance of neighbours if positions filled the window evenly, metres."""
+    """Return the mean distance of neighbours, metres, as if the points filled the window evenly."""
     width, height = np.maximum(high - low, 0.1 * np.max(high - low))
     return float(np.sqrt(width * height / max(len(at), 4)))

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COINCIDENT = 1e-6
-"""Points within this distance have no extent to choose a scale by: 2 m are shown, metres."""
+"""Largest extent, metres, at which points count as coincident; the plan then shows 2 m."""
 
 
 @drawn
@@ -38,31 +38,31 @@ def plot_network(
 ) -> Figure:
     """Draw the plan of a network: points, lines of observations, photos and error ellipses.
 
-    East is right and north up in local frames of any axes and in topocentric ones; geocentric
-    networks are seen in the horizon of their centre. A network of heights without plan
-    coordinates is drawn as heights over a schematic order of its points.
+    East is right and north is up in local frames with any axes and in topocentric frames;
+    geocentric networks are drawn in the horizon of their centre. A network of heights without
+    plan coordinates is drawn as heights over a schematic order of its points.
 
     Ellipses have semi-axes k √λ, λ the eigenvalues of the 2 × 2 covariance in the plan and
-    k² = χ²(confidence; 2), or 2 F(confidence; 2, r) in an a-posteriori solution. They are
-    exaggerated by one factor for all, 1, 2 or 5 times a power of ten, that is stated over a
-    scale key. Those of a free network belong to its inner constraints.
+    k² = χ²(confidence; 2), or 2 F(confidence; 2, r) in an a-posteriori solution. One factor, 1, 2
+    or 5 times a power of ten, exaggerates all ellipses; the scale key states it. Ellipses of a
+    free network refer to its inner constraints.
 
     Args:
-        solution: what `adjust` found.
-        view: from above (the plan); or from the south or the east, up is then up.
-        confidence: probability of the ellipses; of the intervals, for heights.
-        factor: exaggeration of the ellipses; by default such that a middling one is well seen.
-        labels: write names as far as there is room for them; in networks of more than 1000
-            points of held, known and check points and stations only.
-        heights: draw confidence intervals of heights as bars; by default where the plan is held.
-            Seen from a side, the ellipses show them.
+        solution: the result of `adjust`.
+        view: from above (the plan), or from the south or the east with heights upwards.
+        confidence: probability of the ellipses, and of the intervals of heights.
+        factor: exaggeration of the ellipses; by default an ellipse of medium size is well visible.
+        labels: write names where there is room; in networks of more than 1000 points only the
+            names of held, known and check points and stations.
+        heights: draw confidence intervals of heights as bars; by default only if the plan is
+            held. In views from a side, the ellipses show the precision of heights.
 
     Returns:
         A figure; ``figure.savefig("network.png")`` writes it.
 
     Raises:
-        InputError: an unknown view, a confidence outside (0, 1), a factor ≤ 0, or matplotlib is
-            not installed.
+        InputError: the view is unknown, the confidence is outside (0, 1), the factor is ≤ 0, or
+            matplotlib is not installed.
     """
     if view not in VIEWS:
         raise InputError(f"unknown view {view!r}; valid: {', '.join(VIEWS)}")
@@ -95,7 +95,7 @@ def _plan_view(
     extent = float(np.max(high - low))
     if extent < COINCIDENT:
         low, high, extent = low - 1.0, high + 1.0, 2.0
-    # Long and narrow networks get a margin, so that there is room for names, title and key.
+    # Long and narrow networks get a margin for names, title and key.
     half = np.maximum(high - low, np.array([0.65, 0.3]) * extent) / 2
     low, high = (low + high) / 2 - half, (low + high) / 2 + half
     width, height = half
@@ -134,7 +134,7 @@ def _plan_view(
 
 
 def _scales(axes: Axes, plan: DrawingPlane, extent: float) -> None:
-    """Write coordinates in full, in kilometres where the network is large."""
+    """Write coordinates with all digits, in kilometres if the network is large."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     unit, size = ("km", 1e3) if extent > 20e3 else ("m", 1.0)

@@ -1,4 +1,4 @@
-"""The plane a network is drawn in, and standard ellipses in it."""
+"""The drawing plane of a network, and the standard ellipses in this plane."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from ...solve.tree import SingularError
 from ...types import Array
 
 View: TypeAlias = Literal["above", "south", "east"]
-"""Where a network is seen from."""
+"""Direction from which a network is seen."""
 VIEWS = ("above", "south", "east")
 
 
 @dataclass(frozen=True)
 class DrawingPlane:
-    """A horizontal plane: (e, n, u) = axes · (X − origin); or, seen from a side, a vertical one."""
+    """A horizontal or (seen from a side) vertical plane: (e, n, u) = axes · (X − origin)."""
 
     origin: Array
-    """What lies at e = n = u = 0, (3,) metres."""
+    """Point with e = n = u = 0, (3,) metres."""
     axes: Array
-    """Unit vectors to the right, upwards in the figure, and across it: east, north, up, (3, 3)."""
+    """Unit vectors to the right, upwards and across the figure; from above e, n, u; (3, 3)."""
     names: tuple[str, str, str]
-    """Names of the three, for labels."""
+    """Names of the three axes, for labels."""
     note: str
-    """Which plane it is, where the names do not say so."""
+    """Description of the plane, if the names of the axes are not sufficient."""
 
     def coordinates(self, xyz: Array) -> Array:
-        """Return the three coordinates (n, 3) of points (n, 3), metres."""
+        """Return e, n, u (n, 3) of points (n, 3), metres."""
         return np.asarray((xyz - self.origin) @ self.axes.T)
 
     def covariance(self, sigma: Array) -> Array:
-        """Return covariances (n, 3, 3) by these of those by X, Y, Z."""
+        """Return covariances (n, 3, 3) of e, n, u from those of X, Y, Z."""
         return np.asarray(self.axes @ sigma @ self.axes.T)
 
     def seen_from(self, view: View) -> DrawingPlane:
-        """Return the plane as seen from above, from the south or from the east."""
+        """Return the plane for a view from above, from the south or from the east."""
         rows = {"above": [0, 1, 2], "south": [0, 2, 1], "east": [1, 2, 0]}[view]
         a, b, c = (self.names[i] for i in rows)
         return replace(self, axes=self.axes[rows], names=(a, b, c))
@@ -48,9 +48,9 @@ class DrawingPlane:
 def plan_of(frame: Frame, xyz: Array) -> DrawingPlane:
     """Return the plan of points (n, 3).
 
-    Local frames: their X, Y plane with north up, whichever way the axes point, left-handed ones
-    included. Topocentric: east and north of the frame. Geocentric: the horizon (normal of the
-    ellipsoid) of the centre of the points.
+    Local frames: the X, Y plane with north up, for axes in any direction and of either hand.
+    Topocentric: east and north of the frame. Geocentric: the horizon (perpendicular to the normal
+    of the ellipsoid) at the centre of the points.
     """
     if isinstance(frame, LocalFrame):
         east, north = frame.east_north
@@ -77,7 +77,7 @@ def _degrees(angle: float, letters: str) -> str:
 def covariances(solution: Solution) -> tuple[Array, Array] | None:
     """Return covariances of points (n, 3, 3) and projection centres (m, 3, 3), metres².
 
-    There are none where an iteration stopped half-way at singular normal equations.
+    Return None if the iteration stopped early at singular normal equations.
     """
     photos = solution.equations.unknowns["pose"].names
     try:
@@ -88,10 +88,11 @@ def covariances(solution: Solution) -> tuple[Array, Array] | None:
 
 
 def ellipses(sigma: Array) -> tuple[Array, Array]:
-    """Return semi-axes (n, 2), largest first, and directions of the first of covariances (n, 2, 2).
+    """Return semi-axes (n, 2), largest first, and directions (n,) of the first axes.
 
-    In any plane, and in one plane for the whole network; those of `quality.ellipses` lie in the
-    horizon of each point. Directions count from the first coordinate to the second, radians, (n,).
+    ``sigma`` are covariances (n, 2, 2) in one plane for the whole network; the ellipses of
+    `quality.ellipses` lie in the horizon of each point. Directions count from the first
+    coordinate to the second, radians.
     """
     values, vectors = np.linalg.eigh(sigma)
     semi = np.sqrt(np.maximum(values[:, ::-1], 0.0))

@@ -19,32 +19,32 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LARGEST = 0.35
-"""Largest semi-major axis that is drawn, as a part of the extent of the plan."""
+"""Largest semi-major axis that is drawn, as a fraction of the extent of the plan."""
 COVERED = 0.25
-"""Part of the plan that the ellipses of projection centres may cover together."""
+"""Largest fraction of the plan that the ellipses of projection centres may cover together."""
 _SIGMA0 = {"a-priori": "σ0 a priori", "a-posteriori": "σ̂0 a posteriori"}
 
 
 @dataclass(frozen=True, eq=False)
 class Precision:
-    """Confidence regions of points, metres, not exaggerated."""
+    """Confidence regions of points in true size, metres."""
 
     solution: Solution
-    """Whose."""
+    """Solution of the regions."""
     semi: Array
     """Semi-axes of ellipses of points, largest first, (n, 2)."""
     direction: Array
-    """Direction of the first from east to north, radians, (n,)."""
+    """Direction of the first semi-axis from east to north, radians, (n,)."""
     centre_semi: Array
-    """The same of projection centres, (m, 2)."""
+    """Semi-axes of ellipses of projection centres, largest first, (m, 2)."""
     centre_direction: Array
-    """(m,)."""
+    """Direction of their first semi-axis from east to north, radians, (m,)."""
     height: Array
-    """Half intervals of heights, (n,); zero where they are not asked for."""
+    """Half intervals of heights, (n,); zero if they are not drawn."""
     title: str
-    """Confidence, and scale of the covariances."""
+    """Line with the confidence and the scale of the covariances."""
     factor: float | None
-    """Exaggeration, where it was chosen."""
+    """Exaggeration chosen by the caller; None for an automatic one."""
 
     @property
     def sizes(self) -> Array:
@@ -55,7 +55,7 @@ class Precision:
 def precision_of(
     solution: Solution, plan: DrawingPlane, confidence: float, factor: float | None, heights: bool
 ) -> Precision | None:
-    """Return the confidence regions in a plan; none where there are no covariances."""
+    """Return the confidence regions in a plan; None without covariances."""
     found = covariances(solution)
     if found is None:
         return None
@@ -79,14 +79,14 @@ def precision_of(
 
 @dataclass(frozen=True)
 class Shown:
-    """What was drawn."""
+    """Texts and legend of the drawn regions."""
 
     title: str
     """Line below the title."""
     legend: list[Artist]
-    """What stands in the legend."""
+    """Entries of the legend."""
     notes: list[str]
-    """What is said below the figure."""
+    """Notes below the figure."""
 
 
 def draw_precision(
@@ -158,7 +158,7 @@ def _ellipses(
     line: float,
     label: str,
 ) -> Artist:
-    """Draw ellipses; return what stands for them in the legend."""
+    """Draw ellipses; return their entry of the legend."""
     from matplotlib.collections import EllipseCollection
     from matplotlib.lines import Line2D
 
@@ -181,7 +181,7 @@ def _ellipses(
 
 
 def _enlarge(axes: Axes, at: Array, radius: Array) -> None:
-    """Let the axes hold regions around those positions (n, 2) that are inside, whole."""
+    """Enlarge the axes so that they contain the whole regions around the positions inside."""
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     x, y = at.T
     inside = (x >= left) & (x <= right) & (y >= bottom) & (y <= top)

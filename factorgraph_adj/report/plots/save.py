@@ -39,27 +39,27 @@ def save_plots(
     confidence: float = CONFIDENCE,
     photos: int = 12,
 ) -> list[Path]:
-    """Write every figure of an adjustment into a folder: all of them or none.
+    """Write all figures of an adjustment into a folder, or none on an error.
 
-    ``network`` (plan with error ellipses), ``w`` (histogram), ``qq``, ``redundancy``; with
-    images ``photos`` (residuals of the photos with the largest RMS of w, all of them in small
-    blocks) and ``mean_photo`` for each camera with two photos or more (``mean_photo_NAME`` where
-    there are several). Figures of another kind that lie in the folder stay.
+    The figures are ``network`` (plan with error ellipses), ``w`` (histogram), ``qq`` and
+    ``redundancy``; with images also ``photos`` (residuals of the photos with the largest RMS of
+    w, in small blocks of all photos) and ``mean_photo`` for each camera with two photos or more
+    (``mean_photo_NAME`` for several cameras). Other files in the folder stay unchanged.
 
     Args:
-        solution: what `adjust` found.
-        folder: where to; made if it is not there.
-        reliability: of the same solution; by default it is computed.
-        format: of the files.
+        solution: the result of `adjust`.
+        folder: the folder; it is created if missing.
+        reliability: reliability of the same solution; by default it is computed.
+        format: format of the files.
         confidence: probability of the error ellipses.
-        photos: most photos on the sheet of photos.
+        photos: largest number of photos in the figure ``photos``.
 
     Returns:
         The files, in this order.
 
     Raises:
-        InputError: an unknown format, a bad option, a folder that cannot be written to, or
-            matplotlib is not installed. Nothing is written then.
+        InputError: the format is unknown, an option is invalid, the folder cannot be written
+            to, or matplotlib is not installed. No file is written then.
     """
     if format not in FORMATS:
         raise InputError(f"unknown format {format!r}; valid: {', '.join(FORMATS)}")
@@ -73,7 +73,7 @@ def save_plots(
     try:
         rel = compute_reliability(solution) if rel is None else rel
         figures |= {key: plot(rel) for key, plot in statistics.items()}
-    except AdjustmentError as error:  # an iteration that stopped half-way, a network too weak
+    except AdjustmentError as error:  # the iteration stopped early, or the network is too weak
         figures |= {key: nothing(name, str(error)) for key in statistics}
     rows = image_rows(solution)
     if len(rows.row):
@@ -90,7 +90,7 @@ def save_plots(
 
 
 def _names(cameras: list[str]) -> list[str]:
-    """Return names of files of mean photos, safe on every system and all different."""
+    """Return file names of mean photos, valid on every system and all different."""
     if len(cameras) == 1:
         return ["mean_photo"]
     safe = [re.sub(r"[^\w.-]+", "_", c) for c in cameras]
@@ -100,7 +100,7 @@ def _names(cameras: list[str]) -> list[str]:
 
 
 def _bytes(figure: Figure, format: Format) -> bytes:
-    """Return a figure as a file, the same bytes each time."""
+    """Return the content of a figure's file; equal figures give equal bytes."""
     import matplotlib
 
     date = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(format)

@@ -1,4 +1,4 @@
-"""Lines of terrestrial observations in a plan, and photos with what they look at."""
+"""Lines of terrestrial observations in a plan, and photos with their fields of view."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ LOOKS = (
     (GREY, "--"),
     (ORANGE, ":"),
 )
-"""Colour and dashes of the most frequent sets of kinds."""
+"""Colours and line styles of the most frequent sets of kinds."""
 
 
 def lines_by_kinds(solution: Solution) -> list[tuple[tuple[str, ...], Index]]:
     """Return the lines between points by the kinds that are observed on them.
 
-    Where a line has directions, zenith angles and distances, it is drawn once, as what has all
-    of these, and not three times.
+    A line with directions, zenith angles and distances is drawn once, in the style of this set of
+    kinds.
 
     Returns:
-        Sets of kinds and the points at both ends (n, 2) of their lines, most lines first.
+        Sets of kinds, each with the end points (n, 2) of its lines; the most frequent set is first.
     """
     n = len(solution.equations.unknowns["point"].names)
     kinds: list[str] = []
@@ -62,7 +62,7 @@ def lines_by_kinds(solution: Solution) -> list[tuple[tuple[str, ...], Index]]:
 
 
 def draw_lines(axes: Axes, at: Array, solution: Solution) -> list[Artist]:
-    """Draw the lines between points (n, 2); return what stands in the legend."""
+    """Draw the lines between points (n, 2); return the entries of the legend."""
     from matplotlib.collections import LineCollection
 
     groups = lines_by_kinds(solution)
@@ -96,11 +96,11 @@ def _wrapped(text: str) -> str:
 
 
 def photo_shapes(solution: Solution, images: ImageRows, size: float) -> Array:
-    """Return the outline of what each photo sees, one line (n, 11, 3), metres.
+    """Return the outline of each photo's field of view as one line (n, 11, 3), metres.
 
-    The rays to the corners of the measured part of the image, up to ``size`` metres long: from
-    above, a photo that looks down is a rectangle with its diagonals, one that looks sideways a
-    fan.
+    The outline follows the rays, up to ``size`` metres long, to the corners of the measured part
+    of the image. From above, a vertical photo is a rectangle with its diagonals and a horizontal
+    photo is a fan.
     """
     network, state = solution.network, solution.state
     out = np.empty((len(network.photos), 11, 3))
@@ -111,7 +111,7 @@ def photo_shapes(solution: Solution, images: ImageRows, size: float) -> Array:
             [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]]
         )
         depth = size / np.sqrt(1.0 + np.max(np.sum(corners**2, axis=1)))
-        # y of images is up, that of the camera's axes down.
+        # y of image coordinates points up, y of the camera's axes points down.
         rays = np.column_stack([corners[:, 0], -corners[:, 1], np.ones(4)])
         a, b, c, d = stored[9:] + depth * rays @ stored[:9].reshape(3, 3).T
         o = stored[9:]
@@ -120,7 +120,7 @@ def photo_shapes(solution: Solution, images: ImageRows, size: float) -> Array:
 
 
 def draw_photos(axes: Axes, centres: Array, shapes: Array) -> list[Artist]:
-    """Draw photos: centres (n, 2) and outlines (n, m, 2); return what stands in the legend."""
+    """Draw photos: centres (n, 2) and outlines (n, m, 2); return the entries of the legend."""
     from matplotlib.collections import LineCollection
 
     fine = 0.8 if len(centres) <= 40 else 0.4

@@ -1,4 +1,4 @@
-"""Test values and redundancy numbers of all observations as pictures."""
+"""Figures of the test values and redundancy numbers of all observations."""
 
 from __future__ import annotations
 
@@ -34,24 +34,24 @@ if TYPE_CHECKING:
 NO_TESTS = "No observation is controlled by others (all redundancy numbers are 0): no test values."
 W = "w = v / σᵥ (a-priori σ0 = 1)"
 STRIP = 400
-"""Groups with up to so many values show each of them."""
+"""Largest number of values of a group that shows each value."""
 RASTER = 20_000
-"""More markers than this are an image in vector formats too."""
+"""Largest number of markers drawn as vectors; more markers become an image in every format."""
 
 
 @drawn
 def plot_w(rel: Reliability) -> Figure:
     """Draw the histogram of the test values w with their expected distribution.
 
-    Without blunders and systematic errors, and with the right standard deviations, each w is
-    standard normal. What lies further out than the histogram goes is counted in its outermost
-    bars, and said.
+    Without blunders and systematic errors, and with correct standard deviations, each w is
+    standard normal. Values outside the histogram are counted in the outermost bars, and a note
+    states this.
 
     Args:
         rel: reliability of an adjustment; only controlled observations have a w.
 
     Returns:
-        A figure; one that says so where no observation is controlled.
+        A figure; if no observation is controlled, it shows a message.
 
     Raises:
         InputError: matplotlib is not installed.
@@ -97,19 +97,19 @@ def plot_w(rel: Reliability) -> Figure:
 
 @drawn
 def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
-    """Draw the test values w in order against the quantiles of the standard normal distribution.
+    """Draw the sorted test values w against the quantiles of the standard normal distribution.
 
-    The i-th of n lies over Φ⁻¹((i − ½)/n). Without blunders they follow the diagonal; a steeper
-    line means that standard deviations are too small on the whole, outliers leave it at the
-    ends. The shaded band holds 95 % of the points where all w are independent, which those of
-    one network are only nearly.
+    The i-th of n values lies over Φ⁻¹((i − ½)/n). Without blunders the values follow the
+    diagonal; a steeper line means that standard deviations are too small in general; outliers
+    leave the line at its ends. The shaded band contains 95 % of the points if all w are
+    independent; the w of one network are only nearly independent.
 
     Args:
         rel: reliability of an adjustment; only controlled observations have a w.
-        most: how many suspects, |w| beyond its critical value, are named, largest first.
+        most: largest number of named suspects (|w| above the critical value), largest |w| first.
 
     Returns:
-        A figure; one that says so where no observation is controlled.
+        A figure; if no observation is controlled, it shows a message.
 
     Raises:
         InputError: matplotlib is not installed.
@@ -150,7 +150,7 @@ def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
             )
     largest = float(np.max(np.abs(w)))
     if largest > 4 * max(crit, reach):
-        # Gross errors must not flatten all others to a line.
+        # A linear scale would let gross errors flatten all other values to a line.
         axes.set_yscale("symlog", linthresh=2 * crit, linscale=2.0)
         low, high = axes.get_ylim()
         axes.set_ylim(2 * min(low, 0.0), 2 * max(high, 0.0))
@@ -177,15 +177,15 @@ def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
 def plot_redundancy(rel: Reliability) -> Figure:
     """Draw the distribution of the redundancy numbers of each kind of observation.
 
-    Components are apart (x and y of images, which geometry controls differently), and cameras.
-    A thick bar holds the middle half of the values, a thin line 90 %, a stroke is the median;
-    groups of up to 400 show every value, of larger ones the smallest and the largest.
+    Components (x and y of images, which geometry controls differently) and cameras are separate.
+    A thick bar contains the middle half of the values, a thin line 90 %, a stroke is the median;
+    groups of up to 400 values show every value, larger groups the smallest and the largest.
 
     Args:
         rel: reliability of an adjustment.
 
     Returns:
-        A figure; one that says so where there are no observations.
+        A figure; without observations, it shows a message.
 
     Raises:
         InputError: matplotlib is not installed.
@@ -224,7 +224,7 @@ def _rows(rel: Reliability) -> ReportRows:
 
 
 def _groups(rel: Reliability) -> list[tuple[str, Index]]:
-    """Return kinds (and cameras) by component, and the rows of each."""
+    """Return the groups: kind (and camera) with component, and the rows."""
     component = np.array(
         [
             b.component(i, c)
@@ -248,7 +248,7 @@ def _strip(axes: Axes, place: int, r: Array) -> None:
     axes.hlines(place, low, high, color=GREY, lw=1.0, zorder=1)
     axes.hlines(place, first, third, color=SKY, lw=9.0, zorder=1)
     if len(r) <= STRIP:
-        # Even and the same each time: multiples of the golden ratio.
+        # Multiples of the golden ratio give evenly spread and reproducible offsets.
         offset = 0.5 * (np.arange(len(r)) * 0.6180339887 % 1.0 - 0.5)
     else:
         r, offset = np.array([r.min(), r.max()]), np.zeros(2)
@@ -263,11 +263,11 @@ def _critical(line: Callable[..., object], rel: Reliability) -> None:
 
 
 def _name_tails(figure: Figure, axes: Axes, at: Array, names: list[str]) -> None:
-    """Write names beside points of both tails, one above the other, with thin lines to them."""
+    """Write names beside points of both tails, one above the other, with thin leader lines."""
     figure.draw_without_rendering()
     step = 11.0 * figure.dpi / 72.0
     pixels = axes.transData.transform(at)
-    # The curve rises: above a point of the upper tail and below one of the lower it is not.
+    # The curve rises, so there is room above points of the upper and below those of the lower tail.
     for upper, sign, end in ((True, 1.0, axes.bbox.y1), (False, -1.0, axes.bbox.y0)):
         tail = np.flatnonzero((at[:, 1] > 0) == upper)
         tail = tail[np.argsort(sign * pixels[tail, 1])]
@@ -288,9 +288,9 @@ def _name_tails(figure: Figure, axes: Axes, at: Array, names: list[str]) -> None
 
 
 def spread(wanted: Array, step: float, highest: float) -> Array:
-    """Return increasing places (n,) at least ``step`` apart: at increasing wanted ones or above.
+    """Return increasing places (n,), at least ``step`` apart, at or above the wanted places.
 
-    As a whole they move down where the last would lie above ``highest``.
+    ``wanted`` increases. If the last place would exceed ``highest``, all places move down.
     """
     out = wanted.astype(float).copy()
     for i in range(1, len(out)):

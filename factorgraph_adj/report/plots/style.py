@@ -1,4 +1,4 @@
-"""What every figure has in common: matplotlib when it is there, colours, readable numbers, keys."""
+"""Common parts of all figures: optional matplotlib, colours, readable numbers, scale keys."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ R = TypeVar("R")
 BLACK, GREY, PALE = "#000000", "#8c8c8c", "#d9d9d9"
 ORANGE, SKY, GREEN, YELLOW = "#e69f00", "#56b4e9", "#009e73", "#f0e442"
 BLUE, VERMILLION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
-"""Colours of Okabe & Ito, told apart by colour-blind readers too."""
+"""Colours of Okabe & Ito, which colour-blind readers can distinguish."""
 
 STYLE: dict[str, Any] = {
     "font.size": 9.0,
@@ -39,7 +39,7 @@ STYLE: dict[str, Any] = {
     "axes.grid": False,
     "axes.unicode_minus": True,
     "text.usetex": False,
-    # Names of points and projects are text, whatever signs they have.
+    # Names of points and projects may contain "$"; they are plain text.
     "text.parse_math": False,
     # Room at the edges, inches.
     "figure.constrained_layout.w_pad": 0.08,
@@ -50,7 +50,7 @@ STYLE: dict[str, Any] = {
 
 
 def drawn(make: Callable[P, R]) -> Callable[P, R]:
-    """Let a function draw in the style of this package, whatever the user's own is.
+    """Make a function draw in the style of this package instead of the user's style.
 
     Raises:
         InputError: matplotlib is not installed.
@@ -62,11 +62,11 @@ def drawn(make: Callable[P, R]) -> Callable[P, R]:
             import matplotlib
         except ImportError:
             raise InputError(MISSING) from None
-        # The font that comes with matplotlib has σ̂, ᵀ and ∇; the user's may have the names.
+        # DejaVu Sans, part of matplotlib, has σ̂, ᵀ and ∇; the user's font may have other scripts.
         fonts = ["DejaVu Sans", *matplotlib.rcParams["font.family"]]
         style: Any = STYLE | {"font.family": list(dict.fromkeys(fonts))}
         with matplotlib.rc_context(style), warnings.catch_warnings():
-            # Names in scripts that no font has are boxes, no fault of the adjustment.
+            # Names in scripts without a font are drawn as boxes; the adjustment is still valid.
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")
             return make(*args, **kwargs)
 
@@ -74,14 +74,14 @@ def drawn(make: Callable[P, R]) -> Callable[P, R]:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure, inches; no state of pyplot is touched."""
+    """Return an empty figure, size in inches, without a change to the state of pyplot."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def nothing(title: str, why: str) -> Figure:
-    """Return a figure that says why there is nothing to show."""
+    """Return a figure with a message that explains why it is empty."""
     from textwrap import fill
 
     figure = new_figure(7.0, 2.5)
@@ -93,54 +93,54 @@ def nothing(title: str, why: str) -> Figure:
 
 
 def headline(axes: Axes, title: str, below: str = "", *, width: float | None = None) -> None:
-    """Write a title over axes, and a line of what is shown under it.
+    """Write a title over axes, and a line that describes the content under the title.
 
     Args:
-        axes: what they belong to.
-        title: name, cut where it is too long.
-        below: the line under it.
-        width: room for the title, inches, where a scale key stands beside it.
+        axes: the axes of the title.
+        title: the name; a long name is shortened.
+        below: the line under the title.
+        width: room for the title, inches, if a scale key stands beside the title.
     """
     name = shortened(title) if width is None else shortened(title, max(int(width / 0.085), 16))
     axes.set_title(f"{name}\n{below}" if below else name)
 
 
 def shortened(text: str, most: int = 70) -> str:
-    """Cut a long name."""
+    """Shorten a long name to ``most`` characters."""
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
 def readable(value: float) -> float:
-    """Return the largest of 1, 2, 5 times a power of ten that is not above a positive value."""
+    """Return the largest number, 1, 2 or 5 times a power of ten, up to a positive value."""
     power = 10.0 ** floor(log10(value))
-    # What rounding leaves of an exact power must not make it the one below.
+    # The tolerance accepts an exact power that rounding has made slightly smaller.
     return float(
         max(m for m in (0.5, 1.0, 2.0, 5.0, 10.0) if m * power <= value * (1 + 1e-9)) * power
     )
 
 
 def positive(value: float, what: str) -> float:
-    """Return a number greater than zero; InputError says what is not."""
+    """Return a number greater than zero; InputError names a number that is not."""
     if not (value > 0 and isfinite(value)):
         raise InputError(f"{what} must be a number greater than zero, not {value}")
     return value
 
 
 def multiple(factor: float) -> str:
-    """Write the scale of what is exaggerated, or reduced: × 2 000, ÷ 5."""
+    """Write a factor of exaggeration or reduction: × 2 000, ÷ 5."""
     sign, value = ("×", factor) if factor >= 1 else ("÷", 1 / factor)
     return f"{sign} {value:,.10g}".replace(",", "\u202f")
 
 
 def exaggeration(factor: float) -> str:
-    """Say how much larger something is drawn than it is."""
+    """Describe the factor of exaggeration in words."""
     if factor == 1:
         return "in true size"
     return f"{'exaggerated' if factor > 1 else 'reduced'} {multiple(factor)}"
 
 
 def length(metres: float) -> str:
-    """Write a length in a unit that makes it readable."""
+    """Write a length in a readable unit."""
     for unit, size in (("km", 1e3), ("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
         if metres >= size * (1 - 1e-9):
             value = metres / size
@@ -152,14 +152,14 @@ def length(metres: float) -> str:
 def scale_key(
     axes: Axes, size: float, label: str, *, upright: bool = False, above: bool = True
 ) -> None:
-    """Draw a bar of a known length outside the right end of the axes, and what it stands for.
+    """Draw a bar of known length with a label, outside the axes at their right end.
 
     Args:
-        axes: what it belongs to.
-        size: its length in data units, of x, or of y if it stands.
-        label: what it stands for.
-        upright: whether it stands.
-        above: whether it is above the axes, or below.
+        axes: the axes of the key.
+        size: length of the bar in data units of x, or of y if it is upright.
+        label: meaning of the bar.
+        upright: whether the bar is vertical.
+        above: whether the key is above the axes; otherwise it is below.
     """
     from matplotlib.lines import Line2D
     from matplotlib.offsetbox import AnchoredOffsetbox, AuxTransformBox, HPacker, TextArea, VPacker

@@ -1,4 +1,4 @@
-"""Residual vectors in an image: how they are tested, exaggerated and drawn."""
+"""Residual vectors in an image: their test, exaggeration and drawing."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Tests:
-    """What suspects are found by."""
+    """Test values that mark suspects."""
 
     values: Array
-    """By scalar row."""
+    """Test value of each scalar row."""
     limit: float
     name: str
 
     @property
     def what(self) -> str:
-        """What is marked."""
+        """Criterion of the marked points."""
         return f"|{self.name}| > {self.limit:.2f} in x or y"
 
     def largest(self, own: ImageRows) -> Array:
-        """Return the larger of both components, (n,)."""
+        """Return the larger test value of the two components, (n,)."""
         both: Array = self.values[own.row[:, None] + [0, 1]]
         return np.asarray(np.max(np.abs(both), axis=1))
 
     def rms(self, own: ImageRows) -> float:
-        """Return the root mean square over both components."""
+        """Return the root mean square of the test values of both components."""
         return float(np.sqrt(np.mean(self.values[own.row[:, None] + [0, 1]] ** 2)))
 
 
 def tests_of(solution: Solution, reliability: Reliability | None) -> Tests:
-    """Return w where reliability is known, else v/σ; InputError if it is another solution's."""
+    """Return w with a reliability, else v/σ; InputError for a reliability of another solution."""
     if reliability is None:
         limit = normal_quantile(1 - ALPHA / 2)
         return Tests(solution.observations.normalised, limit, "v/σ")
@@ -55,7 +55,7 @@ def tests_of(solution: Solution, reliability: Reliability | None) -> Tests:
 
 
 def worst_photos(rows: ImageRows, tests: Tests, most: int) -> list[str]:
-    """Return the photos with the largest RMS of tests, or all in order if they are not more."""
+    """Return the ``most`` photos with the largest RMS of tests; up to ``most``, all in order."""
     names = list(rows.solution.network.photos)
     if len(names) <= most:
         return names
@@ -73,7 +73,7 @@ def size_of(corners: tuple[Array, Array]) -> tuple[float, float]:
 
 
 def set_format(axes: Axes, own: ImageRows, corners: tuple[Array, Array], photo: str) -> str:
-    """Set limits to what the camera measures, mark the principal point; return the unit."""
+    """Set limits to the measured area, mark the principal point; return the unit."""
     from matplotlib.ticker import MaxNLocator
 
     low, high = corners
@@ -93,7 +93,7 @@ def set_format(axes: Axes, own: ImageRows, corners: tuple[Array, Array], photo: 
 
 
 def factor_for(parts: list[ImageRows], corners: tuple[Array, Array]) -> float:
-    """Return an exaggeration that keeps most vectors apart: 1, 2 or 5 times a power of ten."""
+    """Return an exaggeration, 1, 2 or 5 times a power of ten, that keeps most vectors apart."""
     size = np.concatenate([np.hypot(*p.residual.T) for p in parts])
     typical = float(np.quantile(size, 0.9))
     if not typical > 0:
@@ -106,7 +106,7 @@ def factor_for(parts: list[ImageRows], corners: tuple[Array, Array]) -> float:
 def draw_vectors(
     axes: Axes, own: ImageRows, factor: float, tests: Tests, *, fine: bool = False
 ) -> Mask:
-    """Draw the residuals of a photo; return which points are suspects."""
+    """Draw the residuals of a photo; return the mask of suspects."""
     bad = tests.largest(own) > tests.limit
     fine = fine or len(own.row) > 500
     for mask, colour, label in ((~bad, BLUE, "residuals"), (bad, VERMILLION, "suspects")):
@@ -156,7 +156,7 @@ def draw_key(
 
 
 def summary(own: ImageRows, bad: Mask, tests: Tests) -> str:
-    """Say how many points, how large their tests are, and how many are suspects."""
+    """Return a line with the numbers of points and suspects, and the size of the test values."""
     n, found = len(own.row), int(bad.sum())
     return (
         f"{n} point{'s' * (n != 1)}, RMS {tests.name} {tests.rms(own):.2f}, "
