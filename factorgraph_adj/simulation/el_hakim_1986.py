@@ -94,7 +94,7 @@ CORNERS = ((-5.0, -9.0), (5.0, -9.0), (5.0, 9.0), (-5.0, 9.0))
 CRANE = 10.0
 """Height of the photos, metres."""
 AIM = 0.1
-"""Distance of the aims from the middle, as a fraction of the photos' distance from the middle."""
+"""Distance of the aims beyond the middle, as a fraction of the photos' distance from the middle."""
 HIDDEN = 0.1
 """Fraction of the sights that is hidden."""
 SIGMA_P31 = 6.0 * MICROMETRE

@@ -31,7 +31,7 @@ class Systematic(Parameters):
 
     @property
     def is_zero(self) -> bool:
-        """Whether its size is zero."""
+        """Whether the size of the error is zero."""
         raise NotImplementedError
 
     def unknown(self, plan: Network, where: str) -> list[Problem]:
@@ -120,7 +120,7 @@ class LensDistortion(InImages):
 
     @property
     def is_zero(self) -> bool:
-        """Whether its size is zero."""
+        """Whether the size of the error is zero."""
         return not any((*self.coefficients_um, *self.distortion_um))
 
     def curve(self, r: Array) -> Array:
@@ -158,7 +158,7 @@ class AffineFilm(InImages):
 
     @property
     def is_zero(self) -> bool:
-        """Whether its size is zero."""
+        """Whether the size of the error is zero."""
         return self.scale_um == self.shear_um == 0.0
 
     def shift(self, camera: str, centred: Array) -> Array:
@@ -179,7 +179,7 @@ class Refraction(Systematic):
 
     @property
     def is_zero(self) -> bool:
-        """Whether its size is zero."""
+        """Whether the size of the error is zero."""
         return self.difference == 0.0
 
     def _not_there(self, plan: Network, where: str) -> list[Problem]:
@@ -219,7 +219,7 @@ class Tape(Systematic):
 
     @property
     def is_zero(self) -> bool:
-        """Whether its size is zero."""
+        """Whether the size of the error is zero."""
         return self.ppm == self.zero_mm == 0.0
 
     def _not_there(self, plan: Network, where: str) -> list[Problem]:

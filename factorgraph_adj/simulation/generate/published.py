@@ -75,9 +75,9 @@ class IspBlock(Part):
 
 @dataclass(frozen=True)
 class IndustryBlock(Part):
-    """The industry block of El-Hakim & Faig (1981), see `factorgraph_adj.experiment`.
+    """Industry block of El-Hakim & Faig (1981), see `factorgraph_adj.simulation.industry_block`.
 
-    It brings its own datum; a spec with it as its only part needs no control.
+    The block defines its own datum; a spec with this part alone needs no control.
     """
 
     kind = "industry_1981"

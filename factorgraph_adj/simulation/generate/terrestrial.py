@@ -85,7 +85,7 @@ class TriangulationGrid(Part):
     relief: float = number(20.0, least=0)
     """Largest height above and below zero, metres."""
     observe: Literal["directions", "distances", "both"] = "both"
-    """What is measured in the plan."""
+    """Observations in plan."""
     heights: Heights = "zenith"
     """Measurement of heights."""
     instrument: TotalStation = field(default_factory=TotalStation)
