@@ -67,7 +67,7 @@ def read_gama(path: str | Path) -> Network:
     - Angles in degrees (41-28-15.8) have standard deviations and covariances in arc seconds,
       those in gon in cc. ``angular`` concerns the output of Gama only.
     - A zenith angle of more than 200 gon is a reading in the second face.
-    - A point may appear several times as long as nothing is stated twice and differently.
+    - A point may appear several times if repeated statements agree.
 
     Args:
         path: the file.

@@ -31,7 +31,7 @@ class Pending:
     """An observation that waits for its weight."""
 
     element: Element
-    """Its XML element."""
+    """XML element of the observation."""
     units: tuple[float, ...]
     """Unit of the standard deviation of each component, in metres or radians."""
     sigma: float | None

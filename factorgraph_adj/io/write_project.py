@@ -40,7 +40,7 @@ _SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def write_project(network: Network, path: str | Path, *, units: Units | None = None) -> None:
-    """Write a network as a TOML file with CSV tables beside it, all or nothing.
+    """Write a network as a TOML file with CSV tables beside it; an error writes no file.
 
     `read_project` gives back the same points, unknowns and observations in the same order,
     every float64 to the bit, whatever the units.

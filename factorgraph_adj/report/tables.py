@@ -42,7 +42,7 @@ def write_solution(
     options: ReportOptions | None = None,
     provenance: Provenance | None = None,
 ) -> None:
-    """Write protocol.txt, solution.json and the CSV tables into a folder, all or nothing.
+    """Write protocol.txt, solution.json and the CSV tables into a folder; an error writes none.
 
     Args:
         solution: the result of `adjust`.

@@ -1,1 +1,1 @@
-"""Simulated networks: measure a plan with random errors, and blocks that do."""
+"""Simulated networks: measurement of a plan with random errors, and simulated blocks."""

@@ -1,4 +1,4 @@
-"""An aerial block of any size, simulated: for growth of time and memory, and for experiments.
+"""Simulated aerial block of any size, for experiments and for the growth of time and memory.
 
 Vertical photos 150 m above a terrain with 20 m of relief, 70 % overlap along and 40 % across,
 every second strip flown backwards; points are seen in five to six photos on average. The
@@ -20,24 +20,24 @@ from .generate.patterns import corners
 from .simulate import Seed, SimulatedNetwork, Truth, disturb, measure
 
 GEOMETRY = 2000
-"""Seed of the geometry: equal sizes give equal blocks."""
+"""Seed of the geometry; blocks of equal size are equal."""
 HEIGHT = 150.0
 """Flying height, metres."""
 RELIEF = 10.0
 """Amplitude of the terrain, metres."""
 SENSOR = (36.0, 24.0)
-"""Across and along the strip, mm."""
+"""Width of the sensor across and along the strip, mm."""
 OVERLAP = (0.4, 0.7)
-"""Across and along the strip."""
+"""Overlap of the photos across and along the strip."""
 CAMERA = "camera"
 CALIBRATION = {"c": 35.1, "x0": 0.04, "y0": -0.03, "k1": -6e-5, "k2": 2e-8, "p1": 3e-6, "p2": 2e-6}
 """True calibration, mm; all of it is free."""
 SIGMA_IMAGE = 2e-3
-"""Image coordinates, mm."""
+"""Standard deviation of image coordinates, mm."""
 SIGMA_GNSS = (0.02, 0.02, 0.04)
-"""Positions of the photos, metres."""
+"""Standard deviations of the photos' GNSS positions, X, Y, Z, metres."""
 SIGMA_CONTROL = (0.01, 0.01, 0.01)
-"""Control points, metres."""
+"""Standard deviations of control points, X, Y, Z, metres."""
 
 
 def simulate_aerial_block(
@@ -47,12 +47,12 @@ def simulate_aerial_block(
 
     Args:
         seed: seed of measuring errors and approximate values.
-        image_points: how many image points there shall be, about; 2 coordinates each.
-        points_per_photo: how many of them in one photo, about.
+        image_points: approximate number of image points, with 2 coordinates each.
+        points_per_photo: approximate number of image points in one photo.
 
     Returns:
-        The network with approximate values (1 m for points, 1 m and 1° for photos, c alone for
-        the camera), and the truth.
+        The network with approximate values (errors of 1 m for points, 1 m and 1° for photos; only
+        c for the camera), and the truth.
     """
     photos = round(image_points / points_per_photo)
     if photos < 4 or points_per_photo < 20:
@@ -63,7 +63,7 @@ def simulate_aerial_block(
     c = CALIBRATION["c"]
     footprint = HEIGHT / c * np.array(SENSOR)
     base = footprint * (1 - np.array(OVERLAP))
-    # As square as it gets, with the strips along Y.
+    # The block is as square as possible; the strips run along Y.
     strips = max(1, round(np.sqrt(photos * base[1] / base[0])))
     in_strip = [len(part) for part in np.array_split(np.arange(photos), strips)]
     spacing = float(np.sqrt(footprint.prod() / points_per_photo))
@@ -114,7 +114,7 @@ def _terrain(spacing: float, extent: Array, footprint: Array) -> Array:
 
 
 def _seen(grid: Array, spacing: float, footprint: Array, at: Array, rotation: Array) -> Index:
-    """Return the numbers of the points of the grid that are on a photo."""
+    """Return the numbers of the grid points that are on a photo."""
     rows = grid.shape[1]
     # Only the part of the grid near the photo is projected.
     reach = 0.8 * footprint

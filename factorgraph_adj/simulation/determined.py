@@ -1,4 +1,4 @@
-"""Which points the observations of a network do not determine, whatever else is known."""
+"""Search for points that the observations of a network cannot determine."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from ..network.network import Network
 from ..types import Array, Index, Mask
 
 RAYS = 2
-"""Image rays that determine a point."""
+"""Number of image rays that determine a point."""
 NULL = 1e-11
-"""Smallest eigenvalue of a point's N, with a diagonal of ones before anything is taken up, below
-which it is not determined."""
+"""Smallest eigenvalue of the N of a determined point. N is scaled to a unit diagonal before the
+orientation unknowns are eliminated."""
 
 
 def undetermined_points(network: Network) -> list[str]:
-    """Return the points that nothing determines, with free coordinates.
+    """Return the points with free coordinates that are not determined.
 
-    A point is one of them where it would not be determined if all other points, photos and
-    instruments were known: N of its free coordinates alone, 3 × 3 at most, less what the
-    orientations of the sets of directions to and from it take up, is singular. So two image rays
-    determine it, one does with a known height, and a known height alone does not.
+    A point is not determined if it would be undetermined even with all other points, photos and
+    instruments known: N of its free coordinates, at most 3 × 3, is singular after elimination of
+    the orientations of the sets of directions to and from the point. Two image rays determine a
+    point, and so does one ray with a known height; a known height alone is not sufficient.
 
     Args:
-        network: with values near the true ones everywhere.
+        network: a network with values near the true ones everywhere.
     """
     if not network.points:
         return []
@@ -45,9 +45,9 @@ def undetermined_points(network: Network) -> list[str]:
 
 
 def _normals(equations: Equations, asked: Mask) -> tuple[Array, Array]:
-    """Return N of each point and what orientations take up of it, all else known, (n, 3, 3)."""
+    """Return N of each point, all else known, and its loss to orientations, (n, 3, 3) each."""
     state = equations.unknowns.start()
-    # Orientations of directions that were measured cancel; where unknown any value will do.
+    # Orientations cancel in measured directions; an unknown orientation may have any value.
     state["orientation"] = np.nan_to_num(state["orientation"])
     sets = equations.unknowns["orientation"]
     loose = (sets.free & np.isinf(sets.sigma))[:, 0]
@@ -91,7 +91,7 @@ def _normals(equations: Equations, asked: Mask) -> tuple[Array, Array]:
 
 
 def _is_singular(normal: Array, taken: Array, free: Mask) -> bool:
-    """Return whether N less what is taken up (3, 3) is singular in the free coordinates."""
+    """Return whether N less its loss ``taken`` (3, 3) is singular in the free coordinates."""
     scale = np.sqrt(np.diag(normal)[free])
     if np.any(scale == 0.0):
         return True

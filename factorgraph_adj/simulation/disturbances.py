@@ -1,4 +1,4 @@
-"""What goes wrong when a plan is measured: systematic errors, gross errors, drop-outs."""
+"""Errors in the measurement of a plan: systematic errors, gross errors, drop-outs."""
 
 from __future__ import annotations
 
@@ -21,38 +21,38 @@ from .simulate import Seed, measure
 from .systematic import InImages, Systematic
 
 GROSS, DROPPED = 1000, 1001
-"""Streams of the seed; the ones below are those of measuring and of approximate values, and
-`GEOMETRY` is that of geometry."""
+"""Streams of the seed for gross errors and drop-outs. Lower numbers are streams of measuring and
+of approximate values; `GEOMETRY` is the stream of geometry."""
 
 Reading = tuple[str, str]
-"""Id of an observation and name of its component; empty where it has one only."""
+"""Id of an observation and name of its component; the name is empty if it has only one."""
 
 
 @dataclass(frozen=True)
 class GrossError(Parameters):
-    """Gross errors: of named observations, or of some that are drawn.
+    """Gross errors of named observations or of drawn observations.
 
     Example:
         ``GrossError(ids=("1/2/17",), component="x", size=0.1)``,
-        ``GrossError(kind="slope_distance", count=3, times_sigma=20)``; drawn ones have a drawn
-        sign.
+        ``GrossError(kind="slope_distance", count=3, times_sigma=20)``; errors of drawn
+        observations have a drawn sign.
     """
 
     ids: tuple[str, ...] = ()
-    """Ids of observations, image points as photo/point."""
+    """Ids of observations; the id of an image point is photo/point."""
     component: str = ""
-    """Of observations with several: ``x``, ``y`` …; none: the first; of drawn ones, any."""
+    """Component with the error, ``x``, ``y`` …; empty: the first, of drawn observations any."""
     observations: str = ""
-    """Kind of the observations that some are drawn from; none: all kinds."""
+    """Kind of the observations from which the faulty ones are drawn; empty: all kinds."""
     count: int = number(0, least=0)
-    """How many are drawn."""
+    """Number of drawn observations."""
     size: float | None = None
-    """Size: metres, radians, or mm for image coordinates."""
+    """Size of the error: metres, radians, or mm for image coordinates."""
     times_sigma: float | None = None
-    """Instead: size in standard deviations of the observation."""
+    """Size in standard deviations of the observation, instead of ``size``."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         found = []
         if (self.size is None) == (self.times_sigma is None):
             found.append(Problem("give either size or times_sigma", path_of(where, "size")))
@@ -64,7 +64,7 @@ class GrossError(Parameters):
         return found
 
     def unknown(self, readings: Mapping[Reading, str], where: str) -> list[Problem]:
-        """Return what a network with these readings (and their kinds) does not have."""
+        """Return problems with names that a network with these readings (and kinds) lacks."""
         ids = {ident for ident, _ in readings}
         found = [
             Problem(
@@ -113,12 +113,12 @@ class DropOut(Parameters):
     """Observations that are lost, each with the same probability."""
 
     probability: float = number(0.1, least=0, below=1)
-    """Probability of each."""
+    """Probability of the loss of each observation."""
     observations: str = ""
-    """Kind of the observations; none: all kinds but control."""
+    """Kind of the observations; empty: all kinds except control."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what is wrong."""
+        """Return the problems of the fields."""
         if not self.observations or self.observations in KINDS:
             return []
         what = f"unknown kind {self.observations!r}; valid: {', '.join(KINDS)}"
@@ -131,19 +131,19 @@ class DropOut(Parameters):
 
 @dataclass(frozen=True)
 class Errors(Parameters):
-    """Errors of a simulation. Without any fields, the noise of the stochastic model alone."""
+    """Errors of a simulation; by default only the noise of the stochastic model."""
 
     noise: bool = True
     """Whether readings and weighted unknowns have random errors."""
     systematic: tuple[Systematic, ...] = ()
-    """Systematic errors; all of them act."""
+    """Systematic errors; all of them act together."""
     gross: tuple[GrossError, ...] = ()
-    """Gross errors; several of one reading add up."""
+    """Gross errors; several errors of one reading add up."""
     drop_outs: tuple[DropOut, ...] = ()
-    """Observations that are lost; those with a gross error are not."""
+    """Losses of observations; observations with a gross error are never lost."""
 
     def unknown(self, plan: Network, where: str) -> list[Problem]:
-        """Return everything that the errors name and the plan does not have."""
+        """Return problems with all names in the errors that the plan lacks."""
         readings = readings_of(plan)
         found = []
         for i, s in enumerate(self.systematic):
@@ -178,7 +178,7 @@ def _image_ids(network: Network) -> Iterator[str]:
 
 
 def true_plan(plan: Network, errors: Errors) -> Network:
-    """Return a plan with the values that the readings are made with."""
+    """Return a plan with the true values, from which the readings are made."""
     true = plan.copy()
     for s in errors.systematic:
         s.make_true(true)
@@ -186,12 +186,12 @@ def true_plan(plan: Network, errors: Errors) -> Network:
 
 
 def read(plan: Network, true: Network, errors: Errors, *, seed: Seed) -> Network:
-    """Return the readings of a plan with noise and systematic errors, and what it takes as given.
+    """Return a plan with readings that have noise and systematic errors, and with assumed values.
 
     Args:
-        plan: with the values that an adjustment assumes.
-        true: the same with the true ones, see `true_plan`.
-        errors: what is wrong.
+        plan: the plan with the values that an adjustment assumes.
+        true: the same plan with the true values, see `true_plan`.
+        errors: the errors.
         seed: seed of the noise.
     """
     network = measure(true, seed=seed, noise=errors.noise)
@@ -212,7 +212,7 @@ def read(plan: Network, true: Network, errors: Errors, *, seed: Seed) -> Network
 def _assumed(
     plan: Mapping[str, Parameter], true: Mapping[str, Parameter], drawn: Mapping[str, Parameter]
 ) -> dict[str, Parameter]:
-    """Return drawn unknowns less what the true ones differ by from the assumed ones."""
+    """Return assumed unknowns plus the errors of the drawn ones, drawn − true."""
     found = {}
     for name, p in plan.items():
         error = np.subtract(drawn[name].values, true[name].values)
@@ -223,7 +223,7 @@ def _assumed(
 def _deform(network: Network, true: Network, errors: Errors) -> None:
     """Add the systematic errors of image coordinates to a network.
 
-    They are about the true principal point: that of a weighted camera in ``network`` is drawn.
+    The errors refer to the true principal point; a weighted camera in ``network`` has a drawn one.
     """
     acting = [s for s in errors.systematic if isinstance(s, InImages)]
     if not acting:
@@ -241,7 +241,7 @@ def _deform(network: Network, true: Network, errors: Errors) -> None:
 
 
 def _set_images(network: Network, xy: Array) -> None:
-    """Give the image points of a network other coordinates (n, 2)."""
+    """Replace the coordinates (n, 2) of the image points of a network."""
     photo, point, _, sigma = network.images.columns()
     ids, sources = network.images.ids, network.images.sources
     network.images = ImageTable(ids=ids, sources=sources)
@@ -281,7 +281,7 @@ def _shifted(network: Network, o: Observation, component: str, size: float) -> O
     """Return an observation with an error in one component."""
     axes = o.component_names()
     if isinstance(o, ControlPoint) and o.local:
-        value = np.zeros(len(axes))  # its reading is how far it is moved
+        value = np.zeros(len(axes))  # the reading of this kind is its displacement
     else:
         value = np.atleast_1d(np.array(getattr(o, "value"), dtype=float))  # noqa: B009
     value[axes.index(component) if component else 0] += size
@@ -296,7 +296,7 @@ def _sigmas(network: Network) -> dict[Reading, float]:
         found[ident, "x"], found[ident, "y"] = s
     only = network.copy()
     only.images = ImageTable()
-    equations = compile_rows(only)  # photos may have been all there is
+    equations = compile_rows(only)  # without the images, the network may be empty
     for block in equations.weighted_at(equations.unknowns.start()).blocks:
         for i, ident in enumerate(block.ids):
             for j in range(block.dimension):
@@ -309,10 +309,10 @@ def _sigmas(network: Network) -> dict[Reading, float]:
 def drop(
     network: Network, errors: Errors, keep: Mapping[Reading, float], *, seed: Seed
 ) -> tuple[Network, tuple[str, ...]]:
-    """Lose observations; return the network without them, and their ids.
+    """Remove lost observations; return the network without them, and their ids.
 
-    Points that nothing determines any more go too, see `undetermined_points`, with all their
-    observations; so do those that only they had determined.
+    Points that are no longer determined (see `undetermined_points`) are removed with all their
+    observations. This is repeated for points that depended on the removed ones.
     """
     if not errors.drop_outs:
         return network, ()

@@ -1,20 +1,20 @@
-"""The two blocks of El-Hakim (1986) on which terrestrial observations prove what they are worth.
+"""The two blocks of El-Hakim (1986) that show the effect of terrestrial observations.
 
-The paper prints no coordinates, but table 1 tells a good deal: e2, the part of an error that goes
-into the point, belongs to the rays of the point alone.
+The paper prints no coordinates, but table 1 gives indirect information: e2, the part of an error
+that changes the point, depends only on the rays of the point.
 
 **Aerial block**: 52 vertical photos, 60 % forward and 20 % side overlap, nearly flat terrain,
 dense points. Chosen here:
 
-- four strips of 13 photos along X, every second one flown backwards; each begins somewhere else
-  along the base, or there would be points with 4 and with 6 rays between two strips, but few
-  with 5. Centres stray by 3 % of the base, attitudes by 1°;
+- four strips of 13 photos along X, every second one flown backwards; each begins at another
+  fraction of the base, otherwise the points between two strips would have 4 or 6 rays and
+  seldom 5. Centres vary by 3 % of the base, attitudes by 1°;
 - a wide-angle camera, c = 153 mm, plates of 230 × 230 mm, without distortion; scale 1:4400 like
   the paper's other aerial block, hence H = 673 m, base 405 m; σ of image coordinates 5 µm;
-- a jittered grid of points a sixth of a photo's side apart, about 34 in each photo: with as many,
-  r of points with 5 and 6 rays is that of table 1. Heights within ± 10 m;
-- control: 7 × 5 points of the block without the one in the middle, the 20 on its edge with
-  X, Y, Z, the others with Z, held: the paper's 20 horizontal and 34 vertical ones.
+- a jittered grid of points a sixth of a photo's side apart, about 34 in each photo: with this
+  number, r of points with 5 and 6 rays is that of table 1. Heights within ± 10 m;
+- held control: 7 × 5 points of the block without the central one, the 20 on the edge with X, Y, Z,
+  the others with Z; these are the paper's 20 horizontal and 34 vertical control points.
 
 **Close-range block**: four convergent photos "from the four corners" with a Wild P31. Chosen:
 
@@ -23,8 +23,8 @@ dense points. Chosen here:
   from (± a, ± b, h) meet with e2_x = ¼ (1 + a²/(b² + h²) (b²/(a² + h²) + h²/(a² + b²))), which
   is 0.36 for a square; 0.31, as printed, needs a short base along x. r_x = 0 for two rays means
   that these come from the two photos of one base, whose epipolar lines run along x;
-- two thus photograph what the other two cannot reach: the edge beneath them. A tenth of the
-  sights is hidden, but only from points that all four photos have: they keep three rays;
+- each pair therefore covers the edge beneath the other pair, which that pair cannot see. A tenth
+  of the sights is hidden, but only of points in all four photos, which keep three rays;
 - c = 100 mm, plates of 120 × 90 mm, no distortion; σ of image coordinates 6 µm, with which
   `industry_block` shows the precision that the paper of 1981 prints;
 - control in the four corners and terrestrial observations, σ 0.5 mm as in the paper.
@@ -45,13 +45,13 @@ from .generate.photos import in_view
 from .simulate import Seed, SimulatedNetwork, Truth, disturb, measure
 
 MILLIMETRE = 1e-3
-"""In metres."""
+"""Millimetre in metres."""
 MICROMETRE = 1e-3
-"""In millimetres, the unit of image coordinates."""
+"""Micrometre in millimetres, the unit of image coordinates."""
 GEOMETRY = 1986
 """Seed of the geometry: every simulation has the same blocks."""
 JITTER = 0.3
-"""Largest shift of a point from its place in the grid, parts of the grid's width."""
+"""Largest shift of a point from its place in the grid, as a fraction of the grid's width."""
 Line = tuple[str, str]
 """Names of two points."""
 
@@ -60,42 +60,43 @@ CAMERA = "camera"
 # -- aerial block ------------------------------------------------------------------------------
 
 STRIPS, IN_STRIP = 4, 13
-"""52 photos."""
+"""Number of strips, and of photos in a strip; together 52 photos."""
 AERIAL_C, AERIAL_PLATE = 153.0, (230.0, 230.0)
-"""Principal distance and plates, mm."""
+"""Principal distance, and format of the plates, mm."""
 AERIAL_SCALE = 4400.0
 SIDE = AERIAL_SCALE * AERIAL_PLATE[0] * MILLIMETRE
 """Side of a photo on the ground, metres."""
 BASE, ACROSS = 0.4 * SIDE, 0.8 * SIDE
-"""Between photos of a strip, and between strips, metres."""
+"""Distances between photos of a strip, and between strips, metres."""
 FIRST = (0.0, 0.3, 0.6, 0.2)
-"""Where each strip begins, bases."""
+"""Start of each strip along X, in bases."""
 SPACING = SIDE / 6
-"""Of the grid of points, metres."""
+"""Width of the grid of points, metres."""
 RELIEF = 10.0
-"""Largest height of a point, metres, up and down."""
+"""Largest height of a point above and below zero, metres."""
 SIGMA_AERIAL = 5.0 * MICROMETRE
 SIGMA_AERIAL_TERRESTRIAL = 5.0 * MILLIMETRE
-"""Of distances and height differences: a quarter of an image coordinate's on the ground, 22 mm."""
+"""σ of distances and height differences, metres: a quarter of an image coordinate's 22 mm on the
+ground."""
 CONTROL = (7, 5)
-"""Control points along X and Y."""
+"""Numbers of control points along X and Y."""
 
 # -- close-range block -------------------------------------------------------------------------
 
 FLOOR = 15.0
 """Side of the floor, metres."""
 GRID = (7, 6)
-"""Points along X and Y."""
+"""Numbers of points along X and Y."""
 P31_C, P31_PLATE = 100.0, (120.0, 90.0)
-"""Principal distance and plates, mm."""
+"""Principal distance, and format of the plates, mm."""
 CORNERS = ((-5.0, -9.0), (5.0, -9.0), (5.0, 9.0), (-5.0, 9.0))
-"""Where the photos 1 to 4 stand, metres from the middle of the floor."""
+"""Plan positions of the photos 1 to 4, metres from the middle of the floor."""
 CRANE = 10.0
-"""Their height, metres."""
+"""Height of the photos, metres."""
 AIM = 0.1
-"""They aim past the middle by this part of their distance from it."""
+"""Distance of the aims beyond the middle, as a fraction of the photos' distance from the middle."""
 HIDDEN = 0.1
-"""Share of sights that are hidden."""
+"""Fraction of the sights that is hidden."""
 SIGMA_P31 = 6.0 * MICROMETRE
 SIGMA_CONTROL = 0.5 * MILLIMETRE
 SIGMA_TERRESTRIAL = 0.5 * MILLIMETRE
@@ -110,8 +111,8 @@ def simulate_aerial_1986(
 ) -> SimulatedNetwork:
     """Simulate the measurements of the block of 52 photos.
 
-    Points are named by column and row of the grid, ``"0412"`` is column 4, row 12: columns run
-    along the strips. Photos are ``"1/1"`` (strip, place in it) to ``"4/13"``.
+    Points are named by column and row of the grid, ``"0412"`` is column 4, row 12; columns run
+    along the strips. Photos are named ``"1/1"`` (strip, place in the strip) to ``"4/13"``.
 
     Args:
         seed: seed of measuring errors and approximate values; the block is always the same.
@@ -135,7 +136,7 @@ def aerial_1986_plan(*, control: bool = True) -> Network:
     """Return the block of 52 photos with true values, without terrestrial observations.
 
     Args:
-        control: hold its 20 horizontal and 34 vertical control points.
+        control: whether the 20 horizontal and 34 vertical control points are held.
     """
     rng = np.random.default_rng([GEOMETRY, 0])
     names, points = _terrain(rng)
@@ -154,10 +155,10 @@ def aerial_1986_plan(*, control: bool = True) -> Network:
 
 
 def edge_lines(network: Network) -> list[Line]:
-    """Return 50 lines that join every second point of the aerial block's edge, all round.
+    """Return 50 lines that join every second point of the aerial block's whole edge.
 
-    The edge is the first and the last point of every column and every row of the grid. Lines are
-    200 to 600 m long, and up to 920 m around the ends of the strips.
+    The edge consists of the first and the last point of every column and every row of the grid.
+    Lines are 200 to 600 m long, and up to 920 m around the ends of the strips.
     """
     columns: dict[str, list[str]] = {}
     rows: dict[str, list[str]] = {}
@@ -180,8 +181,8 @@ def simulate_close_range_1986(
 ) -> SimulatedNetwork:
     """Simulate the measurements of the block of four convergent photos.
 
-    Points are named by column and row, ``"11"`` to ``"76"``, those at the four corners are
-    control points; photos are ``"1"`` to ``"4"``, bases along X join 1 and 2, 3 and 4.
+    Points are named by column and row, ``"11"`` to ``"76"``; the points at the four corners are
+    control points. Photos are named ``"1"`` to ``"4"``; bases along X join 1 and 2, 3 and 4.
 
     Args:
         seed: seed of measuring errors and approximate values; the block is always the same.
@@ -276,7 +277,7 @@ def _floor(rng: np.random.Generator) -> tuple[list[str], Array]:
 
 
 def _looking_in(at: Array) -> tuple[Array, Array]:
-    """Return position and world_R_camera of a close-range photo, its x axis as near X as it can."""
+    """Return position and world_R_camera of a close-range photo; its x axis is nearly along X."""
     z = at * [-AIM, -AIM, 0.0] - at
     z /= np.linalg.norm(z)
     x = np.array([1.0, 0.0, 0.0]) - z * z[0]

@@ -1,14 +1,13 @@
-"""A geocentric combined block with every kind of observation, simulated.
+"""Simulated geocentric combined block with every kind of observation.
 
 A quarry of 300 × 200 m with 30 signalised points, surveyed from eight pillars up to 1.3 km
-apart and 150 m above each other, and from ten photos of a drone. Everything that the library
-knows of is measured and unknown at once: slope and horizontal distances with scale and zero
+apart with height differences up to 150 m, and from ten photos of a drone. The block has all kinds
+of observations and unknowns of the library: slope and horizontal distances with scale and zero
 constant of the distance meter, vertical and zenith angles with three coefficients of
 refraction, directions in one or two sets, horizontal angles, azimuths, levelling, astronomic
-latitude and longitude, GNSS vectors (a correlated pair among them), GNSS positions, one
-height, photo positions with a lever arm, image coordinates with a self-calibrating camera,
-and a deflection of the vertical for each pillar. Instruments and targets stand above their
-points.
+latitude and longitude, GNSS vectors (including a correlated pair), GNSS positions, one height,
+photo positions with a lever arm, image coordinates with a self-calibrating camera, and a
+deflection of the vertical for each pillar. Instruments and targets stand above their points.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ MILLIMETRE = 1e-3
 GEOMETRY = 1986
 """Seed of the geometry: every simulation has the same block."""
 QUARRY = TopocentricFrame(np.deg2rad(47.2), np.deg2rad(8.8), 620.0)
-"""East, north, up of the block; its geocentric frame is that of the network."""
+"""Topocentric frame of the block; its geocentric frame is the frame of the network."""
 
 PILLARS = {
     # East, north, up, metres; height of instrument and target.
@@ -61,14 +60,14 @@ PILLARS = {
     "H": ((-140.0, 170.0, 150.0), 1.41),
 }
 ASTRONOMIC = ("A", "C", "H")
-"""Pillars with astronomic latitude and longitude: their deflections are free, the others
-weighted."""
+"""Pillars with astronomic latitude and longitude; their deflections are free, the deflections
+of the other pillars are weighted."""
 PRISM = 0.25
 """Height of the reflector on a signalised point, metres."""
 
 REFRACTION = {"morning": 0.21, "noon": 0.08, "": 0.13}
-"""True coefficients: of the zenith angles of four pillars each, free; of vertical angles,
-weighted."""
+"""True coefficients of refraction: two free ones for the zenith angles of four pillars each, and a
+weighted one for the vertical angles."""
 DISTANCE_METER = "EDM"
 SCALE, ZERO = 4.0e-6, 2.3 * MILLIMETRE
 """True scale and zero constant of the distance meter, free."""
@@ -86,7 +85,7 @@ CALIBRATION = {
 """True calibration, mm; all of it is free. The sensor has 36 × 24 mm."""
 SENSOR = (36.0, 24.0)
 LEVER_ARM = (0.12, -0.05, -0.21)
-"""From the projection centre to the antenna of the drone, metres."""
+"""Vector from the projection centre to the antenna of the drone, metres."""
 
 SIGMA_ANGLE = StandardDeviation(constant=1.0 * ARCSEC, centring_target=0.3 * MILLIMETRE)
 SIGMA_DISTANCE = StandardDeviation(constant=1.0 * MILLIMETRE, ppm=1.0)
@@ -96,7 +95,7 @@ SIGMA_ASTRONOMIC = 0.3 * ARCSEC
 SIGMA_DEFLECTION = 5.0 * ARCSEC
 SIGMA_REFRACTION = 0.05
 SIGMA_IMAGE = 2e-3
-"""Image coordinates, mm."""
+"""Standard deviation of image coordinates, mm."""
 
 
 def simulate_geocentric_block(seed: Seed) -> SimulatedNetwork:
@@ -106,8 +105,8 @@ def simulate_geocentric_block(seed: Seed) -> SimulatedNetwork:
         seed: seed of measuring errors and approximate values; the block is always the same.
 
     Returns:
-        The network with approximate values (0.3 m for points and projection centres, 1° for
-        attitudes), and the truth.
+        The network with approximate values (errors of 0.3 m for points and projection centres,
+        1° for attitudes), and the truth.
     """
     plan = Network("quarry, simulated", frame=GeocentricFrame())
     rng = np.random.default_rng([GEOMETRY])
@@ -141,7 +140,7 @@ def _add_unknowns(plan: Network, rng: np.random.Generator) -> dict[str, Array]:
 
 
 def _add_total_stations(plan: Network, targets: dict[str, Array]) -> None:
-    """Add what the total stations measure: pillars all round, two targets out of three."""
+    """Add the observations of the total stations to all pillars and two of three targets."""
     names = list(PILLARS)
     for i, station in enumerate(names):
         others = [p for p in names if p != station]
@@ -214,7 +213,7 @@ def _add_levelling_and_astronomy(plan: Network) -> None:
 def _covariance(east: float, north: float, up: float) -> Array:
     """Return the geocentric covariance (3, 3) of standard deviations in e, n, u, metres.
 
-    North and up are correlated by 0.4, as satellites leave the north of the sky empty.
+    North and up have a correlation of 0.4, as the northern sky has no satellites.
     """
     correlation = np.eye(3)
     correlation[1, 2] = correlation[2, 1] = 0.4
@@ -229,7 +228,7 @@ def _enu() -> Array:
 
 
 def _add_gnss(plan: Network) -> None:
-    """Add GNSS vectors, positions that give the datum, and one levelled height."""
+    """Add GNSS vectors, GNSS positions that define the datum, and one levelled height."""
     zero = (0.0, 0.0, 0.0)
     vector = _covariance(2.0 * MILLIMETRE, 2.0 * MILLIMETRE, 5.0 * MILLIMETRE)
     for here, there in (("A", "B"), ("B", "C"), ("C", "D"), ("D", "A")):
@@ -242,7 +241,7 @@ def _add_gnss(plan: Network) -> None:
                 **_above(here, there),
             )
         )
-    # Two vectors from one occupation of H share its errors.
+    # The two vectors from one occupation of H have its errors in common.
     together: Array = np.kron(np.array([[1.0, 0.5], [0.5, 1.0]]), vector)
     pair = [
         GnssVector(
@@ -263,7 +262,7 @@ def _add_gnss(plan: Network) -> None:
 
 
 def _add_photos(plan: Network, targets: dict[str, Array]) -> None:
-    """Add ten photos from about 120 m above, tilted and turned against each other."""
+    """Add ten photos from a height of about 120 m, with different tilts and headings."""
     plan.add_camera(CAMERA, BrownForwardLens(), CALIBRATION, free=CALIBRATION)
     names, points = list(targets), np.array(list(targets.values()))
     turn = _enu()
@@ -272,7 +271,7 @@ def _add_photos(plan: Network, targets: dict[str, Array]) -> None:
         at = np.array([-140.0 + 70.0 * (i % 5), -60.0 + 120.0 * (i // 5), 118.0 + 6.0 * (i % 3)])
         rotation = look_at(at, at * [0.55, 0.3, 0.0] + [6.0, 4.0, 0.0])
         if i % 2:
-            # Every second photo on its side: principal point and tilt come apart.
+            # Every second photo is turned by 90°, which separates principal point and tilt.
             rotation = rotation @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
         p = (points - at) @ rotation
         seen = (p[:, 2] > 0) & np.all(

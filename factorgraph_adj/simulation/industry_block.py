@@ -1,23 +1,22 @@
-"""The industry block of El-Hakim & Faig (1981), simulated as the paper describes it.
+"""Simulation of the industry block of El-Hakim & Faig (1981) as described in the paper.
 
 About 70 points of an industrial floor of 15 × 15 m; a Wild P31 (c = 100 mm, plates of
-90 × 120 mm) on a crane about 10 m up at the four corners, and once more near three of them;
-150 taped distances and levelled heights, σ 0.5 mm each. The paper prints no coordinates.
+90 × 120 mm) on a crane at a height of about 10 m at the four corners, and again near three of
+them; 150 taped distances and levelled heights, σ 0.5 mm each. The paper prints no coordinates.
 Chosen here:
 
 - a jittered grid of 10 × 7 points; two thirds lie on the floor (± 5 cm), one third on
-  machines 0.5 to 2 m high, which hide 15 % of the sights; every point stays in at least two of
-  the first four photos;
+  machines 0.5 to 2 m high, which hide 15 % of the sights; every point is visible in at least two
+  of the first four photos;
 - distances between 1 and 12 m; every point has at least one;
 - levelling from one bench mark: the height difference to every other point;
 - datum: the bench mark held in X, Y, Z and the opposite corner in Y; distances give the scale.
   Without terrestrial measurements, two opposite corners are held in X, Y, Z and a third in Z;
 - a radial lens distortion that reaches the paper's 4 µm on the plates. A calibration
-  certificate gives it to 4 µm, principal distance and principal point to 10 µm; they are
-  weighted unknowns;
-- image coordinates with σ 6 µm. The stereocomparator alone measures to 2 or 3 µm; with 6 µm
-  for targets and plates too, the 95 % semi-major axes come within 8 % of table 2 in its four
-  cases.
+  certificate states the distortion with σ 4 µm, principal distance and principal point with
+  σ 10 µm; these parameters are weighted unknowns;
+- image coordinates with σ 6 µm. The stereocomparator alone measures with 2 to 3 µm; 6 µm include
+  targets and plates, and give 95 % semi-major axes within 8 % of the four cases of table 2.
 """
 
 from __future__ import annotations
@@ -36,16 +35,16 @@ from .generate.photos import in_view
 from .simulate import Seed, SimulatedNetwork, Truth, disturb, look_at, measure
 
 MILLIMETRE = 1e-3
-"""In metres."""
+"""Millimetre in metres."""
 MICROMETRE = 1e-3
-"""In millimetres, the unit of image coordinates."""
+"""Micrometre in millimetres, the unit of image coordinates."""
 
 GEOMETRY = 1981
 """Seed of points, hidden sights and taped lines: every simulation has the same block."""
 SIDE = 15.0
 """Side of the square floor, metres."""
 GRID = (10, 7)
-"""Points along X and Y."""
+"""Numbers of points along X and Y."""
 PLATE = (120.0, 90.0)
 """Format of the plates, mm."""
 SIGMA_TAPE = 0.5 * MILLIMETRE
@@ -53,18 +52,18 @@ SIGMA_LEVELLING = 0.5 * MILLIMETRE
 TAPE = (1.0, 12.0)
 """Shortest and longest taped distance, metres."""
 HIDDEN = 0.15
-"""Share of the sights that machines hide."""
+"""Fraction of the sights that machines hide."""
 
 CAMERA = "P31"
 LENS = HarmonicLens(reference_radius=60.0)
 TRUE = {"c": 100.005, "x0": 0.007, "y0": -0.009, "a20": 2.4e-4, "a00": -2.484e-4}
-"""What the camera was, mm and dimensionless; a00 balances a20 over the plate."""
+"""True calibration, mm and dimensionless; a00 balances a20 over the plate."""
 CERTIFICATE = {"c": 0.010, "x0": 0.010, "y0": 0.010} | dict.fromkeys(
     ("a20", "a22", "b22", "a31", "b31"), 7e-5
 )
-"""Standard deviations of the certificate, mm and dimensionless (7e-5 is 4 µm at 60 mm). The
-estimated parameters are those; a00 does the same as c, a11 and b11 have a cusp at the centre,
-a33 and b33 are held at 0."""
+"""Standard deviations of the certificate, mm and dimensionless (7e-5 is 4 µm at 60 mm). Only these
+parameters are estimated: a00 has the effect of c, a11 and b11 have a cusp at the centre, a33 and
+b33 are held at 0."""
 
 CORNERS = ("P01", "P10", "P70", "P61")
 """Points at the corners of the floor; the first is the bench mark."""
@@ -72,7 +71,7 @@ _DATUM_OF_LEVELLING = {CORNERS[0]: "xyz", CORNERS[2]: "y"}
 _DATUM_OF_PHOTOS = {CORNERS[0]: "xyz", CORNERS[2]: "xyz", CORNERS[1]: "z"}
 
 _CAMERAS = (
-    # Where the camera hung and what it aimed at, metres from the centre of the floor.
+    # Projection centre and aim, metres from the centre of the floor.
     ((-9.4, -9.3, 10.1), (0.9, 1.0, 0.5)),
     ((9.2, -9.6, 9.8), (-1.0, 0.8, 0.5)),
     ((9.5, 9.3, 10.3), (-0.8, -1.0, 0.5)),
@@ -82,7 +81,7 @@ _CAMERAS = (
     ((7.9, 10.1, 9.5), (-0.5, -1.1, 0.5)),
 )
 CONVERGENT = 4
-"""The first four photos: one from each corner."""
+"""Number of photos in the convergent block, the first four: one from each corner."""
 
 
 def simulate_industry_block(
@@ -96,22 +95,22 @@ def simulate_industry_block(
 ) -> SimulatedNetwork:
     """Simulate the measurements of the industry block.
 
-    The cases of the paper's table 2 are (a) everything, (b) ``photos=4, terrestrial=False,
-    self_calibration=False``, (c) the same with self-calibration, (d) with all photos. Equal
+    The cases of the paper's table 2 are (a) the defaults, (b) ``photos=4, terrestrial=False,
+    self_calibration=False``, (c) as (b) with self-calibration, (d) as (c) with all photos. Equal
     seeds give equal image coordinates, distances and heights in all cases.
 
     Args:
         seed: seed of measuring errors and approximate values; the block is always the same.
         photos: number of photos, 4 to 7.
         terrestrial: whether distances and levelling take part.
-        self_calibration: estimate the calibration with the certificate as weighted start;
-            otherwise its c, x0, y0 are held and there are no additional parameters.
-        distances: number of taped distances, 35 or more, so that every point gets one.
+        self_calibration: whether the calibration is estimated with the certificate as weighted
+            values; otherwise c, x0, y0 are held and additional parameters are omitted.
+        distances: number of taped distances; 35 or more, so that every point has one.
         sigma_image: standard deviation of image coordinates, mm.
 
     Returns:
-        The network with approximate values (0.1 m for points, 0.3 m and 1° for photos), and
-        the truth.
+        The network with approximate values (errors of 0.1 m for points, 0.3 m and 1° for
+        photos), and the truth.
     """
     plan = industry_block_plan(
         photos=photos, terrestrial=terrestrial, distances=distances, sigma_image=sigma_image
@@ -178,7 +177,7 @@ def _points() -> Array:
 
 
 def _add_photos(plan: Network, names: list[str], points: Array, photos: int, sigma: float) -> None:
-    """Add the photos with the points that are on their plates and not hidden."""
+    """Add the photos with the visible points on their plates."""
     centre = np.array([SIDE / 2, SIDE / 2, 0.0])
     seen = np.zeros((len(_CAMERAS), len(points)), dtype=bool)
     poses = []
@@ -196,7 +195,7 @@ def _add_photos(plan: Network, names: list[str], points: Array, photos: int, sig
 
 
 def _hidden(seen: Mask) -> Mask:
-    """Draw which sights (photos, points) are hidden; two of the first four always remain."""
+    """Draw the hidden sights (photos, points); each point keeps two of the first four photos."""
     rng = np.random.default_rng([GEOMETRY, 1])
     hidden = rng.random(seen.shape) < HIDDEN
     first = seen[:CONVERGENT]
@@ -206,7 +205,7 @@ def _hidden(seen: Mask) -> Mask:
 
 
 def _lines(points: Array, distances: int) -> list[tuple[int, int]]:
-    """Draw the pairs of points with a taped distance: every point first, then arbitrarily."""
+    """Draw the pairs of points with a taped distance; each point is in at least one pair."""
     rng = np.random.default_rng([GEOMETRY, 2])
     n = len(points)
     shortest, longest = TAPE

@@ -1,8 +1,8 @@
-"""Parameters of a spec: frozen dataclasses whose fields say what they may be.
+"""Parameters of a spec: frozen dataclasses whose fields define type and range.
 
-One definition of a field, its type and its range, serves three callers: a table of a TOML file
-becomes a dataclass, a dataclass made in Python is checked, and one parameter deep in a spec is
-changed by its path, ``parts.0.side_overlap``.
+One definition of a field serves three purposes: a table of a TOML file becomes a dataclass, a
+dataclass made in Python is checked, and a nested parameter of a spec is changed by its path,
+``parts.0.side_overlap``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class Bad:
-    """What stands for a value that could not be read; nothing else is checked with it."""
+    """Stand-in for a value that could not be read; further checks skip it."""
 
 
 BAD = Bad()
@@ -30,13 +30,13 @@ BAD = Bad()
 
 @dataclasses.dataclass(frozen=True)
 class Parameters:
-    """Base of everything in a spec."""
+    """Base of all dataclasses in a spec."""
 
     kind: ClassVar[str] = ""
-    """What the table calls itself, where several classes may stand in one place."""
+    """Value of the key ``kind`` of a table, for places where several classes are possible."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what is wrong with the fields together; each by itself has been checked."""
+        """Return the problems of the combination of fields; single fields are checked before."""
         return []
 
 
@@ -48,7 +48,7 @@ def number(
     most: float | None = None,
     below: float | None = None,
 ) -> Any:
-    """Return a field for a number, or several, within bounds."""
+    """Return a field for one or several numbers within bounds."""
     limits = {"least": least, "above": above, "most": most, "below": below}
     metadata = {k: v for k, v in limits.items() if v is not None}
     return dataclasses.field(default=default, metadata=metadata)
@@ -60,17 +60,17 @@ def path_of(where: str, name: str | int) -> str:
 
 
 def convert(hint: Any, value: Any, where: str, found: list[Problem], of: Field[Any]) -> Any:
-    """Return ``value`` as a field of type ``hint`` wants it; what is wrong goes to ``found``.
+    """Return ``value`` converted to the type ``hint`` of a field; add problems to ``found``.
 
     Args:
         hint: type of the field.
-        value: a value of TOML, or a dataclass, or what Python has for either.
+        value: a value of TOML, a dataclass, or the Python equivalent of either.
         where: path of the field.
-        found: gets the problems.
+        found: list to which problems are added.
         of: the field, for its bounds.
 
     Returns:
-        The value; `BAD` where it is of no use.
+        The value; `BAD` if it cannot be used.
     """
     origin, arguments = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
@@ -148,7 +148,7 @@ def _scalar(hint: Any, value: Any, where: str, found: list[Problem], of: Field[A
 
 
 def kinds_of(base: type[Parameters]) -> dict[str, type[Parameters]]:
-    """Return the classes that may stand for ``base``, by kind; empty where there is but one."""
+    """Return the subclasses that may replace ``base``, by kind; empty if only ``base`` exists."""
     found: dict[str, type[Parameters]] = {}
     for cls in base.__subclasses__():
         found |= {cls.kind: cls} if cls.kind else {}
@@ -162,7 +162,7 @@ def _hints(cls: type[Parameters]) -> dict[str, Any]:
 
 
 def _table(cls: type[Parameters], value: Any, where: str, found: list[Problem]) -> Any:
-    """Return a dataclass from a table or another dataclass, checked."""
+    """Return a checked dataclass from a table or another dataclass."""
     if isinstance(value, cls):
         cls = type(value)
         record: dict[str, Any] = {f.name: getattr(value, f.name) for f in fields(value)}
@@ -190,10 +190,10 @@ def from_record(
 
     Args:
         cls: the dataclass.
-        record: values by key; what is absent has its default.
+        record: values by key; absent keys have their defaults.
         where: path of the table.
-        found: gets what is wrong: unknown keys, wrong types, values out of range, and what the
-            fields together cannot be.
+        found: list to which problems are added: unknown keys, wrong types, values out of range,
+            and invalid combinations of fields.
     """
     known_fields = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
     for key in record:
@@ -218,10 +218,10 @@ def from_record(
 
 
 def _completed(f: Field[Any], value: Any) -> Any:
-    """Return a table with what it leaves out from the default of its field.
+    """Return a table completed by the default of its field.
 
-    A part whose camera has a default of its own keeps the rest of it where a table gives the
-    principal distance alone.
+    For example, if a table states only the principal distance, the rest of the camera is the
+    default camera of the part.
     """
     if not isinstance(value, Mapping) or f.default_factory is MISSING:
         return value
@@ -239,14 +239,14 @@ def _merged(default: Any, table: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def changed(value: Any, path: Sequence[str], level: Any, where: str, found: list[Problem]) -> Any:
-    """Return ``value`` with what stands at ``path`` replaced by ``level``.
+    """Return ``value`` with the element at ``path`` replaced by ``level``.
 
     Args:
         value: a dataclass, a tuple or a mapping.
         path: keys and numbers.
         level: the new value.
-        where: path so far, for messages.
-        found: gets an unknown key or number.
+        where: path from the root to ``value``, for messages.
+        found: list to which an unknown key or number is added as a problem.
     """
     if not path:
         return level

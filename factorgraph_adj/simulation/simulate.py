@@ -1,9 +1,8 @@
 """Measurements of a plan: true values plus errors drawn from the stochastic model.
 
-A plan is a `Network` whose given values are the true ones and whose observed values do not
-matter. What is computed from it comes from the same models that an adjustment uses, so a
-simulation tests geometry, weights, solver and covariances; that the models themselves are
-right is shown on real measurements.
+A plan is a `Network` whose given values are the true ones; its observed values are ignored. The
+measurements come from the same models that an adjustment uses. A simulation therefore tests
+geometry, weights, solver and covariances; only real measurements can test the models themselves.
 """
 
 from __future__ import annotations
@@ -29,9 +28,9 @@ Seed = int
 """Seed of a simulation: the same seed gives the same errors on every machine."""
 
 STREAMS = ("point", "orientation", "refraction", "vertical", "edm", "pose", "calibration")
-"""Kinds of unknowns of the package in the order of their streams of errors."""
+"""Kinds of unknowns of the package, in the order of their streams of errors."""
 NEGLIGIBLE = 1e-13
-"""Measured → ideal lens models are inverted to this part of the principal distance."""
+"""Tolerance of the inversion of measured → ideal lens models, relative to principal distance."""
 MOST_ROUNDS = 50
 
 
@@ -50,7 +49,7 @@ class Truth:
 
     @classmethod
     def of(cls, plan: Network) -> Truth:
-        """Return the given values of a plan."""
+        """Return the given values of a plan as true values."""
         return cls(
             {name: np.array(p.coordinates) for name, p in plan.points.items()},
             dict(plan.photos),
@@ -81,15 +80,15 @@ class Truth:
 
 @dataclass(frozen=True)
 class SimulatedNetwork:
-    """A network with simulated measurements, and what they were made from."""
+    """A network with simulated measurements, and their true values and errors."""
 
     network: Network
-    """Measurements and approximate values: what an adjustment gets."""
+    """Measurements and approximate values, the input of an adjustment."""
     truth: Truth
-    """What it should find."""
+    """True values that the adjustment should find."""
     gross_errors: Mapping[tuple[str, str], float] = field(default_factory=dict)
-    """Sizes of the gross errors in the readings by id and component (empty where there is one
-    only): metres, radians, image units."""
+    """Sizes of the gross errors in the readings by id and component (empty if there is only
+    one): metres, radians, image units."""
     dropped: tuple[str, ...] = ()
     """Ids of the observations that were lost."""
 
@@ -98,27 +97,27 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
     """Return ``plan`` with every observation measured: its true value plus a drawn error.
 
     Errors are normal with the standard deviations and covariances of the observations. Every
-    kind of observation draws from a stream of its own, in the order of the plan: two plans
-    that begin with the same observations of a kind measure them with the same errors. Weighted
-    unknowns are observations too: their given values are drawn, but for cameras with a
-    calibration for each photo.
+    kind of observation draws from its own stream, in the order of the plan: two plans that begin
+    with the same observations of a kind measure them with the same errors. Weighted unknowns are
+    observations too: their given values are drawn, except for cameras with a calibration for
+    each photo.
 
-    Errors of image coordinates are added to what is measured. Lens models from measured to
-    ideal coordinates adjust corrected coordinates with the same weights: where distortion
-    stretches the image by a per cent, so it does σ̂0.
+    Errors of image coordinates are added to the measured coordinates. Lens models from measured
+    to ideal coordinates adjust corrected coordinates with the same weights: a distortion that
+    stretches the image by one per cent also increases σ̂0 by one per cent.
 
     Args:
-        plan: a network with true values everywhere, the orientation unknowns among them.
+        plan: a network with true values everywhere, including the orientation unknowns.
         seed: seed of the errors.
-        noise: whether there are any; without them everything is read as it is.
+        noise: whether readings have random errors; otherwise all readings are true values.
 
     Returns:
-        A network of its own; its image points have no ids.
+        A new network; its image points have no ids.
     """
     equations = compile_network(plan)
     state = equations.unknowns.start()
     true = [_observed_truly(equations, block, state) for block in equations.blocks]
-    # Standard deviations may depend on the length that was measured, hence after that.
+    # Standard deviations may depend on the measured length, so weighting follows measuring.
     equations = replace(equations, blocks=tuple(true)).weighted_at(state)
     errors = _errors(equations, seed) if noise else np.zeros(equations.n_rows)
     measured = _weighted_drawn(equations, plan, seed) if noise else plan.copy()
@@ -148,16 +147,17 @@ def disturb(
 ) -> Network:
     """Return ``network`` with approximate values: free unknowns moved by drawn errors.
 
-    Held and weighted values stay; orientation unknowns are forgotten, an adjustment finds them.
+    Held and weighted values stay; orientation unknowns lose their values, which an adjustment
+    computes again.
 
     Args:
         network: a network with values.
         seed: seed of the errors.
         points: standard deviation of free coordinates, metres.
-        centres: the same of free projection centres, metres.
-        attitudes: the same of free attitudes about each axis, radians.
+        centres: standard deviation of free projection centres, metres.
+        attitudes: standard deviation of free attitudes about each axis, radians.
     """
-    # After the streams of noise, before those of weighted unknowns: no stream is two things.
+    # The number is between the streams of noise and of weighted unknowns, so each is unique.
     rng = np.random.default_rng([seed, len(BUILT_IN)])
     moved = copy(network)
     tables = compile_network(network).unknowns.tables
@@ -187,7 +187,8 @@ def disturb(
 def look_at(position: Array, target: Array) -> Array:
     """Return world_R_camera (3, 3) of a camera that looks from ``position`` at ``target``.
 
-    The x axis of the image is level; metres in an up-Z frame; not for sights straight down.
+    The x axis of the image is level. Positions are metres in a frame with Z up; the direction of
+    view must not be vertical.
     """
     z = (target - position) / np.linalg.norm(target - position)
     x = np.cross(z, [0.0, 0.0, 1.0])
@@ -270,9 +271,9 @@ def _errors(equations: Equations, seed: Seed) -> Array:
 
 
 def _stream(kind: str, built_in: Sequence[str], first: int) -> list[int]:
-    """Return the number of the stream of a kind; of a kind that was added it is its name.
+    """Return the number of the stream of a kind; a registered kind has its name as stream.
 
-    The streams of the kinds of the package stay the same whatever is registered.
+    The streams of the package's own kinds do not depend on registered kinds.
     """
     if kind in built_in:
         return [first + built_in.index(kind)]
@@ -280,10 +281,10 @@ def _stream(kind: str, built_in: Sequence[str], first: int) -> list[int]:
 
 
 def _observed_truly(equations: Equations, block: Block, state: State) -> Block:
-    """Return a block that observed what is true: v = computed − observed is added to it.
+    """Return a block with true readings: v = computed − observed is added to the observed values.
 
-    Once is enough but for lens models from measured to ideal coordinates, where v comes back
-    by the small slope of the distortion.
+    One addition is sufficient except for lens models from measured to ideal coordinates; there
+    the slope of the distortion leaves a small v, and the addition is repeated.
     """
     frame = equations.network.frame
     c = float(state["calibration"][:, 0].max()) if block.kind == "image" else 1.0

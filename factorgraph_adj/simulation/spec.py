@@ -1,4 +1,4 @@
-"""The spec of a simulation: everything that a simulated network is made from.
+"""The spec of a simulation: all parameters of a simulated network.
 
 Example:
     >>> from factorgraph_adj.simulation.generate.aerial import Aerial
@@ -33,9 +33,9 @@ from .simulate import Seed, SimulatedNetwork, Truth, disturb, measure
 from .write_parameters import to_toml
 
 INDEX = re.compile(r"\[(\d+)\]")
-"""A number of a path, as Python writes it."""
+"""Pattern of an index in a path in Python notation, such as ``[0]``."""
 MODULES_OF_PARTS = (aerial, close_range, terrestrial, additions, published)
-"""Where the kinds of parts are defined: importing them makes them known."""
+"""Modules that define the kinds of parts; their import registers the kinds."""
 
 
 @dataclass(frozen=True)
@@ -43,22 +43,22 @@ class Earth(Parameters):
     """The frame of the network, and the refraction that its adjustment assumes."""
 
     frame: Literal["local", "topocentric"] = "local"
-    """X east, Y north, Z up: local and flat or curved, or over an ellipsoid."""
+    """Frame with X east, Y north, Z up: local (flat or curved), or topocentric on an ellipsoid."""
     curvature: bool = False
-    """Let the vertical of a local frame tilt with the curvature of the Earth."""
+    """Whether the vertical of a local frame follows the curvature of the Earth."""
     latitude_deg: float = number(45.0, above=-90, below=90)
     """Latitude of the origin of a topocentric frame, degrees."""
     longitude_deg: float = number(0.0, least=-180, most=360)
-    """Longitude of the origin, degrees."""
+    """Longitude of the origin of a topocentric frame, degrees."""
     height: float = number(0.0, least=-1000, most=10_000)
-    """Height of the origin, metres."""
+    """Height of the origin of a topocentric frame, metres."""
     refraction: float | None = number(None, least=-2, most=2)
-    """Coefficient of refraction κ of the network; none: 0."""
+    """Coefficient of refraction κ of the network; None: 0."""
     refraction_unknown: bool = False
     """Whether κ is estimated."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         found = []
         if self.curvature and self.frame != "local":
             what = "goes with a local frame; a topocentric one is curved"
@@ -78,30 +78,30 @@ class Earth(Parameters):
 
 @dataclass(frozen=True)
 class Approximate(Parameters):
-    """How far approximate values are off; standard deviations of normal errors."""
+    """Standard deviations of the normal errors of approximate values."""
 
     points: float = number(0.0, least=0)
-    """Of free coordinates, metres."""
+    """Standard deviation of free coordinates, metres."""
     centres: float = number(0.0, least=0)
-    """Of projection centres, metres."""
+    """Standard deviation of projection centres, metres."""
     attitudes_deg: float = number(0.0, least=0, most=30)
-    """Of attitudes about each axis, degrees."""
+    """Standard deviation of attitudes about each axis, degrees."""
 
 
 @dataclass(frozen=True)
 class Spec:
-    """What a simulated network is made from; checked when it is made.
+    """Parameters of a simulated network, checked on construction.
 
-    Equal specs with equal seeds make equal networks. The spec's seed is that of the geometry,
-    and that of the errors where `simulate` gets none.
+    Equal specs with equal seeds give equal networks. The spec's seed is the seed of the geometry,
+    and the default seed of the errors in `simulate`.
 
     Raises:
-        InputError: everything that is wrong, each with the path of its key.
+        InputError: all problems, each with the path of its key.
     """
 
     parts: tuple[Part, ...]
-    """The parts, in the order in which they are put in; later ones may name earlier ones by
-    number, from 0."""
+    """The parts in the order in which they are added; a part may refer to earlier ones by number,
+    from 0."""
     name: str = ""
     """Name of the network."""
     seed: int = number(0, least=0)
@@ -111,14 +111,14 @@ class Spec:
     earth: Earth = field(default_factory=Earth)
     """Frame and refraction."""
     control: Control | None = None
-    """Control points; none: those that parts bring along."""
+    """Control points; None: only the control points of the parts."""
     errors: Errors = field(default_factory=Errors)
     """Errors of the readings."""
     approximate: Approximate = field(default_factory=Approximate)
     """Errors of the approximate values."""
 
     def __post_init__(self) -> None:
-        """Check every field, and make of tables what they stand for."""
+        """Check every field, and convert tables to dataclasses."""
         found: list[Problem] = []
         hints = get_type_hints(Spec)
         for f in fields(self):
@@ -136,10 +136,10 @@ class Spec:
         Args:
             levels: values by path, such as ``{"parts.0.strips": 4, "errors.gross.0.size": 0.1}``;
                 all are changed before the spec is checked. ``parts[0].strips`` is the same path.
-                What the spec does not have is given as a whole: ``{"control": Control()}``.
+                An element that the spec lacks is given as a whole: ``{"control": Control()}``.
 
         Raises:
-            InputError: unknown keys, and what is wrong with the values, all at once.
+            InputError: all unknown keys and invalid values.
         """
         found: list[Problem] = []
         record = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -160,20 +160,20 @@ class Spec:
     def to_toml(self) -> str:
         """Return the spec as TOML, which `read_spec` reads as an equal spec.
 
-        Keys that are not set are there as comments.
+        Keys without a value are written as comments.
         """
         return to_toml(self)
 
 
 def design(spec: Spec) -> Network:
-    """Return the network of a spec with true values, to be planned with or measured.
+    """Return the network of a spec with true values, for planning or measuring.
 
-    Observations have their true values too; points that are not control points have their true
+    Observations also have their true values; points that are not control points have their true
     coordinates as check coordinates.
 
     Raises:
-        InputError: what only shows when the parts are put together: points that do not exist,
-            names used twice, all at once as far as one part does not need another.
+        InputError: the parts do not fit together: points do not exist, or names are used twice.
+            All problems are listed, except those of parts that need a failed part.
     """
     plan = _plan(spec)
     return measure(plan, seed=spec.seed, noise=False)
@@ -183,14 +183,14 @@ def simulate(spec: Spec, *, seed: Seed | None = None) -> SimulatedNetwork:
     """Simulate the measurements of a spec.
 
     Args:
-        spec: what is measured and what goes wrong.
-        seed: seed of noise, gross errors, drop-outs and approximate values; none: the spec's.
+        spec: the network and its errors.
+        seed: seed of noise, gross errors, drop-outs and approximate values; None: the spec's.
 
     Returns:
-        The network with approximate values, its truth, the gross errors in it and what was lost.
+        The network with approximate values, its truth, its gross errors and the lost observations.
 
     Raises:
-        InputError: as `design`; a seed that is no whole number ≥ 0.
+        InputError: as `design`; or the seed is not a whole number ≥ 0.
     """
     seed = spec.seed if seed is None else _checked(seed)
     plan = _plan(spec)
@@ -198,7 +198,7 @@ def simulate(spec: Spec, *, seed: Seed | None = None) -> SimulatedNetwork:
     network = read(plan, true, spec.errors, seed=seed)
     gross = add_gross_errors(network, spec.errors, seed=seed)
     network, dropped = drop(network, spec.errors, gross, seed=seed)
-    # A point that nothing determines any more may take a gross error with it.
+    # A removed undetermined point may have had readings with gross errors.
     left = readings_of(network) if dropped else gross
     gross = {reading: size for reading, size in gross.items() if reading in left}
     by = spec.approximate
@@ -213,14 +213,14 @@ def simulate(spec: Spec, *, seed: Seed | None = None) -> SimulatedNetwork:
 
 
 def _checked(seed: object) -> Seed:
-    """Return a seed; InputError where it is none."""
+    """Return a seed; InputError if it is not a whole number ≥ 0."""
     if isinstance(seed, int | np.integer) and not isinstance(seed, bool) and seed >= 0:
         return int(seed)
     raise InputError(Problem(f"must be a whole number ≥ 0, not {seed!r}", "seed"))
 
 
 def _plan(spec: Spec) -> Network:
-    """Return the plan of a spec: true values, nothing read yet."""
+    """Return the plan of a spec: true values without readings."""
     plan = Network(spec.name, frame=spec.earth.made_frame(), datum=spec.datum)
     if spec.earth.refraction is not None:
         free = spec.earth.refraction_unknown
@@ -237,7 +237,7 @@ def _plan(spec: Spec) -> Network:
                 p if f"{p.where}.".startswith(f"{scene.where}.") else Problem(str(p), scene.where)
                 for p in error.problems
             ]
-        # A part that failed has no points, or later ones would be counted wrongly.
+        # A failed part gets an empty list of points, which keeps the numbers of later parts.
         scene.points += [[]] * (i + 1 - len(scene.points))
     if not found:
         if spec.control is not None:
@@ -256,7 +256,7 @@ def _plan(spec: Spec) -> Network:
 
 
 def _with_check(point: Point, observed: set[str]) -> Point:
-    """Return a point with its true coordinates to check what is neither held nor observed."""
+    """Return a point with true check coordinates for components neither held nor observed."""
     rows = zip("xyz", point.coordinates, point.fixed, strict=True)
     check = tuple(np.nan if held or a in observed else v for a, v, held in rows)
     if all(np.isnan(check)):

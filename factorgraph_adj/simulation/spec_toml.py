@@ -1,4 +1,4 @@
-"""Specs read from TOML: every parameter by its name, tables for what has its own parameters.
+"""Reader of specs in TOML: keys are the names of parameters, tables are nested dataclasses.
 
 Example:
     ::
@@ -29,7 +29,7 @@ def read_spec(source: str | Path) -> Spec:
         source: a file, or the TOML text itself (text with a line break or an equals sign).
 
     Raises:
-        InputError: everything that is wrong, each with the path of its key.
+        InputError: all problems, each with the path of its key.
     """
     text, where = _text(source)
     try:
@@ -45,7 +45,7 @@ def read_spec(source: str | Path) -> Spec:
     if "parts" not in document:
         found.append(Problem("is missing: a spec has at least one part", "parts"))
     try:
-        # Without parts the rest is checked all the same; what is said of them is in the list.
+        # The rest is checked even with faulty parts, whose problems are already in the list.
         rest = {k: v for k, v in document.items() if k in names}
         spec = Spec(**{"parts": None, **rest})
     except InputError as error:
@@ -57,7 +57,7 @@ def read_spec(source: str | Path) -> Spec:
 
 
 def _text(source: str | Path) -> tuple[str, str]:
-    """Return the TOML text and what to call it."""
+    """Return the TOML text and its name for messages."""
     if isinstance(source, str) and ("\n" in source or "=" in source):
         return source, "spec"
     path = Path(source)

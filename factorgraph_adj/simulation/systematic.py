@@ -1,8 +1,8 @@
-"""Systematic errors: what an adjustment takes for granted and is not so.
+"""Systematic errors: wrong assumptions of an adjustment.
 
-Some are in quantities that a network has, a refraction or the scale of a tape: the readings are
-made with the true value and the network is given the assumed one. Others are in the photo: they
-are added to the image coordinates.
+Some errors concern quantities of the network, such as refraction or the scale of a tape: the
+readings are made with the true value, and the network has the assumed value. Other errors are in
+the photo and are added to the image coordinates.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .parameters import Parameters, number, path_of
 
 PPM = 1e-6
 TRUE_SCALE = "true scale"
-"""Distance meter of the readings of distances that name none."""
+"""Name of the distance meter for readings of distances that state no distance meter."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class Systematic(Parameters):
 
     @property
     def is_zero(self) -> bool:
-        """Whether its size is zero."""
+        """Whether the size of the error is zero."""
         raise NotImplementedError
 
     def unknown(self, plan: Network, where: str) -> list[Problem]:
-        """Return what the plan does not have, readings that it acts on above all."""
+        """Return problems with names and readings that the plan lacks."""
         problems = self._not_there(plan, where)
         if problems or self.is_zero:
             return problems
@@ -43,18 +43,18 @@ class Systematic(Parameters):
         return [Problem(f"changes no reading: {without}", where)] if without else []
 
     def _not_there(self, plan: Network, where: str) -> list[Problem]:
-        """Return what it names and the plan does not have."""
+        """Return problems with names in the error that the plan lacks."""
         raise NotImplementedError
 
     def _without_readings(self, plan: Network) -> str:
-        """Return why it changes no reading of the plan; empty where it changes some."""
+        """Return the reason why the error changes no reading; empty if it changes readings."""
         raise NotImplementedError
 
     def make_true(self, true: Network) -> None:
-        """Give a plan the true values that the readings are made with."""
+        """Set the true values of a plan, from which the readings are made."""
 
     def shift(self, camera: str, centred: Array) -> Array:
-        """Return what is added to image coordinates (n, 2) about the principal point, mm."""
+        """Return the errors (n, 2), mm, at image coordinates about the principal point (n, 2)."""
         return np.zeros_like(centred)
 
 
@@ -63,7 +63,7 @@ class InImages(Systematic):
     """Base of systematic errors of image coordinates."""
 
     camera: str = ""
-    """Whose photos; none: all."""
+    """Camera of the photos with the error; empty: all cameras."""
 
     def _not_there(self, plan: Network, where: str) -> list[Problem]:
         """Return what the plan does not have."""
@@ -73,7 +73,7 @@ class InImages(Systematic):
         return [Problem(what, path_of(where, "camera"))]
 
     def _without_readings(self, plan: Network) -> str:
-        """Say that there are no image points."""
+        """Return a message if the plan has no image points."""
         photo, _, _, _ = plan.images.columns()
         cameras = np.array([f.camera for f in plan.photos.values()])
         if photo.size and (not self.camera or np.any(cameras[photo] == self.camera)):
@@ -87,22 +87,22 @@ class LensDistortion(InImages):
     """Radial distortion: image points lie δ(r) farther from the principal point.
 
     Either δ = Σ cᵢ (r/R)^(2i+1), i = 0, 1, 2 …, with ``coefficients_um`` and R = ``radius_mm``;
-    or a curve through the points of a table and (0, 0), monotone between them (PCHIP), level
-    beyond the last.
+    or a curve through (0, 0) and the points of a table, monotone between them (PCHIP) and
+    constant beyond the last point.
     """
 
     kind = "lens_distortion"
     coefficients_um: tuple[float, ...] = ()
-    """c₀, c₁ …, µm."""
+    """Coefficients c₀, c₁ …, µm."""
     radius_mm: float = number(100.0, above=0)
-    """R, mm."""
+    """Reference radius R, mm."""
     radii_mm: tuple[float, ...] = number((), above=0)
-    """Radii of the table, mm, rising."""
+    """Increasing radii of the table, mm."""
     distortion_um: tuple[float, ...] = ()
     """Distortion at these radii, µm."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         found = []
         if bool(self.coefficients_um) == bool(self.radii_mm):
             found.append(
@@ -120,7 +120,7 @@ class LensDistortion(InImages):
 
     @property
     def is_zero(self) -> bool:
-        """Whether its size is zero."""
+        """Whether the size of the error is zero."""
         return not any((*self.coefficients_um, *self.distortion_um))
 
     def curve(self, r: Array) -> Array:
@@ -144,8 +144,8 @@ class LensDistortion(InImages):
 class AffineFilm(InImages):
     """Affine deformation of the film: δx = (scale x + shear y) / edge.
 
-    ``scale_um`` is the difference of the scales of x and y, ``shear_um`` the lack of a right
-    angle between the axes, both as a displacement at ``edge_mm`` from the centre.
+    ``scale_um`` is the difference of the scales of x and y, ``shear_um`` the deviation of the
+    axes from a right angle; both are displacements at ``edge_mm`` from the centre.
     """
 
     kind = "affine_film"
@@ -154,11 +154,11 @@ class AffineFilm(InImages):
     shear_um: float = 0.0
     """Displacement in x at y = edge, µm."""
     edge_mm: float = number(115.0, above=0)
-    """Where they are reached, mm."""
+    """Distance from the centre at which these displacements occur, mm."""
 
     @property
     def is_zero(self) -> bool:
-        """Whether its size is zero."""
+        """Whether the size of the error is zero."""
         return self.scale_um == self.shear_um == 0.0
 
     def shift(self, camera: str, centred: Array) -> Array:
@@ -169,17 +169,17 @@ class AffineFilm(InImages):
 
 @dataclass(frozen=True)
 class Refraction(Systematic):
-    """A coefficient of refraction that is not the assumed one."""
+    """A coefficient of refraction that differs from the assumed one."""
 
     kind = "refraction"
     difference: float = number(0.1, least=-2, most=2)
     """True − assumed κ."""
     group: str = ""
-    """Group of refraction; none: that of the network."""
+    """Group of refraction; empty: the coefficient of the network."""
 
     @property
     def is_zero(self) -> bool:
-        """Whether its size is zero."""
+        """Whether the size of the error is zero."""
         return self.difference == 0.0
 
     def _not_there(self, plan: Network, where: str) -> list[Problem]:
@@ -190,7 +190,7 @@ class Refraction(Systematic):
         return [Problem(what, path_of(where, "group"))]
 
     def _without_readings(self, plan: Network) -> str:
-        """Say that there are no zenith and no vertical angles."""
+        """Return a message if the plan has no zenith and no vertical angles."""
         for o in plan.observations.values():
             if isinstance(o, VerticalAngle):
                 group = REFRACTION_OF_THE_NETWORK if o.refraction is None else o.refraction
@@ -207,19 +207,19 @@ class Refraction(Systematic):
 
 @dataclass(frozen=True)
 class Tape(Systematic):
-    """Distances that are read too long: (1 + ppm·10⁻⁶) S + zero."""
+    """Error of distances: the reading is (1 + ppm·10⁻⁶) S + zero."""
 
     kind = "tape"
     ppm: float = 0.0
-    """Scale, 1e-6."""
+    """Scale error, 1e-6."""
     zero_mm: float = 0.0
     """Zero constant, mm."""
     distance_meter: str = ""
-    """Whose distances; none: all."""
+    """Distance meter of the distances with the error; empty: all distances."""
 
     @property
     def is_zero(self) -> bool:
-        """Whether its size is zero."""
+        """Whether the size of the error is zero."""
         return self.ppm == self.zero_mm == 0.0
 
     def _not_there(self, plan: Network, where: str) -> list[Problem]:
@@ -230,7 +230,7 @@ class Tape(Systematic):
         return [Problem(what + known(plan.distance_meters), path_of(where, "distance_meter"))]
 
     def _without_readings(self, plan: Network) -> str:
-        """Say that there are no distances."""
+        """Return a message if the plan has no distances."""
         for o in plan.observations.values():
             if isinstance(o, SlopeDistance) and self.distance_meter in ("", o.instrument):
                 return ""

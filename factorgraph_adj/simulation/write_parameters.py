@@ -1,4 +1,4 @@
-"""Parameters written as TOML: tables in tables, lists of tables for what there are several of."""
+"""Writer of parameters as TOML: nested dataclasses are tables, sequences are lists of tables."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from ..io.write_toml import value_text
 from .parameters import Parameters
 
 BARE = re.compile(r"[A-Za-z0-9_-]+")
-"""Keys that need no quotes."""
+"""Pattern of keys that need no quotes."""
 
 
 def to_toml(value: Any) -> str:
-    """Return a dataclass of parameters as TOML, defaults too: what is written stays as it is.
+    """Return a dataclass of parameters as TOML.
 
-    TOML has no word for what is not set; such keys are comments, so that they are seen.
+    Defaults are written too, so that the text does not depend on later changes of defaults. TOML
+    cannot express None; keys without a value are written as comments.
     """
     return "\n".join(_table(value, "")).strip() + "\n"
 
 
 def _table(value: Any, path: str) -> Iterator[str]:
-    """Yield the keys of a dataclass or a mapping, those without a table of their own first."""
+    """Yield the lines of a dataclass or a mapping; keys with tables of their own come last."""
     if isinstance(value, Mapping):
         items = list(value.items())
     else:

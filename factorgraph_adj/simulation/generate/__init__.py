@@ -1,1 +1,1 @@
-"""Generators: parts of a simulated network, each with its parameters and what it adds."""
+"""Generators of the parts of a simulated network, each with its parameters."""

@@ -31,23 +31,23 @@ class Additions(Part):
 
     Lines between them:
 
-    - ``perimeter``: along the edge, evenly spread where they are fewer than its points; where
-      they are more, then every second point of it is joined too;
-    - ``nearest``: from every point to its nearest one, then the shortest others;
-    - ``given``: those of ``lines``.
+    - ``perimeter``: along the edge, evenly spread if there are fewer lines than points on the
+      edge; further lines join every second point of the edge;
+    - ``nearest``: from every point to its nearest one, then the shortest other lines;
+    - ``given``: the lines in ``lines``.
     """
 
     parts: tuple[int, ...] = number((), least=0)
-    """Earlier parts whose points take part; none: all."""
+    """Earlier parts whose points take part; empty: all earlier parts."""
     between: Between = "perimeter"
-    """Which points."""
+    """Choice of the lines between points."""
     count: int = number(24, least=0)
-    """How many lines, or stations; not for ``given``."""
+    """Number of lines or stations; ignored for ``given``."""
     lines: tuple[tuple[str, str], ...] = ()
-    """For ``given``: pairs of points."""
+    """Pairs of points, for ``given``."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         if (self.between == "given") != bool(self.lines):
             what = "goes with between = 'given', which needs it"
             return [Problem(what, path_of(where, "lines"))]
@@ -130,9 +130,9 @@ class HeightDifferences(Additions):
 
 @dataclass(frozen=True)
 class Directions(Additions):
-    """Directions: one set on each station, both ends of a line sight each other.
+    """Directions: one set on each station; both ends of a line sight each other.
 
-    A station with one line has one direction, which its orientation takes up.
+    A station with one line has one direction, which only determines its orientation unknown.
     """
 
     kind = "directions"
@@ -178,18 +178,19 @@ class VerticalAngles(Additions):
 
 @dataclass(frozen=True)
 class Astronomic(Additions):
-    """Astronomic latitude and longitude of stations, in an earth that is not flat.
+    """Astronomic latitude and longitude of stations, in a frame on a curved Earth.
 
-    ``count`` stations, evenly spread along the edge or from the first name on; for ``given`` the
-    points of ``lines``. The deflection of the vertical of each is drawn, and weighted with what
-    it is drawn from; without one the plumb line is the normal of the ellipsoid.
+    The stations are ``count`` points, evenly spread along the edge or from the first name on; for
+    ``given`` they are the points of ``lines``. The deflection of the vertical of each station is
+    drawn, and weighted with the standard deviation of the drawing; without deflections, the
+    plumb line is the normal of the ellipsoid.
     """
 
     kind = "astronomic"
     sigma_arcsec: float = number(0.5, above=0)
     """Standard deviation, arc seconds."""
     deflection_arcsec: float = number(5.0, least=0)
-    """Standard deviation of the deflections, arc seconds; 0: there are none."""
+    """Standard deviation of the deflections, arc seconds; 0: no deflections."""
 
     def add_to(self, scene: Scene) -> None:
         """Add the observations; no points."""

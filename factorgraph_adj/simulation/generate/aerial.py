@@ -16,54 +16,54 @@ from .patterns import jittered_grid
 from .photos import Camera, add_photo
 
 END_COLUMN = 0.5
-"""Where von Gruber's points of the end photos lie: from the nadir this part of the way to the
-edge of the neighbouring photo; half-way, so that tilts do not lose them."""
+"""Position of von Gruber's points of the end photos, as a fraction of the way from the nadir to the
+edge of the neighbouring photo; points half-way stay in the photo in spite of tilts."""
 SEAM = 0.45
-"""How far from the nadir the outer points of the outer strips lie, parts of the photo's side."""
+"""Distance of the outer points of the outer strips from the nadir, fraction of a photo's side."""
 
 
 @dataclass(frozen=True)
 class Aerial(Part):
     """A block of vertical photos: strips along X, every second one flown backwards.
 
-    Points that fewer than two photos would have are left out. Patterns of points:
+    Points in fewer than two photos are left out. Patterns of points:
 
-    - ``grid``: a jittered grid; ``random``: anywhere; both with about ``points_per_photo``;
+    - ``grid``: a jittered grid; ``random``: random positions; both with about ``points_per_photo``;
     - ``von_gruber``: 3 × 3 points in each photo, at the nadirs of the strip's photos and between
-      strips; the end photos, which have no neighbour on one side, get a column within the
-      overlap instead, which the second photo sees too.
+      strips; the end photos, which have a neighbour on one side only, have their third column in
+      the overlap, where the second photo sees it too.
     """
 
     kind = "aerial"
     prefix: str = ""
-    """Of the names of points and photos; points are ``1, 2, …``, photos ``strip/place``."""
+    """Prefix of the names of points ``1, 2, …`` and of photos ``strip/place``."""
     strips: int = number(3, least=1)
     """Number of strips."""
     photos_per_strip: int = number(6, least=1)
-    """Photos in each of them."""
+    """Number of photos in each strip."""
     forward_overlap: float = number(0.6, least=0, below=1)
-    """Overlap along the strips, part of the photo's side."""
+    """Overlap along the strips, as a fraction of the photo's side."""
     side_overlap: float = number(0.2, least=0, below=1)
-    """Overlap of neighbouring strips."""
+    """Overlap of neighbouring strips, as a fraction of the photo's side."""
     scale: float | None = number(None, above=0)
-    """Denominator of the photo scale; 5000 where neither it nor the height is given."""
+    """Denominator of the photo scale; 5000 if neither scale nor height is given."""
     flying_height: float | None = number(None, above=0)
-    """Instead: height above the terrain, metres."""
+    """Height above the terrain, metres, instead of ``scale``."""
     camera: Camera = field(default_factory=Camera)
     """The camera."""
     relief: float = number(10.0, least=0)
-    """Largest height of a point, metres, up and down."""
+    """Largest height of a point above and below zero, metres."""
     centre_scatter: float = number(0.03, least=0, most=0.5)
-    """How far centres stray, part of the base."""
+    """Scatter of the projection centres, as a fraction of the base."""
     tilt_deg: float = number(1.0, least=0, most=20)
     """Standard deviation of each angle of a photo, degrees."""
     points: Literal["grid", "von_gruber", "random"] = "grid"
     """Pattern of the points."""
     points_per_photo: int = number(30, least=4)
-    """How many points a photo has, about; not for ``von_gruber``."""
+    """Approximate number of points in a photo; ignored for ``von_gruber``."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         found = []
         if self.scale is not None and self.flying_height is not None:
             found.append(

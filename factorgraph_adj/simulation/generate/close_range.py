@@ -16,7 +16,7 @@ from .patterns import jittered_grid
 from .photos import Camera, add_photo
 
 QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""About the axis of the camera."""
+"""Rotation by 90° about the axis of the camera."""
 
 
 def _close_range_camera() -> Camera:
@@ -25,45 +25,45 @@ def _close_range_camera() -> Camera:
 
 @dataclass(frozen=True)
 class CloseRange(Part):
-    """Convergent photos that look at an object from all round.
+    """Convergent photos that look at an object from all sides.
 
     The object is a box that stands on Z = 0 with points of its own, or the points of earlier
-    parts, or both. Points of its own that fewer than two photos would have are left out; those
-    of earlier parts are photographed wherever they are in view.
+    parts, or both. Own points in fewer than two photos are left out; points of earlier parts are
+    observed in every photo that sees them.
     """
 
     kind = "close_range"
     prefix: str = ""
-    """Of the names of points and photos; points are ``1, 2, …``, photos ``photo 1, 2, …``."""
+    """Prefix of the names of points ``1, 2, …`` and of photos ``photo 1, 2, …``."""
     photos: int = number(8, least=2)
     """Number of photos."""
     arrangement: Literal["around", "over"] = "around"
-    """A ring about the object, or half of the photos on a ring of half the radius, higher by
-    half the distance."""
+    """``around``: all photos on a ring about the object; ``over``: half of the photos on a second
+    ring of half the radius, higher by half the distance."""
     distance: float = number(10.0, above=0)
-    """From the middle of the object to the ring, in plan, metres."""
+    """Horizontal distance from the middle of the object to the ring, metres."""
     height: float = 4.0
-    """Of the photos above the middle of the object, metres."""
+    """Height of the photos above the middle of the object, metres."""
     scatter: float = number(0.03, least=0, most=0.3)
-    """How far centres and aims stray, part of the distance."""
+    """Scatter of projection centres and aims, as a fraction of the distance."""
     turned: bool = True
-    """Turn every second photo on its side, which separates principal point and attitude."""
+    """Whether every second photo is turned by 90°, which separates principal point and attitude."""
     camera: Camera = field(default_factory=_close_range_camera)
     """The camera."""
     of_parts: tuple[int, ...] = number((), least=0)
     """Earlier parts whose points are photographed."""
     points: Literal["grid", "surface", "random", "none"] = "grid"
-    """Points of its own: on the floor and, a third of them, up to the height of the object; on
-    its sides and top; anywhere in it; none."""
+    """Own points: ``grid`` on the floor, a third of them up to the height of the object;
+    ``surface`` on its sides and top; ``random`` inside the object; ``none``."""
     count: int = number(48, least=4)
-    """How many, about."""
+    """Approximate number of own points."""
     size: tuple[float, float, float] = number((6.0, 6.0, 2.0), above=0)
-    """Of the object along X, Y and Z, metres."""
+    """Size of the object along X, Y and Z, metres."""
     hidden: float = number(0.0, least=0, most=0.9)
-    """Share of the sights that something hides."""
+    """Fraction of the sights that is hidden."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         found = []
         if self.points == "none" and not self.of_parts:
             what = "none, and no of_parts: there is nothing to photograph"
@@ -129,7 +129,7 @@ class CloseRange(Part):
         points = rng.uniform(low, high, (self.count, 3))
         if self.points == "surface":
             x, y, z = size
-            # Sides at ± X and ± Y and the top, each as often as it is large.
+            # Faces: sides at ± X and ± Y, and the top, chosen in proportion to their areas.
             area = np.array([y * z, y * z, x * z, x * z, x * y])
             face = rng.choice(5, size=self.count, p=area / area.sum())
             for f, (axis, at) in enumerate(
@@ -150,7 +150,7 @@ class CloseRange(Part):
             stray = rng.normal(0.0, self.scatter * self.distance, (2, 3))
             at = at + stray[0]
             rotation = look_at(at, middle + stray[1] * [1.0, 1.0, 0.0])
-            # Upper and lower photos alternate; both get turned ones if these go by twos.
+            # Upper and lower photos alternate; turning by pairs gives both rings turned photos.
             place = i // 2 if self.arrangement == "over" else i
             if self.turned and place % 2:
                 rotation = rotation @ QUARTER_TURN

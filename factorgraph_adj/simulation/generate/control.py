@@ -1,4 +1,4 @@
-"""Control: which points are known, in plan and in height, and how well."""
+"""Control: known points in plan and in height, and their standard deviations."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ Axis = tuple[str, float]
 class Control(Parameters):
     """Control points by pattern, in plan and in height, held or weighted.
 
-    Patterns: ``full`` all points, ``perimeter`` those on the edge, ``corners`` those nearest to
-    the corners of the rectangle around the points, ``none``, ``named`` those of a list.
+    Patterns: ``full`` all points, ``perimeter`` points on the edge, ``corners`` points nearest to
+    the corners of the rectangle around all points, ``none``, ``named`` points of a list.
     """
 
     horizontal: Pattern = "corners"
@@ -31,22 +31,22 @@ class Control(Parameters):
     vertical: Pattern = "corners"
     """Pattern of points with known Z."""
     horizontal_count: int | None = number(None, least=1)
-    """Of the pattern only so many, the corners first, far from one another."""
+    """Number of points used of the pattern: the corners first, then far from one another."""
     vertical_count: int | None = number(None, least=1)
-    """The same of those with Z."""
+    """Number of points used of the pattern of points with known Z."""
     horizontal_points: tuple[str, ...] = ()
-    """Names, for ``named``."""
+    """Names of points with known X and Y, for ``named``."""
     vertical_points: tuple[str, ...] = ()
-    """Names, for ``named``."""
+    """Names of points with known Z, for ``named``."""
     sigma_horizontal_mm: float = number(0.0, least=0)
-    """Standard deviation of X and of Y, mm; 0: they are held."""
+    """Standard deviation of X and of Y, mm; 0: X and Y are held."""
     sigma_vertical_mm: float = number(0.0, least=0)
-    """Standard deviation of Z, mm; 0: it is held."""
+    """Standard deviation of Z, mm; 0: Z is held."""
     parts: tuple[int, ...] = number((), least=0)
-    """Parts whose points may be control points; none: all."""
+    """Parts whose points may be control points; empty: all parts."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         found = []
         for axis in ("horizontal", "vertical"):
             named = getattr(self, axis) == "named"
@@ -59,7 +59,7 @@ class Control(Parameters):
         return found
 
     def apply(self, scene: Scene, where: str) -> list[Problem]:
-        """Make the points of the plan control points; return what is wrong, then none is."""
+        """Make points of the plan control points; on problems return them and change nothing."""
         problems = self._problems(scene, where)
         if problems:
             return problems
@@ -85,7 +85,7 @@ class Control(Parameters):
         return []
 
     def _outside(self, names: list[str], where: str) -> list[Problem]:
-        """Return the named points that are in other parts."""
+        """Return the problems of named points that are in other parts."""
         valid = set(names)
         return [
             Problem(
@@ -116,7 +116,7 @@ class Control(Parameters):
     def _chosen(
         self, kind: str, names: list[str], xy: Array, where: str, problems: list[Problem]
     ) -> list[str]:
-        """Return the names of the control points of one kind; what is wrong goes to problems."""
+        """Return the names of the control points of one kind; add to the list ``problems``."""
         pattern: Pattern = getattr(self, kind)
         if pattern == "named":
             return list(getattr(self, f"{kind}_points"))

@@ -1,4 +1,4 @@
-"""What terrestrial instruments measure, how well, and what is unknown in them."""
+"""Terrestrial instruments: their observations, precision and unknowns."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from .part import MILLIMETRE, Scene
 
 @dataclass(frozen=True)
 class DistanceMeter(Parameters):
-    """A distance meter or a tape: its precision, and what an adjustment estimates of it."""
+    """A distance meter or a tape: its precision and its estimated constants."""
 
     name: str = ""
-    """Its name; none: scale 1 and zero constant 0 are taken for granted."""
+    """Name of the distance meter; empty: scale 1 and zero constant 0 are assumed."""
     sigma_mm: float = number(1.0, least=0)
     """Constant part of the standard deviation, mm."""
     ppm: float = number(1.0, least=0)
     """Part proportional to the distance, 1e-6."""
     unknown: tuple[Literal["scale", "zero"], ...] = ()
-    """What of it is estimated."""
+    """Constants that the adjustment estimates."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         found = []
         if self.sigma_mm == 0 and self.ppm == 0:
             found.append(Problem("sigma_mm or ppm must be > 0", path_of(where, "sigma_mm")))
@@ -44,7 +44,7 @@ class DistanceMeter(Parameters):
         return StandardDeviation(constant=self.sigma_mm * MILLIMETRE, ppm=self.ppm)
 
     def distances(self, scene: Scene, lines: Iterable[tuple[str, str]], where: str) -> None:
-        """Add slope distances to the plan, and the distance meter where it is not there yet."""
+        """Add slope distances to the plan, and the distance meter if the plan lacks it."""
         plan = scene.plan
         if self.name:
             before = plan.distance_meters.get(self.name)
@@ -77,7 +77,7 @@ class TotalStation(Parameters):
     """Its distance meter."""
 
     def angle(self, arcsec: float) -> StandardDeviation:
-        """Return the standard deviation of an angle with that of the centring."""
+        """Return the standard deviation of an angle including the centring."""
         centring = self.centring_mm * MILLIMETRE
         return StandardDeviation(
             constant=arcsec * ARCSEC, centring_instrument=centring, centring_target=centring
@@ -111,7 +111,7 @@ class Level(Parameters):
     """Standard deviation of one kilometre of line, mm."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         if self.sigma_mm == 0 and self.mm_per_sqrt_km == 0:
             what = "sigma_mm or mm_per_sqrt_km must be > 0"
             return [Problem(what, path_of(where, "sigma_mm"))]

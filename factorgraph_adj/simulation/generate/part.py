@@ -1,4 +1,4 @@
-"""What every part of a simulated network is, and the scene that the parts are put in."""
+"""Base of the parts of a simulated network, and the scene to which the parts are added."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from ...types import Array
 from ..parameters import Parameters, path_of
 
 MILLIMETRE = 1e-3
-"""In metres."""
+"""Millimetre in metres."""
 MICROMETRE = 1e-3
-"""In millimetres, the unit of image coordinates."""
+"""Micrometre in millimetres, the unit of image coordinates."""
 GEOMETRY = 2000
-"""Tag of the streams of geometry. numpy pads seeds with zeros, [s, p, 0] is [s, p]: without a tag
-that is no other stream's, the first stream of part p is the noise of the p-th kind."""
+"""Tag of the streams of geometry. numpy pads seeds with zeros, [s, p, 0] is [s, p]: without a
+unique tag, the first stream of part p would be the noise of the p-th kind."""
 
 
 @dataclass(frozen=True)
@@ -36,22 +36,22 @@ class Part(Parameters):
 
 @dataclass
 class Scene:
-    """A plan while its parts are put in."""
+    """A plan to which parts are added one after the other."""
 
     plan: Network
     """The network with true values."""
     seed: int
     """Seed of the geometry."""
     points: list[list[str]] = field(default_factory=list)
-    """Names of the points that each part so far has added."""
+    """Names of the points that each part has added up to now."""
     number: int = 0
-    """Number of the part that is put in now."""
+    """Number of the current part."""
     failed: set[int] = field(default_factory=set)
-    """Parts that could not be put in."""
+    """Numbers of the parts that could not be added."""
 
     @property
     def where(self) -> str:
-        """Path of the part that is put in now."""
+        """Path of the current part."""
         return path_of("parts", self.number)
 
     def rng(self, stream: int) -> np.random.Generator:
@@ -68,7 +68,7 @@ class Scene:
         """Add points; return their names with the prefix.
 
         Raises:
-            InputError: a name that an earlier part has used.
+            InputError: an earlier part has used a name.
         """
         full = [prefix + n for n in names]
         self._refuse_used(full, self.plan.points, "points")
@@ -77,7 +77,7 @@ class Scene:
         return full
 
     def photo_names(self, prefix: str, names: Sequence[str]) -> list[str]:
-        """Return names of photos with the prefix; InputError where they are used."""
+        """Return names of photos with the prefix; InputError if a name is used already."""
         full = [prefix + n for n in names]
         self._refuse_used(full, self.plan.photos, "photos")
         return full
@@ -92,11 +92,11 @@ class Scene:
             )
 
     def points_of(self, parts: Sequence[int]) -> list[str]:
-        """Return the names of the points of earlier parts; of all of them where none is named.
+        """Return the names of the points of earlier parts; ``parts`` empty means all of them.
 
         Raises:
-            InputError: a part that is not there, or has no points; without a problem where a part
-                failed, whose problems are known.
+            InputError: a part does not exist or has no points. The error lists no problem for a
+                failed part, whose problems are known already.
         """
         wrong = [p for p in parts if not 0 <= p < self.number]
         if wrong:
@@ -105,7 +105,7 @@ class Scene:
             self.fail("parts", f"there is no earlier part {numbers}; valid: {valid}")
         chosen = parts or range(self.number)
         if self.failed & set(chosen):
-            # Whatever is missing there has been said.
+            # The problems of the failed part are already listed.
             raise InputError([])
         names = dict.fromkeys(n for p in chosen for n in self.points[p])
         if not names:

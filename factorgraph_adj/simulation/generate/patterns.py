@@ -7,17 +7,17 @@ import numpy as np
 from ...types import Array, Index
 
 JITTER = 0.3
-"""Largest shift of a point from its place in a jittered grid, parts of the grid's width."""
+"""Largest shift of a point from its place in a jittered grid, as a fraction of the grid's width."""
 
 
 def jittered_grid(low: Array, high: Array, spacing: float, rng: np.random.Generator) -> Array:
     """Return plan coordinates (n, 2) of a jittered grid that fills a rectangle, column by column.
 
     Args:
-        low: least X and Y, metres.
-        high: greatest X and Y, metres.
-        spacing: width of the grid, about; it is fitted to the rectangle.
-        rng: draws the shifts, up to `JITTER` of the width.
+        low: smallest X and Y, metres.
+        high: largest X and Y, metres.
+        spacing: approximate width of the grid; the exact width is fitted to the rectangle.
+        rng: generator of the shifts, up to `JITTER` of the width.
     """
     size = np.asarray(high) - low
     columns, rows = np.maximum(1, np.round(size / spacing)).astype(int)
@@ -37,11 +37,12 @@ def corners(xy: Array) -> list[int]:
 
 
 def perimeter(xy: Array) -> list[int]:
-    """Return the numbers of the points (n, 2) on the edge, in order all round.
+    """Return the numbers of the points (n, 2) on the edge, in order around it.
 
-    The rectangle of the points is cut into columns and rows as wide as points are apart; the
-    first and the last point of each are on the edge. In a regular grid that is its edge. The
-    order is by azimuth from the middle of the rectangle, anticlockwise from its lower left.
+    The rectangle of the points is divided into columns and rows as wide as the spacing of the
+    points; the first and the last point of each column and row are on the edge. For a regular
+    grid this is its edge. The order is by azimuth from the middle of the rectangle, anticlockwise
+    from its lower left corner.
     """
     n = len(xy)
     size = np.maximum(np.ptp(xy, axis=0), 1e-9)
@@ -55,7 +56,7 @@ def perimeter(xy: Array) -> list[int]:
             if inside.size:
                 t = xy[inside, along]
                 chosen |= {int(inside[np.argmin(t)]), int(inside[np.argmax(t)])}
-    # In parts of the half sides, or the order of a long block would crowd at its ends.
+    # Scaling by the half sides avoids crowded azimuths at the ends of a long block.
     d = (xy - (xy.max(axis=0) + xy.min(axis=0)) / 2) / size
     turn = (np.arctan2(d[:, 1], d[:, 0]) + 0.75 * np.pi) % (2 * np.pi)
     return sorted(chosen, key=lambda i: (float(turn[i]), i))
@@ -64,7 +65,7 @@ def perimeter(xy: Array) -> list[int]:
 def spread(xy: Array, count: int, first: list[int]) -> list[int]:
     """Return the numbers of ``count`` points (n, 2) that are far from one another.
 
-    The first ones are given; then always the point that is farthest from all chosen ones.
+    The first points are given; each further point is the one farthest from all chosen points.
     """
     chosen = first[:count]
     if not chosen:
@@ -80,12 +81,12 @@ def spread(xy: Array, count: int, first: list[int]) -> list[int]:
 def round_lines(n: int, count: int) -> list[tuple[int, int]]:
     """Return ``count`` lines along a ring of n places, evenly spread.
 
-    Lines join neighbours; beyond n of them also every second place, then every third. No pair is
-    joined twice: there are n (n − 1) / 2 at most.
+    The first n lines join neighbours; further lines join every second place, then every third. No
+    pair is joined twice: at most n (n − 1) / 2 lines are possible.
     """
     lines: dict[tuple[int, int], None] = {}
     for step in range(1, n // 2 + 1):
-        # Half-way round, the lines of the second half are those of the first, reversed.
+        # For a step of half the ring, the second half repeats the lines of the first, reversed.
         ring = [(i, (i + step) % n) for i in range(n // 2 if 2 * step == n else n)]
         missing = count - len(lines)
         chosen = (
@@ -100,9 +101,9 @@ def round_lines(n: int, count: int) -> list[tuple[int, int]]:
 
 
 def nearest_lines(xyz: Array, count: int) -> list[tuple[int, int]]:
-    """Return the ``count`` lines between points (n, 3) that are shortest, every point first.
+    """Return ``count`` short lines between points (n, 3).
 
-    Each point is joined to its nearest one, as far as ``count`` goes; then the shortest of
+    First, each point is joined to its nearest one, up to ``count`` lines; then the shortest of
     all other lines follow.
     """
     length = np.linalg.norm(xyz[:, None] - xyz[None, :], axis=2)

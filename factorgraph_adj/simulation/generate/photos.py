@@ -1,4 +1,4 @@
-"""Cameras of simulated blocks, and which points are on a photo."""
+"""Cameras of simulated blocks, and the choice of the points on a photo."""
 
 from __future__ import annotations
 
@@ -31,28 +31,28 @@ LensName = Literal[
 
 @dataclass(frozen=True)
 class Camera(Parameters):
-    """A camera: true calibration, what of it is unknown, and how well its photos are measured."""
+    """A camera: true calibration, free parameters, and σ of image coordinates."""
 
     name: str = "camera"
-    """Its name; parts with equal cameras share one."""
+    """Name of the camera; parts with equal cameras share one camera."""
     c_mm: float = number(153.0, above=0)
     """Principal distance, mm."""
     format_mm: tuple[float, float] = number((230.0, 230.0), above=0)
     """Width and height of the photos, mm."""
     x0_mm: float = 0.0
-    """Principal point, mm."""
+    """x of the principal point, mm."""
     y0_mm: float = 0.0
-    """Principal point, mm."""
+    """y of the principal point, mm."""
     lens: LensName = "none"
     """Lens model of the adjustment."""
     lens_options: Mapping[str, float] = field(default_factory=dict)
     """Options of the lens model, such as ``reference_radius``, mm."""
     parameters: Mapping[str, float] = field(default_factory=dict)
-    """True additional parameters; those that are absent are 0."""
+    """True additional parameters; absent parameters are 0."""
     free: tuple[str, ...] = ()
     """Calibration parameters to estimate."""
     sigma: Mapping[str, float] = field(default_factory=dict, metadata={"above": 0.0})
-    """Standard deviations of weighted ones."""
+    """Standard deviations of weighted calibration parameters."""
     sigma_um: float = number(5.0, above=0)
     """Standard deviation of image coordinates, µm."""
 
@@ -61,7 +61,7 @@ class Camera(Parameters):
         return LENSES[self.lens](**self.lens_options)
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what is wrong: options and parameters that the lens model does not have."""
+        """Return the problems: options and parameters that are unknown in the lens model."""
         try:
             names = self.made_lens().names
         except TypeError:
@@ -83,7 +83,7 @@ class Camera(Parameters):
         ]
 
     def add_to(self, scene: Scene) -> None:
-        """Add the camera to the plan where it is not there yet."""
+        """Add the camera to the plan if the plan lacks it."""
         values = {"c": self.c_mm, "x0": self.x0_mm, "y0": self.y0_mm, **self.parameters}
         alone = Network()
         alone.add_camera(self.name, self.made_lens(), values, free=self.free, sigma=self.sigma)
@@ -95,14 +95,14 @@ class Camera(Parameters):
             )
 
     def sees(self, points: Array, at: Array, rotation: Array) -> Mask:
-        """Return which points (n, 3) are on a photo, (n,)."""
+        """Return the mask (n,) of the points (n, 3) on a photo."""
         return in_view(points, at, rotation, self.c_mm, self.format_mm)
 
 
 def in_view(
     points: Array, at: Array, rotation: Array, c: float, plate: tuple[float, float]
 ) -> Mask:
-    """Return which points (n, 3) lie before a camera and on its plate, (n,).
+    """Return the mask (n,) of the points (n, 3) in front of a camera and on its plate.
 
     Args:
         points: coordinates, metres.

@@ -1,4 +1,4 @@
-"""The blocks of the papers, as parts."""
+"""Blocks of published papers as parts of a spec."""
 
 from __future__ import annotations
 
@@ -33,28 +33,28 @@ class IspBlock(Part):
 
     Printed: 25 photos with 9 points each, simulated; full and reduced control; three layouts of
     distances, directions, azimuths, vertical angles, levelling, astronomic latitude and
-    longitude. Not printed: everything else. Chosen here:
+    longitude. All other data are not printed. Chosen here:
 
     - five strips of five photos, 60 % forward and 20 % side overlap, wide angle, c = 152 mm,
       230 × 230 mm, scale 1:10 000; image coordinates with σ 5 µm; heights within ± 50 m;
-    - von Gruber's 3 × 3 points in each photo; the end photos of a strip get their third column
-      within the overlap, which the second photo sees too and then has 12 points;
-    - no control of its own: full and reduced control are those of the spec, and the
-      terrestrial observations are parts of their own (MODEL.md §5).
+    - von Gruber's 3 × 3 points in each photo; the end photos of a strip have their third column
+      within the overlap; the second photo also sees this column and then has 12 points;
+    - control and terrestrial observations are separate: the spec states full or reduced control,
+      and the terrestrial observations are other parts (MODEL.md §5).
     """
 
     kind = "isp_1981"
     prefix: str = ""
-    """Of the names of points and photos."""
+    """Prefix of the names of points and photos."""
     scale: float = number(10_000.0, above=0)
     """Denominator of the photo scale."""
     relief: float = number(50.0, least=0)
-    """Largest height of a point, metres, up and down."""
+    """Largest height of a point above and below zero, metres."""
     camera: Camera = field(default_factory=_isp_camera)
     """The camera."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         return self._block().problems(where)
 
     def add_to(self, scene: Scene) -> None:
@@ -75,9 +75,9 @@ class IspBlock(Part):
 
 @dataclass(frozen=True)
 class IndustryBlock(Part):
-    """The industry block of El-Hakim & Faig (1981), see `factorgraph_adj.experiment`.
+    """Industry block of El-Hakim & Faig (1981), see `factorgraph_adj.simulation.industry_block`.
 
-    It brings its own datum; a spec with it as its only part needs no control.
+    The block defines its own datum; a spec with this part alone needs no control.
     """
 
     kind = "industry_1981"
@@ -119,7 +119,7 @@ class Aerial1986(Part):
     sigma_terrestrial_mm: float = number(SIGMA_AERIAL_TERRESTRIAL / MILLIMETRE, above=0)
     """Standard deviation of both, mm."""
     own_control: bool = True
-    """Its control: 20 points in X, Y, Z and 14 in Z, held. Else that of the spec."""
+    """Whether the block's control is held: 20 points in X, Y, Z and 14 in Z; else the spec's is."""
 
     def add_to(self, scene: Scene) -> None:
         """Put the block into the scene."""
@@ -153,7 +153,7 @@ class CloseRange1986(Part):
 
 
 def _put(scene: Scene, block: Network) -> list[str]:
-    """Put all of a plan into the plan of the scene; return the names of its points."""
+    """Add a whole plan to the plan of the scene; return the names of its points."""
     plan = scene.plan
     for what, mine, there in (
         ("point", block.points, plan.points),

@@ -16,37 +16,37 @@ from .part import Part, Scene
 
 Line = tuple[str, str]
 Heights = Literal["zenith", "levelled", "none"]
-"""How heights are measured; with none of it every Z is held, a network in the plane."""
+"""Measurement of heights; ``none`` holds every Z and gives a network in the plane."""
 
 
 @dataclass(frozen=True)
 class Traverse(Part):
-    """A traverse: directions and distances from each station to the one before and after."""
+    """A traverse: directions and distances from each station to the previous and next one."""
 
     kind = "traverse"
     prefix: str = ""
-    """Of the names of points, which are ``T1, T2, …``."""
+    """Prefix of the names of points ``T1, T2, …``."""
     legs: int = number(8, least=2)
     """Number of sides."""
     length: float = number(100.0, above=0)
     """Length of a side, metres."""
     shape: Literal["line", "loop"] = "line"
-    """Along X, or a polygon that closes."""
+    """A line along X, or a closed polygon."""
     bend_deg: float = number(10.0, least=0, most=60)
-    """How far the sides of a line turn from X, at most, degrees."""
+    """Largest angle between the sides of a line and X, degrees."""
     relief: float = number(3.0, least=0)
-    """Largest height, metres, up and down."""
+    """Largest height above and below zero, metres."""
     both_ways: bool = True
-    """Measure distances and zenith angles forth and back, or forth only."""
+    """Whether distances and zenith angles are measured in both directions."""
     heights: Heights = "zenith"
-    """How heights are measured."""
+    """Measurement of heights."""
     instrument: TotalStation = field(default_factory=TotalStation)
     """The total station."""
     level: Level = field(default_factory=Level)
     """The level."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         if self.shape == "loop" and self.legs < 3:
             return [Problem("a loop has at least 3 legs", path_of(where, "legs"))]
         return []
@@ -75,19 +75,19 @@ class TriangulationGrid(Part):
 
     kind = "triangulation_grid"
     prefix: str = ""
-    """Of the names of points, which are ``G1, G2, …``, column by column."""
+    """Prefix of the names of points ``G1, G2, …``, column by column."""
     columns: int = number(4, least=2)
     """Stations along X."""
     rows: int = number(4, least=2)
     """Stations along Y."""
     spacing: float = number(500.0, above=0)
-    """Between neighbours, metres."""
+    """Distance between neighbours, metres."""
     relief: float = number(20.0, least=0)
-    """Largest height, metres, up and down."""
+    """Largest height above and below zero, metres."""
     observe: Literal["directions", "distances", "both"] = "both"
-    """What is measured in the plan."""
+    """Observations in plan."""
     heights: Heights = "zenith"
-    """How heights are measured."""
+    """Measurement of heights."""
     instrument: TotalStation = field(default_factory=TotalStation)
     """The total station."""
     level: Level = field(default_factory=Level)
@@ -115,7 +115,7 @@ class LevellingLoops(Part):
 
     kind = "levelling_loops"
     prefix: str = ""
-    """Of the names of points, which are ``L1, L2, …``, column by column."""
+    """Prefix of the names of points ``L1, L2, …``, column by column."""
     columns: int = number(3, least=1)
     """Loops along X."""
     rows: int = number(2, least=1)
@@ -123,7 +123,7 @@ class LevellingLoops(Part):
     spacing: float = number(1000.0, above=0)
     """Length of a line, metres."""
     relief: float = number(20.0, least=0)
-    """Largest height, metres, up and down."""
+    """Largest height above and below zero, metres."""
     level: Level = field(default_factory=Level)
     """The level."""
 
@@ -146,7 +146,7 @@ class Monitoring(Part):
 
     kind = "monitoring"
     prefix: str = ""
-    """Of the names of points: pillars ``S1, S2, …``, targets ``M1, M2, …``."""
+    """Prefix of the names of pillars ``S1, S2, …`` and targets ``M1, M2, …``."""
     pillars: int = number(4, least=2)
     """Number of pillars, on a ring."""
     distance: float = number(60.0, above=0)
@@ -158,8 +158,8 @@ class Monitoring(Part):
     height: float = number(20.0, above=0)
     """Height of the object, metres."""
     sets: int = number(2, least=1)
-    """Sets of directions from each pillar, each with an orientation of its own; so often zenith
-    angles and distances are measured too."""
+    """Number of sets of directions from each pillar, each set with its own orientation unknown, and
+    number of repetitions of zenith angles and distances."""
     instrument: TotalStation = field(
         default_factory=lambda: TotalStation(
             sigma_direction_arcsec=1.0, sigma_zenith_arcsec=1.5, centring_mm=0.1
@@ -168,7 +168,7 @@ class Monitoring(Part):
     """The total station."""
 
     def problems(self, where: str) -> list[Problem]:
-        """Return what the fields together cannot be."""
+        """Return the problems of the combination of fields."""
         if self.distance <= self.radius:
             what = f"is {self.distance:g} m, within the object; valid: above {self.radius:g} m"
             return [Problem(what, path_of(where, "distance"))]
@@ -181,7 +181,7 @@ class Monitoring(Part):
         at = np.column_stack([np.cos(turn), np.sin(turn)]) * self.distance
         at = np.column_stack([at, rng.uniform(0.0, 0.1, self.pillars) * self.height])
         pillars = scene.add_points(self.prefix, _numbered("S", self.pillars), np.round(at, 3))
-        # Round the object in a spiral, so that every height and every side has some.
+        # The targets follow a spiral around the object, so that all heights and sides have some.
         place = np.arange(self.targets)
         angle = place * np.pi * (3 - np.sqrt(5.0))
         up = self.height * (place + 0.5) / self.targets
@@ -196,11 +196,11 @@ class Monitoring(Part):
                 _station(scene, self.instrument, pillar, marks)
 
     def _seen(self, at: Array, on: Array) -> Array:
-        """Return which targets (m) each pillar (n) sights: not behind; two pillars at least."""
+        """Return the mask (n, m) of targets that pillars sight; each has at least two pillars."""
         cosine = at[:, :2] @ on[:, :2].T / (self.distance * self.radius)
         seen = cosine > self.radius / self.distance
         for j in np.flatnonzero(seen.sum(axis=0) < 2):
-            # A target that is turned away from all but one pillar stands out from the surface.
+            # A target that faces one pillar only is assumed to stand out, so two pillars sight it.
             seen[np.argsort(cosine[:, j])[-2:], j] = True
         return np.asarray(seen)
 
@@ -234,7 +234,7 @@ def _add_points(
     heights: Heights,
     rng: np.random.Generator,
 ) -> list[str]:
-    """Add the stations of a network; Z is held where no heights are measured."""
+    """Add the stations of a network; Z is held if no heights are measured."""
     z = rng.uniform(-relief, relief, len(xy))
     points = np.asarray(np.round(np.column_stack([xy, z]), 3), dtype=float)
     fixed = "z" if heights == "none" else ""
