@@ -34,6 +34,7 @@ from ..network.network import DatumChoice, Network
 from ..shown import Shown
 from ..solve.batch import adjust
 from ..solve.solution import Solution
+from ..solve.start import Start
 from ..types import Array
 from .reliability import Reliability, reliability
 
@@ -95,7 +96,7 @@ def robust_adjust(
     estimator: Estimator = "huber",
     scale: Literal["a-priori", "median"] = "a-priori",
     datum: DatumChoice | None = None,
-    start: Solution | None = None,
+    start: Solution | Start | None = None,
     tolerance: float = 0.01,
     max_iterations: int = 50,
     progress: RobustProgress | None = None,

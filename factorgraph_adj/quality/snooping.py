@@ -16,6 +16,7 @@ from ..errors import InputError, Problem
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
 from ..solve.solution import Solution
+from ..solve.start import Start
 from .levels import ALPHA, POWER
 from .rejections import Round, Snooping, Test
 from .robust import ESTIMATORS, Estimator, robust_adjust
@@ -34,7 +35,7 @@ def snoop(
     max_rounds: int = 100,
     datum: DatumChoice | None = None,
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
-    start: Solution | None = None,
+    start: Solution | Start | None = None,
     progress: Callable[[Round], None] | None = None,
 ) -> Snooping:
     """Find gross errors by iterated tests.

@@ -1,9 +1,10 @@
 """Low-rank updates: what a few rows change in a system that is solved already.
 
 N is the normal matrix of the system and Q = N⁻¹. The whitened rows B (k, n) have signs s: they
-join the system (+1), leave it (−1), or hold without any error (0). With S = diag(s),
+join the system (+1), leave it (−1), or hold without any error (0), as the limit of infinite
+weight. With S = diag(s),
 
-    N' = N + Bᵀ S B                     rows with s = 0 are constraints
+    N' = N + Bᵀ S B                     of rows that join or leave
     G  = Q Bᵀ,   D = S + B Q Bᵀ
     Q' = Q − G D⁻¹ Gᵀ                   (Sherman & Morrison 1950, Woodbury 1950)
     dx = −G D⁻¹ v                       step from the minimum without the change to that with it
@@ -13,8 +14,8 @@ v are the whitened residuals B x − l of the rows, computed − observed, at th
 change. Nothing of the size of the system is factorised: D has the size of the rows.
 
 Rows u of the update are tested against everything else, the other rows of the update included.
-With M_u = s (D⁻¹)_uu and e_u = s (D⁻¹ v)_u for rows that joined; M_u = (−(D⁻¹)_uu)⁻¹ and
-e_u = M_u (−D⁻¹ v)_u for rows that left,
+For rows that joined, M_u = (D⁻¹)_uu and e_u = (D⁻¹ v)_u; for rows that left, M_u⁻¹ = −(D⁻¹)_uu
+and e_u = −M_u (D⁻¹ v)_u:
 
     d_u = M_u⁻¹ e_u      innovation: computed from everything else − observed
     M_u⁻¹                covariance of the innovation

@@ -41,7 +41,7 @@ WILD: dict[str, Observation] = {
     "direction": Direction("S1", "P3", 2.5, sigma=1e-8, set="1", id="wild"),
     "zenith angle": ZenithAngle("S1", "P3", 3.0, sigma=1e-8, id="wild"),
 }
-QUICK = ("distance of 300 m", "distance of 1e9 m")
+QUICK = ("distance of 1e9 m",)
 ALL_WILD = [
     name
     if name in QUICK

@@ -31,7 +31,7 @@ from tests.support.processes import HANGS
 SEED = 1986
 MOMENTS = 25
 """Processes that are killed on a day of their own; as many or more share one day."""
-A_FEW = 4
+A_FEW = 2
 SEVERAL = pytest.mark.parametrize(
     "killed",
     [

@@ -73,11 +73,15 @@ HARD = (
 """Networks in orders in which points stand for a while with next to nothing to say where they are,
 from two set-ups on the same pillar or along horizontal sights; or steps shrink by 5 % each, below
 what vᵀPv can tell."""
-QUICK = ("Comp3D, deflections", "combined block", "held photo", "local_3d")
+QUICK = ("Comp3D, deflections", "held photo", "local_3d")
 """Those of the chosen ones that arrive in a few seconds; all that is not chosen is quicker."""
 LONG = pytest.mark.slow(
     "networks with hundreds of rays, free blocks, own cameras and orders in which next to nothing "
     "is determined for a while; the quick ones are surveys and small blocks"
+)
+SHUFFLED = pytest.mark.slow(
+    "small networks in a random order, in which other points wait for longer; the quick runs have "
+    "them in the order of the file"
 )
 WITHOUT: dict[str, str] = {}
 """Networks that have no batch adjustment to compare with at some moment, and why."""
@@ -100,8 +104,11 @@ def runs() -> Iterator[tuple[str, int | None, int]]:
 def marked() -> Iterator[object]:
     """Return `runs`, long ones marked."""
     for name, order, moments in runs():
-        quick = name not in SLOW or (name in QUICK and (name, order) not in HARD)
-        yield pytest.param(name, order, moments, marks=() if quick else LONG)
+        if name in SLOW and (name not in QUICK or (name, order) in HARD):
+            marks = (LONG,)
+        else:
+            marks = () if name in QUICK or order is None else (SHUFFLED,)
+        yield pytest.param(name, order, moments, marks=marks)
 
 
 @pytest.mark.parametrize(("name", "order", "moments"), list(marked()))

@@ -246,6 +246,10 @@ def vectors(rng: np.random.Generator) -> Network:
     return network
 
 
+@pytest.mark.slow(
+    "counts 400 adjustments: fewer do not tell 90 % from 75 %; short tests compare the factors "
+    "with quantiles"
+)
 def test_regions_cover_the_truth_as_often_as_they_promise():
     """400 seeded adjustments with three redundant observations; bounds of 3.5 binomial σ.
 

@@ -58,6 +58,18 @@ T = TypeVar("T")
 # -- networks -------------------------------------------------------------------------------------
 
 
+LARGE = ("AICON", "Roma", "Ladybug, a cut")
+
+
+def large(names: Iterable[str]) -> list[object]:
+    """Return names of networks as parameters, the large ones marked."""
+    mark = pytest.mark.slow(
+        "thousands of observations, where sums gather rounding and rows are sampled instead of "
+        "compared one and all"
+    )
+    return [pytest.param(name, marks=mark) if name in LARGE else name for name in names]
+
+
 def extra_factor() -> fga.Solution:
     """The small block with two distances to a photo, as factors of GTSAM."""
     network = small_block(9)
@@ -223,7 +235,7 @@ class Case:
         return rays, alone
 
 
-@pytest.fixture(scope="module", params=[*sorted(FOLDER), *ADJUSTED, "extra factors"])
+@pytest.fixture(scope="module", params=large([*sorted(FOLDER), *ADJUSTED, "extra factors"]))
 def case(request: pytest.FixtureRequest) -> Case:
     solution = solution_of(request.param)
     assert solution.converged, solution.reason
@@ -410,7 +422,7 @@ def adjust_closely(network: fga.Network, start: fga.Solution) -> fga.Solution:
     return fga.adjust(network, start=start, **tolerance)
 
 
-@pytest.fixture(scope="module", params=list(FREE))
+@pytest.fixture(scope="module", params=large(FREE))
 def free(request: pytest.FixtureRequest) -> Case:
     network = FREE[request.param]()
     # Weights that depend on the lengths of sights belong to where an adjustment starts.
