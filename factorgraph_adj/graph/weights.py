@@ -121,6 +121,25 @@ def weigh(network: Network, block: Block, state: State) -> Block:
     return replace(block, sigma=sigma)
 
 
+def weighed_where_known(network: Network, block: Block, state: State) -> Block:
+    """Return the block with its standard deviations, where ``state`` knows their lengths.
+
+    A standard deviation whose parts depend on an unknown length is NaN.
+    """
+    if block.prior or block.lens is not None or observation_kind(block.kind).weight is None:
+        return block
+    known = np.ones(block.n, dtype=bool)
+    for kind, index in block.variables:
+        known &= np.isfinite(state[kind][index]).all(axis=1)
+    given = (network.observations[i].sigma for i in block.ids)  # type: ignore[attr-defined]
+    sigma = block.sigma.copy()
+    sigma[~known & [isinstance(s, StandardDeviation) for s in given]] = np.nan
+    rows = np.flatnonzero(known)
+    if len(rows):
+        sigma[rows] = weigh(network, block.select(rows), state).sigma
+    return replace(block, sigma=sigma)
+
+
 def clusters_of(
     network: Network, blocks: list[Block]
 ) -> tuple[tuple[Cluster, ...], dict[int, Index]]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import InputError
 from ..graph.equations import compile_network
+from ..graph.weights import weighed_where_known
 from ..io.numbers import Units
 from ..network.network import Network
 from ..quality.prediction import Predictor
@@ -56,7 +57,11 @@ def set_aside(solution: Solution, snooping: Snooping, original: Network, units: 
     ids += [ray for p in snooping.points_set_aside for ray in p.rays]
     numbers = np.concatenate([np.zeros(0, dtype=np.intp), *equations.find(ids)])
     numbers = np.unique(numbers)
-    figures = _predicted(solution, Predictor(equations, solution), numbers)
+    predictor = Predictor(equations, solution)
+    figures = _predicted(solution, predictor, numbers)
+    state = predictor.innovations.state
+    blocks = tuple(weighed_where_known(original, b, state) for b in equations.blocks)
+    equations = replace(equations, blocks=blocks)
     residuals = np.full(equations.n_rows, np.nan)
     residuals[numbers] = figures[0]
     return SetAside(ReportRows(equations, residuals, units), numbers, *figures)
