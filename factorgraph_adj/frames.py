@@ -27,7 +27,7 @@ from .errors import InputError
 from .types import Array
 
 MEAN_EARTH_RADIUS = 6_371_000.0
-"""Mean radius of the Earth, metres (MODEL.md §2)."""
+"""Mean radius of the Earth, metres."""
 
 AXES: dict[str, Array] = {
     "e": np.array([1.0, 0.0]),

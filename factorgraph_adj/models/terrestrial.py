@@ -1,4 +1,6 @@
-"""Terrestrial observations as functions of the line of sight (MODEL.md §2).
+"""Terrestrial observations as functions of the line of sight.
+
+The page docs/reference/observation_equations.md has the formulas.
 
 Each function takes the variables it touches as arrays (n, …), the observed values (n, 1) and
 constants, and returns v = computed − observed with partials in the order of the variables.

@@ -1,7 +1,7 @@
 """Reliability: how well each observation is controlled, and the effect of undetected errors.
 
 With P the weight matrix, Q the cofactors of the unknowns and Q_vv = P⁻¹ − A Q Aᵀ those of the
-residuals v = computed − observed (MODEL.md §4; Baarda 1968; El-Hakim 1986, eqs. 3 to 8):
+residuals v = computed − observed (Baarda 1968; El-Hakim 1986, eqs. 3 to 8):
 
     redundancy number        r_i = (Q_vv P)_ii,   Σ r_i = redundancy,   r + e1 + e2 + e12 = 1
     test of Baarda           w_i = (Pv)_i / √(P Q_vv P)_ii              = v_i / (σ_i √r_i)

@@ -132,7 +132,9 @@ def _minimise(
         equations = weighed if weights is None else weighed.reweighted(weights)
         run = Run.at(equations, state, start.origin, free=free, factors=factors)
         most = max_iterations - iterations
-        ended = iterate(run, tolerance=tolerance, max_iterations=most, progress=progress)
+        ended = iterate(
+            run, tolerance=tolerance, max_iterations=most, earlier=iterations, progress=progress
+        )
         iterations, state = iterations + ended.iterations, run.state
         before, weighed = weighed, weighed.weighted_at(state)
         if not ended.converged or iterations >= max_iterations or weighed.weighs_as(before):

@@ -91,7 +91,12 @@ class Movement(NamedTuple):
 
 
 def iterate(
-    run: Run, *, tolerance: float, max_iterations: int, progress: Progress | None = None
+    run: Run,
+    *,
+    tolerance: float,
+    max_iterations: int,
+    earlier: int = 0,
+    progress: Progress | None = None,
 ) -> Ended:
     """Step until the unknowns are at rest; ``run.state`` is the last state.
 
@@ -99,6 +104,7 @@ def iterate(
         run: the adjustment.
         tolerance: bound on the last step of every unknown, relative to its own σ.
         max_iterations: largest number of iterations.
+        earlier: number of iterations with earlier weights, which the reason counts too.
         progress: called after each iteration.
 
     Raises:
@@ -133,7 +139,8 @@ def iterate(
         if stop.in_vain:
             return _in_vain(run, stop, iteration, vtpv)
         damping = damping.relaxed(judged.gain, bound)
-    reason = f"not at rest after {max_iterations} iterations: the last step was {stop.last:.2g} σ"
+    total = earlier + max_iterations
+    reason = f"not at rest after {total} iterations: the last step was {stop.last:.2g} σ"
     return Ended(max_iterations, False, reason, vtpv)
 
 

@@ -361,3 +361,11 @@ def test_an_iteration_goes_on_where_another_ended() -> None:
     assert rest.converged
     assert parts.state["point"] == pytest.approx(whole.state["point"], abs=1e-9)
     assert rest.vtpv == pytest.approx(at_once.vtpv, rel=1e-12)
+
+
+def test_the_reason_counts_the_iterations_of_all_weights() -> None:
+    """Weights that depend on lengths are computed again: their iterations add up."""
+    network = small_block()
+    run = begun(network)
+    ended = iterate(run, tolerance=1e-30, max_iterations=1, earlier=7)
+    assert "not at rest after 8 iterations" in ended.reason

@@ -40,7 +40,7 @@ class IspBlock(Part):
     - von Gruber's 3 × 3 points in each photo; the end photos of a strip have their third column
       within the overlap; the second photo also sees this column and then has 12 points;
     - control and terrestrial observations are separate: the spec states full or reduced control,
-      and the terrestrial observations are other parts (MODEL.md §5).
+      and the terrestrial observations are other parts (docs/results/papers.md).
     """
 
     kind = "isp_1981"
