@@ -183,7 +183,9 @@ def test_variance_components_come_after_snooping(wrong, here):
 def test_variance_components_that_do_not_come_to_rest_end_with_1(block, monkeypatch, here):
     real = cli_adjust.estimate_variance_components
     monkeypatch.setattr(
-        cli_adjust, "variance_components", lambda *a, **k: real(*a, **(k | {"max_iterations": 1}))
+        cli_adjust,
+        "estimate_variance_components",
+        lambda *a, **k: real(*a, **(k | {"max_iterations": 1})),
     )
     result = here("adjust", block, "--variance-components", "--quiet")
     assert result.returncode == 1

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +22,8 @@ from scipy import stats
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.experiment.blas import _libraries
 from factorgraph_adj.experiment.processes import AHEAD
-from factorgraph_adj.experiment.repetition import DIED, Outcome, Repetition, repeat
+from factorgraph_adj.experiment.processes import _serve as serve
+from factorgraph_adj.experiment.repetition import DIED, Outcome, Repetition, Task, repeat
 from factorgraph_adj.experiment.results import Results
 from factorgraph_adj.experiment.runs import Experiment, run
 from tests.support import trials
@@ -119,6 +123,44 @@ def test_what_is_finished_first_is_written_first_and_stands_in_its_place(tmp_pat
     assert sorted(written) == list(range(4 * AHEAD))
     assert [r.repetition for r in results.rows] == list(range(4 * AHEAD))
     assert not results.failed
+
+
+@pytest.fixture
+def one_worker_here():
+    """Leave signals and threads of this process as they are, which a worker changes."""
+    interrupt = signal.getsignal(signal.SIGINT)
+    threads = [getter() for getter, _ in _libraries()]
+    yield
+    signal.signal(signal.SIGINT, interrupt)
+    for (_, setter), count in zip(_libraries(), threads, strict=True):
+        setter(count)
+
+
+def test_a_worker_serves_what_arrives_until_nothing_does(one_worker_here):
+    """A worker in this process; a thread stands for the one that asked for the run."""
+    ours, theirs = multiprocessing.Pipe()
+    said = []
+
+    def ask() -> None:
+        said.append(ours.recv())
+        for seed in (3, 5):
+            ours.send(Task(0, 0, seed))
+            said.append(ours.recv())
+        ours.close()
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    serve(theirs, pickle.dumps((trials.normal, ({"size": 4},))))
+    asking.join()
+    began, *outcomes = said
+    assert began == ""
+    assert [o.figures for o in outcomes] == [trials.normal(3, 4), trials.normal(5, 4)]
+
+
+def test_a_worker_that_does_not_find_the_trial_says_so(one_worker_here):
+    ours, theirs = multiprocessing.Pipe()
+    serve(theirs, b"no pickle")
+    assert ours.recv().startswith("UnpicklingError: ")
 
 
 def test_a_dask_cluster_gives_the_same_table(alone, client, tmp_path):
