@@ -232,6 +232,15 @@ def test_the_factor_graph_has_it() -> None:
     assert 2 * graph.graph.error(values) == pytest.approx(solution.vtpv, rel=1e-9)
 
 
+def test_a_rotation_vector_beyond_pi_is_refused_in_the_graph() -> None:
+    """GTSAM adds to the vector; the same rotation by the opposite turn has other partials."""
+    graph = fga.build_graph(two_epochs())
+    values = gtsam.Values(graph.values)
+    values.update(graph.keys.key("similarity", "shift"), np.array([3.3, 0, 0, 0, 0, 0, 0.0]))
+    with pytest.raises(fga.AdjustmentError, match="longer than π"):
+        graph.graph.error(values)
+
+
 def test_what_is_not_determined_is_named() -> None:
     network = two_epochs()
     network.observations = {

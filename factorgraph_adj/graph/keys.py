@@ -18,7 +18,7 @@ from collections.abc import Iterable, Sequence
 import gtsam
 import numpy as np
 
-from ..errors import InputError, Problem, known
+from ..errors import AdjustmentError, InputError, Problem, known
 from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
 from ..rotation import log_rotation, right_jacobian_inverse
 from ..types import Array
@@ -127,7 +127,13 @@ def stored_row(values: gtsam.Values, kind: VariableKind, key: int) -> Array:
     """Return the stored form of one variable of ``values``."""
     if is_pose(kind):
         return np.asarray(pose_rows([values.atPose3(key)])[0])
-    return np.asarray(UNKNOWNS[kind].store(values.atVector(key)[None])[0])
+    given = values.atVector(key)
+    if UNKNOWNS[kind].rotates and float(np.linalg.norm(given[:3])) > np.pi:
+        raise AdjustmentError(
+            f"{gtsam.DefaultKeyFormatter(key)}: its rotation vector {given[:3]} is longer than π; "
+            "give the same rotation by the vector of the opposite turn"
+        )
+    return np.asarray(UNKNOWNS[kind].store(given[None])[0])
 
 
 def values_of(equations: Equations, state: State) -> gtsam.Values:

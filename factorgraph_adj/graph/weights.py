@@ -130,7 +130,8 @@ def weighed_where_known(network: Network, block: Block, state: State) -> Block:
         return block
     known = np.ones(block.n, dtype=bool)
     for kind, index in block.variables:
-        known &= np.isfinite(state[kind][index]).all(axis=1)
+        if kind == "point":  # lengths are those between points
+            known &= np.isfinite(state[kind][index]).all(axis=1)
     given = (network.observations[i].sigma for i in block.ids)  # type: ignore[attr-defined]
     sigma = block.sigma.copy()
     sigma[~known & [isinstance(s, StandardDeviation) for s in given]] = np.nan

@@ -162,11 +162,14 @@ class UnknownKind:
         return np.concatenate([turn, other[:, ROTATION:] - stored[:, ROTATION:]], axis=1)
 
     def in_stored_form(self, components: Mask) -> Mask:
-        """Return flags of components (n, k) as flags of stored numbers (n, s)."""
+        """Return flags of components (n, k) as flags of stored numbers (n, s).
+
+        A rotation is flagged as a whole if any of its three components is.
+        """
         if not self.rotates:
             return components.copy()
-        repeats = [3, 3, 3, *(1,) * (components.shape[1] - 3)]
-        return np.repeat(components, repeats, axis=1)
+        turned = np.repeat(components[:, :3].any(axis=1, keepdims=True), ROTATION, axis=1)
+        return np.concatenate([turned, components[:, 3:]], axis=1)
 
     def problems(self) -> list[str]:
         """Return all errors in the record itself."""

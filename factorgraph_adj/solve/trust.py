@@ -5,8 +5,9 @@ Q N Q = Q, and A X = H Z with H = A Q Aᵀ. H is a projector with every datum, a
 equivalent to H H = H. Rounding in the factorisation changes the eigenvalues 1 of H to 1 − ε. Each ε
 is the relative error of the variance of the function of the estimates that belongs to its
 eigenvector; no function has a variance with a larger error than the largest |ε|. Each column of
-H H Z − H Z contains every ε times a standard normal number, so that its length shows the largest.
-Two columns suffice if they are almost zero; otherwise more columns are used.
+H H Z − H Z contains every ε (1 − ε) times a standard normal number, so that its length shows the
+largest. Two columns suffice if they are almost zero; otherwise more columns are used. The probes do
+not see a function whose variance is lost almost entirely (ε ≈ 1): small pivots are judged before.
 """
 
 from __future__ import annotations
