@@ -178,7 +178,7 @@ SHORT = settings(
 @pytest.mark.xfail(
     raises=RecursionError,
     strict=False,
-    reason="a fault that is known: some random orders of readings end in RecursionError inside add; "
+    reason="a known fault: some random orders of readings end in RecursionError inside add; "
     "it goes when the incremental adjustment is written anew, and this mark with it",
 )
 def test_lives_of_any_events_are_those_of_the_batch():
