@@ -25,6 +25,12 @@ SHOWN = {
 }
 """A line of the output of each script of the gallery."""
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+QUICK = ("gallery_8_gtsam", "industry_block")
+"""Scripts that take a second; the others compute tables and pictures for many."""
+LONG = pytest.mark.slow(
+    "every script in a process of its own, as a user runs it; what the scripts call has tests of "
+    "its own, and the quick ones show that scripts run and draw at all"
+)
 PROJECTS = sorted(EXAMPLES.glob("*/project.toml"))
 
 
@@ -42,7 +48,14 @@ def run(script: Path, *arguments: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(s, marks=() if s.stem in QUICK or s.stem.startswith("make_") else LONG)
+        for s in SCRIPTS
+    ],
+    ids=lambda p: p.stem,
+)
 def test_every_script_runs_and_draws_its_picture(script: Path, tmp_path: Path) -> None:
     """The documentation shows what they print and draw."""
     draws = '"--plot"' in script.read_text(encoding="utf-8")
@@ -102,6 +115,7 @@ def test_the_combined_block_of_the_readme_is_better_than_photos_alone() -> None:
     assert rms < rms_alone
 
 
+@pytest.mark.slow("a day of real readings; the loader of the day has a short test of its own")
 def test_the_measured_day_catches_its_three_gross_errors_on_arrival_and_nothing_else(
     tmp_path: Path,
 ) -> None:

@@ -21,7 +21,7 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import null_space, qr, solve_triangular
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -43,6 +43,9 @@ MOTIONS = (
     "rotation about z",
     "scale",
 )
+SHIFTS, ROTATIONS, SCALE = (0, 1, 2), (3, 4, 5), (6,)
+PURE = 1e-6
+"""Part of a motion in a defect below which it counts as rounding."""
 UNNOTICED = 1e-9
 """Ratio |A g| / |√diag(N) g| below which a motion g counts as unnoticed; the ratio is 1 if the
 unknowns are independent."""
@@ -190,9 +193,25 @@ class Defect:
         return replace(self, motions=np.where(self.inside[:, None], g, 0.0) @ self.mixture)
 
     def names(self) -> list[str]:
-        """Return the plain motions in the defect; mixtures are named by their main part."""
-        share = np.sqrt(np.sum(np.linalg.qr(self.mixture)[0] ** 2, axis=1))
-        return [MOTIONS[i] for i in sorted(np.argsort(-share)[: self.size].tolist())]
+        """Return the plain motions in the defect, in the order of `MOTIONS`.
+
+        A rotation about a held point is a rotation and a shift of the centre; it is named as the
+        rotation. Only what contains no rotation is named as a shift or a scale.
+        """
+        left = np.linalg.qr(self.mixture)[0]
+        named: list[int] = []
+        for some in (SHIFTS, ROTATIONS, (*SCALE, *SHIFTS)):
+            if some is SHIFTS:  # those that are in the defect without any other motion
+                found = [i for i in some if np.linalg.norm(left[i]) > 1.0 - PURE]
+            else:
+                rows = [i for i in some if i not in named]
+                r, order = qr(left[rows].T, mode="r", pivoting=True)
+                rank = int(np.sum(np.abs(np.diag(r)) > PURE))
+                found = [rows[i] for i in order[:rank].tolist()]
+            # What is left has no part in the motions that have a name now.
+            left = left @ null_space(left[found])
+            named += found
+        return [MOTIONS[i] for i in sorted(named)]
 
 
 def find_defects(
@@ -234,7 +253,7 @@ def _unnoticed(system: LinearSystem, g: Array, diagonal: Array, threshold: float
     """Return the mixtures (7, d) of motions that no observation notices."""
     weighted = np.sqrt(diagonal)[:, None] * g
     length = np.linalg.norm(weighted, axis=0)
-    real = length > 1e-12 * max(float(length.max()), np.finfo(float).tiny)
+    real = _independent(weighted, length)
     if not real.any():
         return None
     # An orthonormal basis of the motions in the norm of the diagonal of N.
@@ -255,6 +274,24 @@ def _unnoticed(system: LinearSystem, g: Array, diagonal: Array, threshold: float
     mixture = np.zeros((7, null.shape[1]))
     mixture[real] = basis @ null
     return np.asarray(mixture / np.linalg.norm(mixture, axis=0))
+
+
+def _independent(motions: Array, length: Array) -> Mask:
+    """Return which motions (n, 7) move something that those before them do not move likewise.
+
+    Where only heights of one point are free, its shift in z stands for rotations and scale too.
+    """
+    real = length > 1e-12 * max(float(length.max()), np.finfo(float).tiny)
+    basis = np.zeros((len(motions), 0))
+    for i in np.flatnonzero(real):
+        rest = motions[:, i] / length[i]
+        for _ in range(2):  # once more, or rounding leaves a part in the basis
+            rest = rest - basis @ (basis.T @ rest)
+        size = float(np.linalg.norm(rest))
+        real[i] = size > 1e-9
+        if real[i]:
+            basis = np.column_stack([basis, rest / size])
+    return real
 
 
 def minimal_datum(motions: Array, datum: Mask) -> Index:

@@ -26,6 +26,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.simulation.simulate import measure
+from tests.networks.small_block import small_block
 from tests.support.arrivals import batch, difference
 
 AT = np.array([2.0, 9.0, 1.5])
@@ -259,3 +260,19 @@ def sights(network: fga.Network) -> fga.Network:
         ZenithAngle("A", "P", 1.0, sigma=2e-5, id="zenith"),
     )
     return network
+
+
+def test_two_rays_that_do_not_meet_wait_for_a_third_that_tells_which_is_wrong() -> None:
+    """Redundancy 1: both rays fail the same test, and without either the point is nowhere."""
+    measured = small_block(4)
+    rays = [o for o in measured.image_points() if o.point == "P9"]
+    ids = [f"{o.photo}/{o.point}" for o in rays]
+    network = fga.without(measured, [o.id or i for o, i in zip(rays, ids, strict=True)])
+    inc = fga.IncrementalAdjustment(network)
+    wrong = replace(rays[1], x=rays[1].x + 0.5, y=rays[1].y + 0.5)
+    told = inc.add([rays[0], wrong]).verdicts
+    assert [v.verdict for v in told] == ["waiting", "waiting"]
+    assert all("contradict each other" in v.lacks for v in told)
+    told = inc.add(rays[2:]).verdicts
+    assert {v.id for v in told if v.verdict == "suspect"} == {ids[1]}
+    assert {v.id for v in told if v.verdict == "accepted"} == {*ids} - {ids[1]}

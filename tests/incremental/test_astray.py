@@ -103,6 +103,10 @@ def test_what_was_accepted_is_harmless_once_it_is_taken_out(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ALL_WILD)
+@pytest.mark.slow(
+    "a journal with each of the wild readings; journals have short tests of their own, and the "
+    "readings a short test without a journal"
+)
 def test_the_journal_opens_with_it_inside(tmp_path: Path, name: str) -> None:
     """After a crash the wild reading is there, and can be taken out."""
     journal = tmp_path / "day.jsonl"
@@ -116,30 +120,21 @@ def test_the_journal_opens_with_it_inside(tmp_path: Path, name: str) -> None:
     assert_as_batch(inc)
 
 
-@pytest.mark.parametrize(
-    "arriving",
-    [
-        4,
-        pytest.param(
-            None,
-            marks=pytest.mark.slow(
-                "all distances of the day arrive at a network without minimum: nothing adds up "
-                "over many arrivals, of which each costs a search for the minimum in vain"
-            ),
-        ),
-    ],
+@pytest.mark.slow(
+    "all distances of the day arrive at a network without minimum: nothing adds up over many "
+    "arrivals, of which each costs a search for the minimum in vain"
 )
-def test_right_readings_are_not_suspect_because_of_it(arriving: int | None) -> None:
+def test_right_readings_are_not_suspect_because_of_it() -> None:
     """Beside a network without minimum they are predicted from its last good state."""
     network = measure(plan(), seed=7)
     inc = surveyed()
     accept(inc, "control point")
     assert not inc.solution().converged
     more = [o for o in items(network) if isinstance(o, SlopeDistance) and o.id not in _ids(inc)]
-    told = [v for o in more[:arriving] for v in inc.add(o).verdicts]
+    told = [v for o in more for v in inc.add(o).verdicts]
     judged = [v for v in told if v.controlled]
-    assert len(judged) > (10 if arriving is None else 0)
-    assert sum(v.verdict == "suspect" for v in judged) <= (1 if arriving is None else 0)
+    assert len(judged) > 10
+    assert sum(v.verdict == "suspect" for v in judged) <= 1
 
 
 def test_a_start_without_minimum_says_so() -> None:

@@ -36,7 +36,13 @@ def free() -> fga.Network:
     return network
 
 
-@pytest.fixture(params=[site, block, free], scope="module")
+LONG = pytest.mark.slow(
+    "a tree by nested dissection with many cliques below one another; the other two networks have "
+    "small trees"
+)
+
+
+@pytest.fixture(params=[site, pytest.param(block, marks=LONG), free], scope="module")
 def inc(request: pytest.FixtureRequest) -> fga.IncrementalAdjustment:
     """One of the networks."""
     return fga.IncrementalAdjustment(request.param(), policy="accept")

@@ -259,6 +259,10 @@ def player() -> Iterator[Player]:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
+@pytest.mark.slow(
+    "kills processes between any two steps and while they write; days of many crashes go through "
+    "most of these moments too"
+)
 @SEVERAL
 def test_a_process_killed_at_any_moment_has_lost_nothing_but_what_was_in_hand(tmp_path, killed):
     """Each is killed some steps and some milliseconds into a day of its own."""

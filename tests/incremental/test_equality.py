@@ -73,8 +73,8 @@ HARD = (
 """Networks in orders in which points stand for a while with next to nothing to say where they are,
 from two set-ups on the same pillar or along horizontal sights; or steps shrink by 5 % each, below
 what vᵀPv can tell."""
-QUICK = ("Comp3D, deflections", "held photo", "local_3d")
-"""Those of the chosen ones that arrive in a few seconds; all that is not chosen is quicker."""
+QUICK = ("Comp3D, deflections", "held photo", "local_3d", "MMVII, Ex3")
+"""Networks whose random order is quick too. All that is not chosen is quick in file order."""
 LONG = pytest.mark.slow(
     "networks with hundreds of rays, free blocks, own cameras and orders in which next to nothing "
     "is determined for a while; the quick ones are surveys and small blocks"

@@ -46,7 +46,7 @@ from tests.support.events import EVENTS, Choices
 from tests.support.soak import Soak
 from tests.support.watched import AT_REST, PROMISE, Watched
 
-WARM = 40
+ROUNDS = 40
 """Rounds of arrivals after which tables and caches have reached their size."""
 GROWTH = 300
 """Bytes that an arrival and its removal may leave: caches."""
@@ -175,6 +175,10 @@ SHORT = settings(
 """A few short lives; one that fails is told as it was found, without minutes of shrinking."""
 
 
+@pytest.mark.slow(
+    "anything in any order, where other tests of the incremental adjustment have one thing each: "
+    "what breaks here is what nobody thought of"
+)
 @pytest.mark.xfail(
     raises=RecursionError,
     strict=False,
@@ -222,20 +226,11 @@ def test_every_kind_of_event_is_played():
     assert len(kinds) == 11
 
 
-@pytest.mark.parametrize(
-    "turns",
-    [
-        8,
-        pytest.param(
-            40,
-            marks=pytest.mark.slow(
-                "what grows by jumps, when a table is doubled or the tree is built anew, shows "
-                "only after many arrivals"
-            ),
-        ),
-    ],
+@pytest.mark.slow(
+    "forty rounds of arrivals, each traced: what grows by jumps, when a table is doubled or the "
+    "tree is built anew, shows only after many; nothing else here measures memory"
 )
-def test_memory_does_not_grow_with_what_has_come_and_gone(turns):
+def test_memory_does_not_grow_with_what_has_come_and_gone():
     network = small_block(4)
     inc = IncrementalAdjustment(network, start=adjust(network))
     inc.remove("F1/P3")
@@ -253,16 +248,15 @@ def test_memory_does_not_grow_with_what_has_come_and_gone(turns):
             inc.remove([f"{i} s", f"{i} h", f"{i} r", "F1/P3"])
 
     def traced() -> int:
-        turn(turns)
+        turn(ROUNDS)
         inc.settle()
         gc.collect()
         return tracemalloc.get_traced_memory()[0]
 
     tracemalloc.start()
     try:
-        for _ in range(WARM // turns):  # tables and caches reach their size
-            traced()
+        traced()  # tables and caches reach their size
         before, after = traced(), traced()
     finally:
         tracemalloc.stop()
-    assert after - before < GROWTH * 4 * turns
+    assert after - before < GROWTH * 4 * ROUNDS

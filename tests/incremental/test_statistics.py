@@ -364,7 +364,13 @@ def of_the_group(solution: Solution, expected: Prediction) -> tuple[Array, Array
     )
 
 
-@pytest.mark.parametrize("frame", ["flat", "curved", "geocentric", "topocentric"])
+OTHER = pytest.mark.slow("the other frames; verdicts do not look at the frame")
+
+
+@pytest.mark.parametrize(
+    "frame",
+    ["topocentric", *(pytest.param(f, marks=OTHER) for f in ("flat", "curved", "geocentric"))],
+)
 @pytest.mark.parametrize("kind", [k for k in OBSERVED if k != "photo_position"])
 def test_the_verdict_of_a_sight_is_its_prediction_and_its_reliability(frame, kind):
     found = repeated(frame, kind)

@@ -33,6 +33,11 @@ OTHER_LAYOUTS = {
 """Where the 8 horizontal control points might be instead, in half sides of the block."""
 
 
+ISP = pytest.mark.slow(
+    "adjusts the ISP block in all cases of the paper; layouts and check points have short tests"
+)
+
+
 @pytest.fixture(scope="module")
 def isp() -> Summary:
     experiment = Experiment("ISP block", isp_trial, {"case": ISP_CASES}, seed=1981)
@@ -42,6 +47,7 @@ def isp() -> Summary:
 # -- 1981: terrestrial observations replace control ----------------------------------------------
 
 
+@ISP
 @pytest.mark.parametrize("case", LAYOUTS)
 def test_terrestrial_observations_replace_control_of_the_isp_block(isp: Summary, case: str) -> None:
     """With four control points left, errors come down to less than 2.2 times those of full control.
@@ -59,6 +65,7 @@ def test_terrestrial_observations_replace_control_of_the_isp_block(isp: Summary,
             assert with_terrestrial < reduced / gain
 
 
+@ISP
 def test_the_gain_depends_on_number_and_distribution(isp: Summary) -> None:
     """The paper's other finding. All lines of the edge give what control of all its points does.
 

@@ -76,6 +76,9 @@ def test_without_check_points_there_is_nothing_to_compare():
     assert np.isnan(found.mean).all()
 
 
+@pytest.mark.slow(
+    "many simulated blocks, for the law of the differences; the figures themselves have short tests"
+)
 def test_differences_of_simulated_blocks_scatter_as_their_standard_deviations_say():
     """40 seeded blocks, three check points of three coordinates: Σ(d/σ)² of one is not χ² of 9,
     as points are correlated, but its mean is 9."""

@@ -201,6 +201,9 @@ def test_a_solution_that_is_not_at_rest_says_so():
     assert found.reason == stopped.reason
 
 
+@pytest.mark.slow(
+    "a published block over two other datums; small networks show the same in a moment"
+)
 def test_published_standard_deviations_come_back_after_a_detour():
     """AICON's close-range block, free over its 150 points: over five of them and back."""
     folder = data_dir("aicon_jaicov")

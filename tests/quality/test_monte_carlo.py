@@ -241,6 +241,10 @@ def test_the_power_chosen_is_the_power_had():
         assert low <= found <= high, f"{SPOILT[k]}: {found} of {TRIALS}"
 
 
+@pytest.mark.slow(
+    "adjusts real networks many times; the trials with linear observations are compared with the "
+    "same formulas at once"
+)
 def test_real_adjustments_have_the_test_values_of_the_linear_trials():
     """All test values of every adjustment, with and without the error."""
     rows = np.flatnonzero(base().redundancy_numbers > 0.05).tolist()

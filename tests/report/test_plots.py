@@ -709,7 +709,24 @@ def test_what_cannot_be_drawn_is_an_error_that_says_what_would_be_valid(solution
     assert not (tmp_path / "a").exists()
 
 
-@pytest.mark.parametrize("format", ["png", "svg", "pdf"])
+@pytest.mark.parametrize(
+    "format",
+    [
+        pytest.param(
+            "png",
+            marks=pytest.mark.slow(
+                "the same figures in pixels; the file of another format shows the order"
+            ),
+        ),
+        "svg",
+        pytest.param(
+            "pdf",
+            marks=pytest.mark.slow(
+                "the same figures for print; the file of another format shows the order"
+            ),
+        ),
+    ],
+)
 def test_all_figures_are_written_the_same_each_time(solution, rel, tmp_path, format):
     start = {"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[format]
     files = save_plots(solution, tmp_path / "a", reliability=rel, format=format)

@@ -13,6 +13,7 @@ from factorgraph_adj.graph.variables import State
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import HeightDifference, ImagePoint
 from factorgraph_adj.solve.damping import DAMPING, Damping
+from factorgraph_adj.solve.determine import drifting, name_overflow, refuse_unnoticed
 from factorgraph_adj.solve.iterate import iterate, step_from
 from factorgraph_adj.solve.run import Run
 from factorgraph_adj.solve.sides import before_the_cameras, behind, refuse_points_behind
@@ -339,6 +340,50 @@ def test_a_linear_network_is_at_rest_after_one_step_and_another_to_know_it() -> 
     step = step_from(run, run.normal_at(run.state))
     assert step is not None
     assert step.bound < 1e-5
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_residuals_that_are_not_finite_are_named_with_their_observations() -> None:
+    network = fga.Network("line")
+    for name, z in (("A", 0.0), ("B", 5.0), ("C", 7.0)):
+        network.add_point(name, (0.0, 0.0, z), fixed="xyz" if name == "A" else "xy")
+        if name != "A":
+            network.add(HeightDifference("A", name, z, sigma=0.001))
+    run = begun(network)
+    run.state = {
+        **run.state,
+        "point": run.state["point"] + [[0.0] * 3, [0.0, 0.0, np.inf], [0] * 3],
+    }
+    with pytest.raises(fga.InputError) as caught:
+        name_overflow(run)
+    assert str(caught.value) == "height_difference A B: its residual is not a finite number"
+
+
+def test_unknowns_that_drift_are_named() -> None:
+    run = begun(small_block())
+    assert drifting(run, 2.0).endswith("(by up to 2 σ): some of them are nearly undetermined")
+    run.drifting = (("point", "P9"), ("pose", "F1"))
+    assert drifting(run, 0.5).endswith("are nearly undetermined: point 'P9', photo 'F1'")
+    run.drifting = tuple(("point", f"P{i}") for i in range(1, 13))
+    assert " more" in drifting(run, 0.5)
+
+
+def test_a_pivot_that_is_poor_without_reason_is_let_pass() -> None:
+    """A small pivot is only the occasion to look: this network has no motion of its own."""
+    run = begun(small_block())
+    refuse_unnoticed(run, run.normal_at(run.state))
+
+
+def test_a_system_that_cannot_be_factorised_names_what_is_undetermined() -> None:
+    network = fga.Network("line")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    for name in "BC":
+        network.add_point(name, (0.0, 0.0, 5.0), fixed="xy")
+    network.add(HeightDifference("B", "C", 0.0, sigma=0.001))
+    run = begun(network)
+    # Both heights lie in one plumb line, so that rotations and scale could stand for the shift.
+    with pytest.raises(fga.DatumError, match="datum defect 1: missing shift in z\n"):
+        refuse_unnoticed(run, run.normal_at(run.state))
 
 
 def test_an_iteration_that_may_take_no_steps_has_gone_nowhere() -> None:
