@@ -36,6 +36,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "graph.weights",
         "graph.make_blocks",
         "graph.image_blocks",
+        "graph.image_chunks",
         "graph.equations",
     ),
     ("network.selection",),

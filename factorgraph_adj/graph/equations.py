@@ -13,6 +13,7 @@ from ..network.network import Network
 from ..types import Array, Index
 from .blocks import Block
 from .image_blocks import ImageIds, image_blocks
+from .image_chunks import ImageChunks
 from .make_blocks import control_blocks, plain_blocks, weighted_blocks
 from .variables import State, Unknowns
 from .weights import Cluster, clusters_of, weigh
@@ -39,11 +40,27 @@ class Equations:
         """Number of scalar observations, weighted unknowns among them."""
         return sum(b.observed.size for b in self.blocks)
 
+    @cached_property
+    def rays(self) -> dict[int, ImageChunks]:
+        """Image coordinates in chunks, by the place of their block in ``blocks``."""
+        return {
+            place: ImageChunks(block, self.unknowns)
+            for place, block in enumerate(self.blocks)
+            if block.lens is not None
+        }
+
     def residuals(self, state: State, *, whitened: bool = True) -> Array:
-        """Return v (n_rows,), whitened or in units of the observations."""
+        """Return v (n_rows,), whitened or in units of the observations.
+
+        Raises:
+            InputError: observations cannot be computed at ``state``; the error names them.
+        """
         out = np.empty(self.n_rows)
         raw = np.empty(self.n_rows) if self.clusters else out
-        for block in self.blocks:
+        for place, block in enumerate(self.blocks):
+            if place in self.rays:
+                out[block.rows] = self.rays[place].residuals(state, whitened=whitened).ravel()
+                continue
             v = block.evaluate(self.network.frame, state, jacobians=False).residual
             out[block.rows] = (block.whiten(v) if whitened else v).ravel()
             if self.clusters:

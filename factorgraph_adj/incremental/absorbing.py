@@ -17,8 +17,8 @@ from ..models.variables import VariableKind
 from ..network.network import Network
 from ..observations import ImagePoint
 from ..solve.batch import adjust
+from ..solve.singular import SingularError
 from ..solve.solution import Solution
-from ..solve.tree import SingularError
 from . import records
 from .anywhere import anywhere
 from .book import Book

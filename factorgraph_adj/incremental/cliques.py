@@ -14,7 +14,8 @@ import gtsam
 import numpy as np
 
 from ..solve.selected_inverse import SelectedInverse
-from ..solve.tree import Clique, SingularError, cliques_of, down, up
+from ..solve.singular import SingularError
+from ..solve.tree import Clique, cliques_of, down, up
 from ..solve.triangular import upper_solve
 from ..types import Array, Index
 from .tree import LinearTree
@@ -133,7 +134,7 @@ def those_above(cliques: Sequence[Clique], columns: Index) -> tuple[list[Clique]
 
 def variances_of(cliques: Sequence[Clique], n: int) -> Array:
     """Return the variances of all columns from one pass down the tree, (n,)."""
-    inverse = SelectedInverse(cliques, np.zeros((0, 0)), np.full(n, -1), n)
+    inverse = SelectedInverse(cliques, None, np.full(n, -1), n)
     return inverse.joint(np.arange(n)[:, None])[:, 0, 0]
 
 

@@ -20,10 +20,10 @@ from ..graph.variables import State
 from ..models.variables import VariableKind
 from ..network.network import Network
 from ..solve.batch import OFF_DATUM, adjust
+from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..solve.start import Start
 from ..solve.stopping import STOPPING
-from ..solve.tree import SingularError
 from ..types import Array, Index
 from .anywhere import anywhere
 from .local import filtered, starting_state

@@ -21,8 +21,9 @@ from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
 from ..observations import Observation
+from ..solve.singular import SingularError
 from ..solve.solution import Solution
-from ..solve.tree import SMALL, Clique, SingularError, nested_dissection
+from ..solve.tree import SMALL, Clique, nested_dissection
 from ..types import Array, Index, Mask
 from .cliques import cliques_anew, cofactor_times, those_above, variances_of
 from .local import known_network, local_network, starting_state

@@ -13,7 +13,8 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from ..solve.tree import SMALL, SingularError, nested_dissection
+from ..solve.singular import SingularError
+from ..solve.tree import SMALL, nested_dissection
 from ..solve.triangular import upper_solve
 from ..types import Array, Index
 

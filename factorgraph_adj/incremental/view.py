@@ -23,9 +23,9 @@ from ..solve.free_network import (
 )
 from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
+from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..solve.stopping import STOPPING
-from ..solve.tree import SingularError
 from ..types import Array, Index
 from .cliques import own_cliques
 
@@ -49,12 +49,7 @@ class TreeFactor(Factor):
         nothing = np.zeros(equations.unknowns.n_columns, dtype=bool)
         self.layers = layers_of(equations, reduce_points=False, touched=nothing)
         self.free = equations.unknowns.free
-        self.points = None
         self.cliques = own_cliques(tree, columns)
-        self.border = np.zeros((0, 0))
-        self._factor_border()
-        self._border_covariance = None
-        self._inner = None
 
 
 class TreeNormal(NormalEquations):

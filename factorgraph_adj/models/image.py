@@ -7,12 +7,14 @@ p = Rᵀ (X − X₀), the tangents of the ray are t_x = p_x/p_z and t_y = −p_
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..frames import Frame
 from ..types import Array
 from .base import Linearised, require
-from .lens import Lens
+from .lens import Lens, Pair
 from .position import split_pose
 
 IN_FOCAL_PLANE = "the point lies in the focal plane of the photo: it has no image"
@@ -54,24 +56,75 @@ def image(
     d = point - centre
     r = [[pose[:, 3 * i + j] for j in range(3)] for i in range(3)]
     px, py, pz = (d[:, 0] * r[0][j] + d[:, 1] * r[1][j] + d[:, 2] * r[2][j] for j in range(3))
-    require(np.abs(pz) > 1e-12 * (np.abs(px) + np.abs(py) + np.abs(pz)), IN_FOCAL_PLANE)
-    tx, ty = px / pz, -py / pz
-    v, by_t, by_k = lens.residual(tx, ty, observed, calibration, jacobians=jacobians)
-    if by_t is None or by_k is None:
+    p = px, py, pz
+    found = seen(p, observed[:, 0], observed[:, 1], calibration, lens, jacobians=jacobians)
+    v = np.stack(found.v, 1)
+    if not jacobians:
         return Linearised(v, ())
     n = len(v)
     by_pose = np.empty((n, 2, 6))
     by_point = np.empty((n, 2, 3))
-    iz = 1.0 / pz
+    by_k = np.empty((n, 2, len(found.by_k)))
     for row in range(2):
-        # ∂v/∂p from ∂t/∂p = [[1/z, 0, −t_x/z], [0, −1/z, −t_y/z]]
-        gx = by_t[:, row, 0] * iz
-        gy = -by_t[:, row, 1] * iz
-        gz = -(by_t[:, row, 0] * tx + by_t[:, row, 1] * ty) * iz
-        by_pose[:, row, 0] = gy * pz - gz * py
-        by_pose[:, row, 1] = gz * px - gx * pz
-        by_pose[:, row, 2] = gx * py - gy * px
-        for i in range(3):
+        gx, gy, gz = (g[row] for g in found.by_p)
+        for i, turned in enumerate(by_rotation(p, (gx, gy, gz))):
+            by_pose[:, row, i] = turned
             by_point[:, row, i] = gx * r[i][0] + gy * r[i][1] + gz * r[i][2]
+        for j, pair in enumerate(found.by_k):
+            by_k[:, row, j] = pair[row]
     np.negative(by_point, out=by_pose[:, :, 3:])
     return Linearised(v, (by_pose, by_k, by_point))
+
+
+class Seen(NamedTuple):
+    """Image coordinates of rays p = Rᵀ (X − X₀), one array for each component."""
+
+    v: tuple[Array, Array]
+    """v_x and v_y, (n,) each, image units."""
+    by_p: tuple[tuple[Array, Array], ...]
+    """g = ∂v/∂p_x, ∂v/∂p_y and ∂v/∂p_z, each of v_x and v_y; empty if not requested."""
+    by_k: tuple[Pair, ...]
+    """∂v/∂K of each calibration parameter; empty if not requested."""
+
+
+def seen(
+    p: tuple[Array, Array, Array],
+    x: Array,
+    y: Array,
+    calibration: Array,
+    lens: Lens,
+    *,
+    jacobians: bool = True,
+) -> Seen:
+    """Compute v and its partials by the ray in the axes of the camera and by the calibration.
+
+    Args:
+        p: components of the rays in the axes of the camera, (n,) each, metres.
+        x: measured coordinates x, (n,).
+        y: measured coordinates y, (n,).
+        calibration: parameters of the lens, (n, k) or (1, k).
+        lens: the lens model.
+        jacobians: whether to compute the partials.
+
+    Raises:
+        DegenerateError: as `image`.
+    """
+    px, py, pz = p
+    require(np.abs(pz) > 1e-12 * (np.abs(px) + np.abs(py) + np.abs(pz)), IN_FOCAL_PLANE)
+    iz = 1.0 / pz
+    tx, ty = px * iz, -py * iz
+    v, by_t, by_k = lens.partials(tx, ty, x, y, calibration, jacobians=jacobians)
+    if not jacobians:
+        return Seen(v, (), ())
+    # ∂v/∂p from ∂t/∂p = [[1/z, 0, −t_x/z], [0, −1/z, −t_y/z]]
+    (xx, yx), (xy, yy) = by_t
+    by_x, by_y = (xx * iz, yx * iz), (-xy * iz, -yy * iz)
+    by_z = tuple(by_y[row] * ty - by_x[row] * tx for row in range(2))
+    return Seen(v, (by_x, by_y, (by_z[0], by_z[1])), by_k)
+
+
+def by_rotation(p: tuple[Array, Array, Array], g: tuple[Array, Array, Array]) -> tuple[Array, ...]:
+    """Return ∂v/∂ω = p × g of one component of v, for a rotation ω about the axes of the camera."""
+    px, py, pz = p
+    gx, gy, gz = g
+    return gy * pz - gz * py, gz * px - gx * pz, gx * py - gy * px

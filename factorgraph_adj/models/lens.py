@@ -14,8 +14,9 @@ Two directions exist:
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal, TypeAlias
+from typing import ClassVar, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -24,6 +25,19 @@ from ..types import Array
 
 LensResult: TypeAlias = tuple[Array, Array | None, Array | None]
 """v (n, 2); ∂v/∂t (n, 2, 2) and ∂v/∂K (n, 2, k), or None if not requested."""
+Pair: TypeAlias = tuple[Array | float, Array | float]
+"""Partials of v_x and v_y, (n,) each; a number where all of them are equal."""
+
+
+class LensPartials(NamedTuple):
+    """Residuals and partials of many rays, one array for each component."""
+
+    v: tuple[Array, Array]
+    """v_x and v_y, (n,) each."""
+    by_t: tuple[Pair, ...]
+    """∂v/∂t_x and ∂v/∂t_y; empty if not requested."""
+    by_k: tuple[Pair, ...]
+    """∂v/∂K of each calibration parameter; empty if not requested."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +51,38 @@ class Lens:
         """Names of the calibration parameters, in order."""
         return ("c", "x0", "y0")
 
+    def partials(
+        self, tx: Array, ty: Array, x: Array, y: Array, k: Array, *, jacobians: bool = True
+    ) -> LensPartials:
+        """Return v and its partials, one array for each component.
+
+        Args:
+            tx: tangents t_x of the rays, (n,).
+            ty: tangents t_y of the rays, (n,).
+            x: measured coordinates x, (n,).
+            y: measured coordinates y, (n,).
+            k: calibration parameters, (n, number of names) or (1, ...).
+            jacobians: whether to compute the partials.
+        """
+        c = k[:, 0]
+        ax, ay = x - k[:, 1], y - k[:, 2]
+        dx, dy, d, columns = self._correction(ax, ay, k, jacobians)
+        v = c * tx - ax - dx, c * ty - ay - dy
+        if not jacobians:
+            return LensPartials(v, (), ())
+        dxx, dxy, dyx, dyy = d
+        by_k: list[Pair] = [
+            (tx, ty),
+            (1.0 + dxx, dyx),
+            (dxy, 1.0 + dyy),
+            *((-px, -py) for px, py in columns),
+        ]
+        return LensPartials(v, ((c, 0.0), (0.0, c)), tuple(by_k))
+
     def residual(
         self, tx: Array, ty: Array, xy: Array, k: Array, *, jacobians: bool = True
     ) -> LensResult:
-        """Return v and its partials.
+        """Return v and its partials as one array each.
 
         Args:
             tx: tangents t_x of the rays, (n,).
@@ -49,24 +91,11 @@ class Lens:
             k: calibration parameters, (n, number of names) or (1, ...).
             jacobians: whether to compute the partials.
         """
-        c = k[:, 0]
-        ax, ay = xy[:, 0] - k[:, 1], xy[:, 1] - k[:, 2]
-        dx, dy, partials, columns = self._correction(ax, ay, k, jacobians)
-        v = np.stack([c * tx - ax - dx, c * ty - ay - dy], 1)
+        v, by_t, by_k = self.partials(tx, ty, xy[:, 0], xy[:, 1], k, jacobians=jacobians)
+        joined = np.stack(v, 1)
         if not jacobians:
-            return v, None, None
-        n = len(v)
-        by_t = np.zeros((n, 2, 2))
-        by_t[:, 0, 0] = c
-        by_t[:, 1, 1] = c
-        by_k = np.zeros((n, 2, k.shape[1]))
-        by_k[:, 0, 0], by_k[:, 1, 0] = tx, ty
-        dxx, dxy, dyx, dyy = partials
-        by_k[:, 0, 1], by_k[:, 0, 2] = 1.0 + dxx, dxy
-        by_k[:, 1, 1], by_k[:, 1, 2] = dyx, 1.0 + dyy
-        for j, (px, py) in enumerate(columns, start=3):
-            by_k[:, 0, j], by_k[:, 1, j] = -px, -py
-        return v, by_t, by_k
+            return joined, None, None
+        return joined, _joined(by_t, len(tx)), _joined(by_k, len(tx))
 
     def _correction(
         self, x: Array, y: Array, k: Array, partials: bool
@@ -74,6 +103,14 @@ class Lens:
         """Return dV_x, dV_y and their partials by x̄, ȳ and by the additional parameters."""
         zero = np.zeros_like(x)
         return zero, zero, (zero, zero, zero, zero), []
+
+
+def _joined(pairs: Sequence[Pair], n: int) -> Array:
+    """Return pairs of partials as one array, (n, 2, number of pairs)."""
+    out = np.empty((n, 2, len(pairs)))
+    for j, (px, py) in enumerate(pairs):
+        out[:, 0, j], out[:, 1, j] = px, py
+    return out
 
 
 NoDistortion = Lens
@@ -174,39 +211,40 @@ class ForwardLens(Lens):
 
     radius: ClassVar[float] = 0.0
 
-    def residual(
-        self, tx: Array, ty: Array, xy: Array, k: Array, *, jacobians: bool = True
-    ) -> LensResult:
-        """Return v and its partials, see `Lens.residual`."""
+    def partials(
+        self, tx: Array, ty: Array, x: Array, y: Array, k: Array, *, jacobians: bool = True
+    ) -> LensPartials:
+        """Return v and its partials, see `Lens.partials`."""
         c = k[:, 0]
         unit = self._unit(c)
         ax, ay = c * tx, c * ty
         dx, dy, d, columns = self._correction(ax / unit, ay / unit, k, jacobians)
-        v = np.stack([k[:, 1] + ax + unit * dx - xy[:, 0], k[:, 2] + ay + unit * dy - xy[:, 1]], 1)
+        v = k[:, 1] + ax + unit * dx - x, k[:, 2] + ay + unit * dy - y
         if not jacobians:
-            return v, None, None
-        n = len(v)
+            return LensPartials(v, (), ())
         dxx, dxy, dyx, dyy = d
-        by_a = np.stack([1.0 + dxx, dxy, dyx, 1.0 + dyy], 1).reshape(n, 2, 2)
-        by_k = np.zeros((n, 2, k.shape[1]))
+        by_a = (1.0 + dxx, dxy, dyx, 1.0 + dyy)
         # c changes a, and also the unit of the correction in models with the unit c.
-        moves = self._by_c(tx, ty, by_a, dx, dy)
-        by_k[:, 0, 0], by_k[:, 1, 0] = moves
-        by_k[:, 0, 1] = 1.0
-        by_k[:, 1, 2] = 1.0
-        for j, (px, py) in enumerate(columns, start=3):
-            by_k[:, 0, j], by_k[:, 1, j] = unit * px, unit * py
-        return v, by_a * c[:, None, None], by_k
+        by_c = self._by_c(tx, ty, by_a, dx, dy)
+        by_k: list[Pair] = [
+            by_c,
+            (1.0, 0.0),
+            (0.0, 1.0),
+            *((unit * px, unit * py) for px, py in columns),
+        ]
+        xx, xy, yx, yy = (c * p for p in by_a)
+        return LensPartials(v, ((xx, yx), (xy, yy)), tuple(by_k))
 
     def _unit(self, c: Array) -> Array:
         """Return the unit in which F takes coordinates."""
         return np.ones_like(c)
 
-    def _by_c(self, tx: Array, ty: Array, by_a: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
-        return (
-            by_a[:, 0, 0] * tx + by_a[:, 0, 1] * ty,
-            by_a[:, 1, 0] * tx + by_a[:, 1, 1] * ty,
-        )
+    def _by_c(
+        self, tx: Array, ty: Array, by_a: tuple[Array, ...], dx: Array, dy: Array
+    ) -> tuple[Array, Array]:
+        """Return the partials of v by c; ``by_a`` are those by a, row by row."""
+        xx, xy, yx, yy = by_a
+        return xx * tx + xy * ty, yx * tx + yy * ty
 
 
 @dataclass(frozen=True)
@@ -255,7 +293,9 @@ class NormalisedLens(ForwardLens):
     def _unit(self, c: Array) -> Array:
         return c
 
-    def _by_c(self, tx: Array, ty: Array, by_a: Array, dx: Array, dy: Array) -> tuple[Array, Array]:
+    def _by_c(
+        self, tx: Array, ty: Array, by_a: tuple[Array, ...], dx: Array, dy: Array
+    ) -> tuple[Array, Array]:
         return tx + dx, ty + dy
 
 

@@ -33,9 +33,9 @@ from ..solve.linear import ExtraRows, LinearSystem
 from ..solve.normal import NormalEquations
 from ..solve.rank import describe_defects
 from ..solve.reference_datum import ReferenceDatum
+from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..solve.step import Step
-from ..solve.tree import SingularError
 from ..types import Array, Index
 
 Motion: TypeAlias = Literal[

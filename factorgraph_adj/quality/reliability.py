@@ -24,8 +24,8 @@ import numpy as np
 from ..errors import AdjustmentError, InputError
 from ..shown import FIRST, Rows, Shown
 from ..solve.leverage import Leverages, STransform, leverages, point_leverages
+from ..solve.singular import SingularError
 from ..solve.solution import Solution
-from ..solve.tree import SingularError
 from ..types import Array, Index, Mask
 from .distributions import normal_quantile, student_quantile
 from .effects import Effect, Unknown, effect_of, response

@@ -18,8 +18,8 @@ import numpy as np
 from ..errors import AdjustmentError, InputError, known
 from ..models.variables import UNKNOWNS, VariableKind
 from ..shown import Rows, Shown
+from ..solve.singular import SingularError
 from ..solve.solution import Solution
-from ..solve.tree import SingularError
 from ..types import Array, Index, Mask
 from .distributions import normal_quantile, student_quantile
 from .levels import ALPHA_OF_MODEL

@@ -22,8 +22,8 @@ from ..quality.systematic import Label, Significance, TestedParameter, significa
 from ..quality.variance_components import VarianceComponents
 from ..rotation import angles_by_rotation, omega_phi_kappa
 from ..solve.estimates import CalibrationEstimate
+from ..solve.singular import SingularError
 from ..solve.solution import Solution
-from ..solve.tree import SingularError
 from ..types import Array
 from ..units import ANGLE, LENGTH
 from .options import Provenance, ReportOptions

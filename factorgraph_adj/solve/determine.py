@@ -12,7 +12,7 @@ from .free_network import datum_columns
 from .normal import NormalEquations
 from .rank import LISTED, describe_defects, undetermined, unnoticed
 from .run import Run
-from .tree import SingularError
+from .singular import SingularError
 
 
 def settle_datum(run: Run, normal: NormalEquations) -> None:

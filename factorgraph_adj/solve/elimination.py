@@ -4,9 +4,9 @@ Three layers, in the order of elimination:
 
 1. ``points``: object points that only cameras see (and their own coordinates), in numpy;
 2. ``tree``: everything else on the terrestrial side, by GTSAM;
-3. ``border``: poses and calibrations of the cameras of layer 1, dense, by LAPACK.
+3. poses and calibrations of the cameras of layer 1, in dense fronts, by LAPACK.
 
-GTSAM eliminates all unknowns where a network has no such points or the border would be too large.
+GTSAM eliminates all unknowns where a network has no such points.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import Unknowns
 from ..models.variables import VariableKind
@@ -25,10 +24,6 @@ from ..types import Index, Mask
 
 if TYPE_CHECKING:
     import gtsam
-
-LARGEST_BORDER = 9000
-"""Largest number of columns of a dense border: above it a sparse elimination needs less memory
-and time."""
 
 
 @dataclass
@@ -39,14 +34,17 @@ class Layers:
     """The unknowns."""
     reduced: Mask
     """Points of the first layer, (number of points,)."""
-    border: Index
-    """Columns of the third layer, in the order of the border."""
-    in_border: Index
-    """Place of each column in the border, −1 elsewhere, (n_columns,)."""
+    cameras: Mask
+    """Columns of the third layer, (n_columns,)."""
     tree: tuple[tuple[VariableKind, int], ...]
     """Variables of the second layer."""
     ordering: gtsam.Ordering | None = None
     """Order of elimination of the second layer; none before it has been computed."""
+
+    @property
+    def has_cameras(self) -> bool:
+        """Whether there is a third layer."""
+        return bool(self.cameras.any())
 
     @cached_property
     def columns_at(self) -> dict[int, Index]:
@@ -91,45 +89,18 @@ def layers_of(equations: Equations, *, reduce_points: bool, touched: Mask) -> La
         if touched.any():
             on = np.flatnonzero(table.offset >= 0)
             reduced[on[touched[table.offset[on]]]] = False
-    border = _border(unknowns, [_rays(b, reduced) for b in images])
-    if len(border) > LARGEST_BORDER:
-        return layers_of(equations, reduce_points=False, touched=touched)
-    in_border = np.full(unknowns.n_columns, -1, dtype=np.intp)
-    in_border[border] = np.arange(len(border))
+    cameras = np.zeros(unknowns.n_columns, dtype=bool)
+    for block in images:
+        (_, photo), (_, calibration), (_, point) = block.variables
+        keep = reduced[point]
+        for kind, numbers in (("pose", photo), ("calibration", calibration)):
+            for number in np.unique(numbers[keep]).tolist():
+                cameras[unknowns.columns(kind, number)] = True
     tree: list[tuple[VariableKind, int]] = []
     for kind in unknowns.tables:
         offset = unknowns[kind].offset
-        inside = (offset >= 0) & (in_border[np.maximum(offset, 0)] < 0)
+        inside = (offset >= 0) & ~cameras[np.maximum(offset, 0)]
         if kind == "point":
             inside &= ~reduced
         tree += [(kind, number) for number in np.flatnonzero(inside).tolist()]
-    return Layers(unknowns, reduced, border, in_border, tuple(tree))
-
-
-def _rays(block: Block, reduced: Mask) -> tuple[Index, Index]:
-    """Return photo and calibration of the rays to points of the first layer."""
-    (_, photo), (_, calibration), (_, point) = block.variables
-    keep = reduced[point]
-    return photo[keep], calibration[keep]
-
-
-def _border(unknowns: Unknowns, rays: list[tuple[Index, Index]]) -> Index:
-    """Return the columns of photos, each followed by its own calibration, then shared calibrations.
-
-    Args:
-        unknowns: the unknowns.
-        rays: numbers of photo and calibration of every ray to a point of the first layer, for
-            each block.
-    """
-    of_photo: dict[int, int] = {}
-    for photo, calibration in rays:
-        numbers, first = np.unique(photo, return_index=True)
-        of_photo |= dict(zip(numbers.tolist(), calibration[first].tolist(), strict=True))
-    users = np.bincount(list(of_photo.values()) or [0])
-    columns: list[Index] = [np.zeros(0, dtype=np.intp)]
-    for number, camera in sorted(of_photo.items()):
-        columns.append(unknowns.columns("pose", number))
-        if users[camera] == 1:
-            columns.append(unknowns.columns("calibration", camera))
-    columns += [unknowns.columns("calibration", int(k)) for k in np.flatnonzero(users > 1)]
-    return np.concatenate(columns)
+    return Layers(unknowns, reduced, cameras, tuple(tree))

@@ -5,16 +5,15 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack
 
 from ..types import Array
 from .elimination import Layers
-from .linear import LinearSystem
-from .rays import Rays
+from .fronts import BlockMatrix, Fronts
+from .ray_sums import RaySums
 from .reduction import RayCovariances, ReducedPoints
+from .remainder import Remainder, joined
 from .selected_inverse import SelectedInverse
-from .tree import SingularError, TreeFactors, down, up
-from .triangular import lower_solve
+from .tree import TreeFactors, down, up
 
 
 class Factor:
@@ -26,23 +25,19 @@ class Factor:
 
     uncertainty: float = 0.0
     """Relative error of variances that random probes have shown, see `trust`; zero before them."""
+    points: ReducedPoints | None = None
+    """The first layer; none: it is empty."""
+    fronts: Fronts | None = None
+    """The third layer; none: it is empty."""
 
     def __init__(
-        self,
-        layers: Layers,
-        rays: Rays | None,
-        system: LinearSystem,
-        factors: TreeFactors,
-        extra: Array,
-        *,
-        qr: bool,
+        self, layers: Layers, sums: RaySums | None, factors: TreeFactors, extra: Array, *, qr: bool
     ) -> None:
         """Factorise.
 
         Args:
             layers: the layers of the elimination.
-            rays: index lists of the first layer; none: the layer is empty.
-            system: the linearised network.
+            sums: products of the rays to the points of the first layer; none: it is empty.
             factors: GTSAM's factors of the network.
             extra: added to the diagonal (damping, minimal datum), (n_columns,).
             qr: whether the tree is eliminated by QR.
@@ -53,28 +48,21 @@ class Factor:
         self.layers = layers
         self.free = layers.unknowns.free
         diagonal = np.where(self.free, extra, 1.0)
-        self.points = None if rays is None else ReducedPoints(rays, system, diagonal)
-        self.cliques, border = factors.eliminate(diagonal, qr=qr)
-        if self.points is not None:
-            border += self.points.normal
-        self.border = border
-        self._factor_border()
-        self._border_covariance: Array | None = None
-        self._inner: Array | None = None
+        self.cliques, rest = factors.eliminate(diagonal, qr=qr)
+        if sums is not None:
+            self.points = ReducedPoints(sums, diagonal)
+            self.fronts = self._factorised(self.points, rest)
 
-    def _factor_border(self) -> None:
-        n = len(self.border)
-        self.scale = 1.0 / np.sqrt(np.maximum(np.diag(self.border), np.finfo(float).tiny))
-        if not n:
-            self.root = np.zeros((0, 0))
-            return
-        with np.errstate(over="ignore", invalid="ignore"):  # coordinates may have diverged
-            scaled = self.border * self.scale[:, None] * self.scale
-        if not np.isfinite(scaled).all():
-            raise SingularError("the cameras' normal equations have no pivots")
-        self.root, info = lapack.dpotrf(scaled, lower=1, clean=1)
-        if info != 0:
-            raise SingularError(f"pivot {info} of the cameras' normal equations")
+    def _factorised(self, points: ReducedPoints, rest: list[Remainder]) -> Fronts:
+        """Factorise the reduced system with what the elimination of the tree leaves."""
+        rays = points.rays
+        centres = points.system.state["pose"][rays.photos, 9:]
+        pattern, fronts = rays.structure(joined(rays, rest), centres)
+        matrix = points.matrix(pattern)
+        for r in rest:
+            r.add_to(rays, matrix)
+        rays.hold(matrix)
+        return Fronts(fronts, matrix)
 
     def smallest_pivot(self, diagonal: Array, *, tree: float, point: float) -> float:
         """Return the smallest pivot relative to its diagonal element before the elimination.
@@ -87,70 +75,67 @@ class Factor:
         free = self.free
         safe = np.where(free, np.maximum(diagonal, np.finfo(float).tiny), 1.0)
         out = np.ones(len(free))
-        if self.points is not None:
-            out[self.layers.point_columns] = self.points.cholesky.pivots * point
         for c in self.cliques:
             out[c.frontal] = np.diag(c.r) ** 2 / safe[c.frontal]
             out[c.frontal] *= np.where(free[c.frontal], tree, 1.0)
-        if len(self.border):
-            left = (np.diag(self.root) / self.scale) ** 2
-            out[self.layers.border] = left / safe[self.layers.border]
+        if self.points is not None and self.fronts is not None:
+            out[self.layers.point_columns] = self.points.cholesky.pivots.T * point
+            columns = self.points.rays.columns
+            on = columns >= 0
+            left = self.fronts.pivots * self.fronts.diagonal
+            out[columns[on]] = left[on] / safe[columns[on]]
         return float(out[free].min()) if free.any() else 1.0
 
     def solve(self, y: Array) -> Array:
         """Return x of (N + diag) x = y for y (n_columns, k); held components are zero."""
         y = np.where(self.free[:, None], y, 0.0)
         x = np.zeros_like(y)
-        z = None
-        border = y[self.layers.border].copy()
-        if self.points is not None:
-            z = self.points.forward(y, border)
-        y[self.layers.border] = border
+        halves = None
+        if self.points is None or self.fronts is None:
+            halves = down(self.cliques, y)
+            up(self.cliques, halves, x)
+            x[~self.free] = 0.0
+            return x
+        columns = self.points.rays.columns
+        on = columns >= 0
+        reduced = np.zeros((len(columns), y.shape[1]))
+        z = self.points.forward(y, reduced)
         halves = down(self.cliques, y)
-        if len(self.layers.border):
-            b = self.scale[:, None] * y[self.layers.border]
-            solved = lower_solve(self.root, lower_solve(self.root, b), transposed=True)
-            x[self.layers.border] = self.scale[:, None] * solved
+        reduced[on] += y[columns[on]]
+        reduced[~on] = 0.0
+        solved = self.fronts.solve(reduced)
+        x[columns[on]] = solved[on]
         up(self.cliques, halves, x)
-        if self.points is not None and z is not None:
-            x[self.layers.point_columns] = self.points.backward(z, x[self.layers.border])
+        x[self.layers.point_columns] = self.points.backward(z, solved)
         x[~self.free] = 0.0
         return x
 
     # -- covariances ----------------------------------------------------------------------------
 
-    def border_covariance(self) -> Array:
-        """Return the covariance of the border (b, b)."""
-        if self._border_covariance is None:
-            n = len(self.border)
-            if n:
-                inverse, _ = lapack.dpotri(self.root, lower=1)
-                inverse = np.tril(inverse) + np.tril(inverse, -1).T
-                self._border_covariance = inverse * self.scale[:, None] * self.scale
-            else:
-                self._border_covariance = np.zeros((0, 0))
-        return self._border_covariance
+    @cached_property
+    def inverse(self) -> BlockMatrix:
+        """Covariances of the third layer at the blocks of its fronts; zero at held places."""
+        assert self.points is not None and self.fronts is not None
+        out = self.fronts.inverse()
+        free = (~self.points.rays.held).astype(float)
+        return out if free.all() else out.scaled(free)
 
+    @cached_property
     def ray_covariances(self) -> RayCovariances | None:
-        """Return the joint covariances of the first layer with the border; none: no first layer."""
-        if self.points is None:
-            return None
-        joint = self.points.joint(self.border_covariance())
-        self._inner = joint.inner
-        return joint
+        """Joint covariances of the first layer with the third; none: there is no first layer."""
+        return None if self.points is None else self.points.joint(self.inverse)
 
     def point_covariances(self) -> Array:
         """Return the covariance of every point of the first layer, (p, 3, 3)."""
-        if self.points is None:
+        if self.points is None or self.ray_covariances is None:
             return np.zeros((0, 3, 3))
-        if self._inner is None:
-            self._inner = self.points.joint(self.border_covariance()).inner
-        return self.points.covariances(self._inner)
+        return self.points.covariances(self.ray_covariances.inner)
 
     @cached_property
     def selected(self) -> SelectedInverse:
-        """Joint covariances of tree and border between the variables of one observation."""
-        layers = self.layers
-        return SelectedInverse(
-            self.cliques, self.border_covariance(), layers.in_border, layers.unknowns.n_columns
-        )
+        """Joint covariances of tree and cameras between the variables of one observation."""
+        place = np.full(self.layers.unknowns.n_columns, -1, dtype=np.intp)
+        inverse = None
+        if self.points is not None:
+            place, inverse = self.points.rays.place_of, self.inverse
+        return SelectedInverse(self.cliques, inverse, place, len(place))

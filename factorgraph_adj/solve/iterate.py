@@ -31,9 +31,9 @@ from .inner import follow
 from .normal import NormalEquations
 from .run import Run
 from .sides import before_the_cameras
+from .singular import SingularError
 from .step import Attempt, Step
 from .stopping import STOPPING, Judgement, Stop, at_rest, no_higher
-from .tree import SingularError
 
 Progress: TypeAlias = Callable[[int, float, float], None]
 """Function that is called with iteration, vᵀPv and the bound of the step relative to σ."""

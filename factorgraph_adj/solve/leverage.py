@@ -24,10 +24,12 @@ from ..types import Array, Index, Mask
 from .datum import FreeDatum, minimal_datum
 from .elimination import Layers
 from .factor import Factor
-from .linear import LinearBlock, LinearSystem
-from .point_blocks import factorise_points
-from .rays import joined
-from .reduction import RayCovariances, ReducedPoints
+from .linear import LinearSystem
+from .linear_block import LinearBlock
+from .linear_rays import LinearRays
+from .point_cholesky import square
+from .ray_leverage import point_hats, ray_leverages
+from .reduction import RayCovariances, ReducedPoints, factorise_points
 from .selected_inverse import SelectedInverse
 from .tree import TreeFactors
 
@@ -95,22 +97,22 @@ def leverages(system: LinearSystem, factor: Factor, transform: STransform | None
             depend on the datum; the parts of single unknowns do.
     """
     inverse = factor.selected
-    reduced = factor.ray_covariances()
+    reduced = factor.ray_covariances
     blocks = []
-    rays = None if factor.points is None else factor.points.rays
     parts = _split(system, reduced, factor)
     for place, lb in enumerate(system.blocks):
         out = _empty(lb)
-        inner, outer = parts[place]
+        _, outer = parts[place]
         if len(outer):
             _from_tree(lb, outer, inverse, out)
-        if len(inner) and lb.block.kind != "image":
-            assert factor.points is not None and reduced is not None
-            _from_points(lb, inner, factor.points, reduced.inner, out)
         blocks.append(out)
-    if rays is not None:
-        assert factor.points is not None and reduced is not None
-        _from_rays(system, factor, factor.points, reduced, blocks)
+    if factor.points is not None and reduced is not None:
+        for found in ray_leverages(factor.points, reduced, factor.inverse):
+            out = blocks[found.place]
+            out.hat[found.rows] = found.hat
+            out.others[found.rows] = found.others
+            out.own[found.rows] = found.own
+        _from_points(factor.points, reduced, blocks)
     clusters = [_dense(columns, a, inverse, system) for columns, a in system.cluster_rows()]
     extra = [_dense(e.columns, e.a, inverse, system) for e in system.extra]
     if transform is not None:
@@ -142,20 +144,17 @@ def point_leverages(
         n, d = lb.block.observed.shape
         blocks.append(np.zeros((n, d, d)))
     tree = _points_of_tree(system, only, factor, datum)
-    local = np.cumsum(factor.layers.reduced) - 1
     if factor.points is not None:
         # Without the terms that a minimal datum adds to the diagonal of a point.
-        rays = factor.points.rays
-        rows = joined([system.blocks[i].a[2] for i in rays.places], rays)
-        alone = factorise_points(rays, system, rows, np.zeros(system.unknowns.n_columns))
+        sums = factor.points.sums
+        alone, _ = factorise_points(sums, np.zeros(system.unknowns.n_columns))
+        for place, rows, hat in point_hats(factor.points, alone):
+            blocks[place][rows] = hat
+        for place, number, rows, partials in sums.coordinates():
+            u = alone.lower(partials.transpose(2, 1, 0), number)
+            blocks[place][rows] = np.einsum("kim,kjm->mij", u, u)
     for place, lb in enumerate(only.blocks):
-        slots = [j for j, (kind, _) in enumerate(lb.block.variables) if kind == "point"]
-        inner, outer = parts[place]
-        if len(inner) and len(lb.a[slots[0]]):
-            a = lb.a[slots[0]][inner].transpose(0, 2, 1)
-            number = lb.block.variables[slots[0]][1][inner]
-            u = alone.lower(np.ascontiguousarray(a), local[number])
-            blocks[place][inner] = u.transpose(0, 2, 1) @ u
+        _, outer = parts[place]
         if len(outer) and tree is not None:
             scratch = _empty(lb)
             _from_tree(lb, outer, tree, scratch)
@@ -172,7 +171,7 @@ def point_leverages(
 # -- covariances of the rows ----------------------------------------------------------------------
 
 
-def _empty(lb: LinearBlock) -> BlockLeverage:
+def _empty(lb: LinearBlock | LinearRays) -> BlockLeverage:
     n, d = lb.block.observed.shape
     points = sum(kind == "point" for kind, _ in lb.block.variables)
     return BlockLeverage(np.zeros((n, d, d)), np.zeros((n, d, d)), np.zeros((n, 3 * points, d)))
@@ -195,7 +194,9 @@ def _split(system: LinearSystem, reduced: object, factor: Factor) -> list[tuple[
     return out
 
 
-def _from_tree(lb: LinearBlock, rows: Index, inverse: SelectedInverse, out: BlockLeverage) -> None:
+def _from_tree(
+    lb: LinearBlock | LinearRays, rows: Index, inverse: SelectedInverse, out: BlockLeverage
+) -> None:
     """Fill in the rows whose variables are in tree and border."""
     slots = [j for j, a in enumerate(lb.a) if len(a)]
     if not slots:
@@ -238,72 +239,15 @@ def _chunks(rows: Index, size: int) -> Iterator[Index]:
 
 
 def _from_points(
-    lb: LinearBlock, rows: Index, points: ReducedPoints, inner: Array, out: BlockLeverage
+    points: ReducedPoints, covariances: RayCovariances, blocks: list[BlockLeverage]
 ) -> None:
-    """Fill in the rows of observed coordinates of points of the first layer."""
-    if not len(lb.a[0]):
-        return
-    local = (np.cumsum(points.rays.layers.reduced) - 1)[lb.block.variables[0][1][rows]]
-    u = points.cholesky.lower(np.ascontiguousarray(lb.a[0][rows].transpose(0, 2, 1)), local)
-    ku = inner[local] @ u
-    out.hat[rows] = u.transpose(0, 2, 1) @ ku
-    out.own[rows] = points.cholesky.upper(ku, local)
-
-
-def _from_rays(
-    system: LinearSystem,
-    factor: Factor,
-    points: ReducedPoints,
-    joint: RayCovariances,
-    blocks: list[BlockLeverage],
-) -> None:
-    """Fill in the rays to points of the first layer."""
-    rays = points.rays
-    a_pose, a_lens, a_point = (
-        joined([system.blocks[i].a[slot] for i in rays.places], rays) for slot in range(3)
-    )
-    border = factor.border_covariance()
-    n, k = len(rays.point), a_lens.shape[2]
-    u = points.cholesky.lower(np.ascontiguousarray(a_point.transpose(0, 2, 1)), rays.point)
-    others = np.empty((n, 2, 2))
-    z = joint.rays[:, :, :6] @ a_pose.transpose(0, 2, 1)
-    if rays.width > 6:
-        on = rays.own_rays
-        z[on] += joint.rays[on, :, 6 : 6 + k] @ a_lens[on].transpose(0, 2, 1)
-    at = 0
-    shared_at: dict[int, Index] = {}
-    for which, r, columns in zip(rays.shared, rays.shared_rays, rays.shared_columns, strict=True):
-        size = len(columns)
-        m = joint.shared[rays.point[r], :, at : at + size]
-        z[r] += m @ a_lens[r, :, :size].transpose(0, 2, 1)
-        shared_at[int(which)] = columns
-        at += size
-    for number, photo in enumerate(rays.photos):
-        pieces, c = [a_pose[photo.rows]], photo.columns[:6]
-        calibration = int(rays.calibration[photo.rows.start])
-        if rays.has_own[number]:
-            pieces.append(a_lens[photo.rows])
-            c = photo.columns[: 6 + k]
-        elif calibration in shared_at:
-            own_lens = shared_at[calibration]
-            pieces.append(a_lens[photo.rows][:, :, : len(own_lens)])
-            c = np.concatenate([c, own_lens])
-        unknown = c >= 0
-        a = np.concatenate(pieces, axis=2)[:, :, unknown]
-        sigma = border[np.ix_(c[unknown], c[unknown])]
-        half = (a.reshape(2 * len(a), a.shape[2]) @ sigma).reshape(a.shape)
-        others[photo.rows] = half @ a.transpose(0, 2, 1)
-    ku = joint.inner[rays.point] @ u
-    cross = u.transpose(0, 2, 1) @ z
-    hat = others - cross - cross.transpose(0, 2, 1) + u.transpose(0, 2, 1) @ ku
-    own = points.cholesky.upper(ku - z, rays.point)
-    first = 0
-    for place, chosen, size in zip(rays.places, rays.selected, rays.sizes, strict=True):
-        part = slice(first, first + size)
-        blocks[place].hat[chosen] = hat[part]
-        blocks[place].others[chosen] = others[part]
-        blocks[place].own[chosen] = own[part]
-        first += size
+    """Fill in the observed coordinates of points of the first layer."""
+    for place, number, rows, partials in points.sums.coordinates():
+        u = points.cholesky.lower(partials.transpose(2, 1, 0), number)
+        k = square(np.take(covariances.inner, number, axis=1))
+        ku = np.einsum("mij,jdm->idm", k, u)
+        blocks[place].hat[rows] = np.einsum("kim,kjm->mij", u, ku)
+        blocks[place].own[rows] = points.cholesky.upper(ku, number).transpose(2, 0, 1)
 
 
 def _dense(
@@ -337,13 +281,7 @@ def _points_of_tree(
     tree = tuple(v for v in layers.tree if v[0] == "point")
     if not tree:
         return None
-    alone = Layers(
-        unknowns,
-        layers.reduced,
-        np.zeros(0, dtype=np.intp),
-        np.full(unknowns.n_columns, -1, dtype=np.intp),
-        tree,
-    )
+    alone = Layers(unknowns, layers.reduced, np.zeros(unknowns.n_columns, dtype=bool), tree)
     extra = np.zeros(unknowns.n_columns)
     if datum is not None:
         diagonal = only.diagonal()
@@ -361,7 +299,7 @@ def _points_of_tree(
                 candidates[unknowns.columns("point", number)] = True
             held = minimal_datum(motions, candidates & unknowns.free & (diagonal > 0))
             extra[held] = diagonal[held]
-    return Factor(alone, None, only, TreeFactors(alone, only), extra, qr=True).selected
+    return Factor(alone, None, TreeFactors(alone, only), extra, qr=True).selected
 
 
 # -- free networks --------------------------------------------------------------------------------

@@ -12,13 +12,13 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
 
-from ..graph.blocks import Block
 from ..graph.equations import Equations
-from ..graph.variables import State, Unknowns, Variables
+from ..graph.variables import State, Unknowns
 from ..models.variables import VariableKind
 from ..types import Array, Index
+from .linear_block import LinearBlock
+from .linear_rays import LinearRays
 
 
 @dataclass(frozen=True)
@@ -33,18 +33,6 @@ class ExtraRows:
     """Whitened residuals at the state, (k,)."""
 
 
-@dataclass(frozen=True)
-class LinearBlock:
-    """One block, linearised."""
-
-    block: Block
-    """The observations."""
-    offsets: tuple[Index, ...]
-    """First column of each variable (n,), −1 where the variable is a constant."""
-    a: tuple[Array, ...]
-    """Partials by each variable, (n, d, k), whitened outside clusters."""
-
-
 class LinearSystem:
     """Whitened residuals v and partials A of all observations at one state."""
 
@@ -54,33 +42,25 @@ class LinearSystem:
         Raises:
             InputError: observations cannot be computed at ``state``; the error names them.
         """
-        self.equations = equations
+        self.equations, self.state = equations, state
         self.unknowns: Unknowns = equations.unknowns
         self.extra = tuple(extra)
-        self.blocks: list[LinearBlock] = []
+        self.blocks: list[LinearBlock | LinearRays] = []
         v = np.empty(equations.n_rows)
         raw = np.empty(equations.n_rows) if equations.clusters else None
+        frame = equations.network.frame
         for place, block in enumerate(equations.blocks):
-            residual, jacobians = block.evaluate(equations.network.frame, state)
+            if place in equations.rays:
+                rays = LinearRays.at(equations.rays[place], state)
+                self.blocks.append(rays)
+                v[block.rows] = rays.residual().ravel()
+                continue
             clustered = equations.in_cluster.get(place)
+            linear, residual = LinearBlock.at(block, frame, self.unknowns, state, clustered)
+            self.blocks.append(linear)
             v[block.rows] = block.whiten(residual).ravel()
             if raw is not None:
                 raw[block.rows] = residual.ravel()
-            offsets = []
-            whitened = []
-            for (kind, index), jacobian in zip(block.variables, jacobians, strict=True):
-                table = self.unknowns[kind]
-                offset = table.offset[index]
-                offsets.append(offset)
-                if not (offset >= 0).any():
-                    whitened.append(jacobian[:0])
-                    continue
-                a = block.whiten(jacobian)
-                if clustered is not None:
-                    a[clustered] = jacobian[clustered]
-                _mask(a, table, index)
-                whitened.append(a)
-            self.blocks.append(LinearBlock(block, tuple(offsets), tuple(whitened)))
         if raw is not None:
             for c in equations.clusters:
                 v[c.rows] = c.whitener @ raw[c.rows]
@@ -89,17 +69,7 @@ class LinearSystem:
     def only(self, kinds: Collection[VariableKind]) -> LinearSystem:
         """Return the system with the other kinds of variables held."""
         out = copy(self)
-        out.blocks = [
-            LinearBlock(
-                lb.block,
-                lb.offsets,
-                tuple(
-                    a if kind in kinds else a[:0]
-                    for (kind, _), a in zip(lb.block.variables, lb.a, strict=True)
-                ),
-            )
-            for lb in self.blocks
-        ]
+        out.blocks = [lb.only(kinds) for lb in self.blocks]
         kept = np.zeros(self.unknowns.n_columns, dtype=bool)
         for kind in kinds:
             table = self.unknowns[kind]
@@ -133,10 +103,7 @@ class LinearSystem:
                 v[c.rows] = c.whitener.T @ z[c.rows]
         out = np.zeros((self.unknowns.n_columns, z.shape[1]))
         for lb in self.blocks:
-            w = v[lb.block.rows].reshape(*lb.block.observed.shape, -1)
-            for offset, a in zip(lb.offsets, lb.a, strict=True):
-                if len(a):
-                    _add_transposed(out, a, offset, w)
+            lb.add_transposed(out, v[lb.block.rows].reshape(*lb.block.observed.shape, -1))
         first = self.equations.n_rows
         for e in self.extra:
             np.add.at(out, e.columns, e.a.T @ z[first : first + len(e.a)])
@@ -146,14 +113,11 @@ class LinearSystem:
     def diagonal(self) -> Array:
         """Return the diagonal of N = AᵀPA, (n_columns,)."""
         out = np.zeros(self.unknowns.n_columns)
-        clustered = self.equations.in_cluster
         for place, lb in enumerate(self.blocks):
-            for offset, a in zip(lb.offsets, lb.a, strict=True):
-                if len(a):
-                    square = np.einsum("ndk,ndk->nk", a, a)
-                    if place in clustered:
-                        square[clustered[place]] = 0.0
-                    _add(out, offset, square)
+            if isinstance(lb, LinearRays):
+                lb.add_diagonal(out)
+            else:
+                lb.add_diagonal(out, self.equations.in_cluster.get(place))
         for columns, a in self.cluster_rows():
             np.add.at(out, columns, np.sum(a * a, axis=0))
         for e in self.extra:
@@ -164,11 +128,7 @@ class LinearSystem:
         """Return A G (rows, k), whitened, for G (n_columns, k); extra rows at the end."""
         out = np.zeros((self.equations.n_rows, g.shape[1]))
         for lb in self.blocks:
-            rows = np.zeros((*lb.block.observed.shape, g.shape[1]))
-            for offset, a in zip(lb.offsets, lb.a, strict=True):
-                if len(a):
-                    _add_product(rows, a, offset, g)
-            out[lb.block.rows] = rows.reshape(-1, g.shape[1])
+            out[lb.block.rows] = lb.times(g).reshape(-1, g.shape[1])
         for c in self.equations.clusters:
             out[c.rows] = c.whitener @ out[c.rows]
         return np.concatenate([out, *(e.a @ g[e.columns] for e in self.extra)])
@@ -199,77 +159,3 @@ class LinearSystem:
                 a[:, j] = pieces[column]
             out.append((columns, c.whitener @ a))
         return out
-
-
-def _mask(a: Array, table: Variables, index: Index) -> None:
-    """Set the partials (n, d, k) by held components of partly free variables to zero."""
-    active = table.offset >= 0
-    for j in range(a.shape[2]):
-        held = active & ~table.free[:, j]
-        if not held.any():
-            continue
-        if held.sum() == active.sum():
-            a[:, :, j] = 0.0
-        else:
-            a[held[index], :, j] = 0.0
-
-
-def _add_product(rows: Array, a: Array, offset: Index, g: Array) -> None:
-    """Add A G to rows (n, d, k), for partials (n, d, j) by the variable at each offset."""
-    starts = _runs(offset)
-    if len(starts) < len(offset) / 8:
-        # Rows of one photo or camera lie together and share its part of G.
-        for start, stop in zip(starts, np.r_[starts[1:], len(offset)], strict=True):
-            first = offset[start]
-            if first >= 0:
-                rows[start:stop] += a[start:stop] @ g[first : first + a.shape[2]]
-        return
-    on = offset >= 0
-    for j in range(a.shape[2]):
-        rows += a[:, :, j, None] * np.where(on[:, None], g[np.maximum(offset + j, 0)], 0.0)[:, None]
-
-
-def _add_transposed(out: Array, a: Array, offset: Index, w: Array) -> None:
-    """Add Aᵀ W to out (n_columns, k), for partials (n, d, j) at each offset and W (n, d, k)."""
-    starts = _runs(offset)
-    j = a.shape[2]
-    if len(starts) < len(offset) / 8:
-        for start, stop in zip(starts, np.r_[starts[1:], len(offset)], strict=True):
-            first = offset[start]
-            if first >= 0:
-                part = w[start:stop].reshape(-1, w.shape[2])
-                out[first : first + j] += a[start:stop].reshape(-1, j).T @ part
-        return
-    on = offset >= 0
-    if not on.all():
-        offset, a, w = offset[on], a[on], w[on]
-    values = a.transpose(0, 2, 1) @ w
-    n = len(offset)
-    for i in range(j):
-        if w.shape[2] == 1:
-            weights = values[:, i, 0]
-            out[:, 0] += np.bincount(offset + i, weights=weights, minlength=len(out))
-            continue
-        places = (np.ones(n), offset + i, np.arange(n + 1))
-        out += np.asarray(csr_array(places, shape=(n, len(out))).T @ values[:, i])
-
-
-def _runs(offset: Index) -> Index:
-    """Return where runs of equal offsets start."""
-    return np.flatnonzero(np.r_[True, offset[1:] != offset[:-1]])
-
-
-def _add(out: Array, offset: Index, values: Array) -> None:
-    """Add values (n, k) to the k columns from each offset; rows with offset −1 are skipped."""
-    on = offset >= 0
-    if not on.all():
-        offset, values = offset[on], values[on]
-    if not len(offset):
-        return
-    starts = _runs(offset)
-    if len(starts) < len(offset) / 8:
-        # Rows of one photo or camera lie together: they are summed at once.
-        values = np.add.reduceat(values, starts, axis=0)
-        offset = offset[starts]
-    for j in range(values.shape[1]):
-        out += np.bincount(offset + j, weights=values[:, j], minlength=len(out))

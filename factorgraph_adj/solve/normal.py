@@ -14,8 +14,10 @@ from .datum import FreeDatum
 from .elimination import Layers, layers_of
 from .factor import Factor
 from .linear import ExtraRows, LinearSystem
+from .ray_sums import RaySums
 from .rays import Rays
-from .tree import SingularError, TreeFactors
+from .singular import SingularError
+from .tree import TreeFactors
 from .trust import SAMPLES, TRUSTED, held_well, refusal, sample, uncertainty
 
 LARGEST_QR = 3000
@@ -76,6 +78,7 @@ class NormalEquations:
         self.gradient = self.system.gradient()
         self.diagonal = self.system.diagonal()
         self._factors: TreeFactors | None = None
+        self._sums: RaySums | None = None
         self.smallest_pivot = 0.0
         """Smallest pivot of the last factorisation, relative to its diagonal element."""
 
@@ -116,7 +119,7 @@ class NormalEquations:
             if not exact:
                 raise SingularError("a pivot vanished")
         solver.turn_to_qr()
-        self._factors = None
+        self._factors = self._sums = None
         return self.factorise(extra, exact=exact)
 
     def for_covariances(self, constraint: Array, datum: FreeDatum | None = None) -> Factor:
@@ -140,7 +143,7 @@ class NormalEquations:
         factor = self._probed(constraint)
         if factor.uncertainty > TRUSTED and not self.solver.qr_everywhere:
             self.solver.turn_to_qr()
-            self._factors = None
+            self._factors = self._sums = None
             factor = self._probed(constraint)
         if factor.uncertainty > TRUSTED:
             raise SingularError(refusal(self.system, factor, self.diagonal))
@@ -180,6 +183,6 @@ class NormalEquations:
     def _factorise(self, extra: Array, *, qr: bool) -> Factor:
         if self._factors is None:
             self._factors = TreeFactors(self.solver.layers, self.system)
-        return Factor(
-            self.solver.layers, self.solver.rays, self.system, self._factors, extra, qr=qr
-        )
+        if self._sums is None and self.solver.rays is not None:
+            self._sums = RaySums(self.solver.rays, self.system)
+        return Factor(self.solver.layers, self._sums, self._factors, extra, qr=qr)

@@ -14,8 +14,8 @@ from .datum import UNNOTICED, Defect, in_part
 from .elimination import layers_of
 from .factor import Factor
 from .linear import LinearSystem
-from .rays import Rays
-from .tree import SingularError, TreeFactors
+from .singular import SingularError
+from .tree import TreeFactors
 
 NULL = 1e-7
 """Ratio |A z| / |√diag(N) z| below which a combination z counts as undetermined."""
@@ -49,9 +49,8 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
     layers = layers_of(
         system.equations, reduce_points=False, touched=np.zeros(len(diagonal), dtype=bool)
     )
-    rays = Rays(system.equations, layers) if layers.reduced.any() else None
     extra = np.where(empty, 1.0, REGULARISED * diagonal)
-    factor = Factor(layers, rays, system, TreeFactors(layers, system), extra, qr=True)
+    factor = Factor(layers, None, TreeFactors(layers, system), extra, qr=True)
     n = min(MOST, int(live.sum()))
     found = np.zeros((len(diagonal), 0))
     if n:

@@ -1,4 +1,8 @@
-"""Index lists of the rays to object points that only cameras see; a network makes them once."""
+"""Index lists of the rays to object points that only cameras see; a network makes them once.
+
+Each photo with such rays is a node of the reduced system: its six components, and those of its
+calibration if no other photo has it. Calibrations that several photos share are the border.
+"""
 
 from __future__ import annotations
 
@@ -7,108 +11,169 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..graph.equations import Equations
-from ..types import Array, Index
+from ..graph.image_chunks import RAYS, ImageChunks, PointSums, RayPartials
+from ..types import Array, Index, Mask
+from .dissection import Front, Pattern, dissect
 from .elimination import Layers
+from .fronts import BlockMatrix
+from .linear import LinearSystem
+from .linear_rays import LinearRays
 
 
 @dataclass(frozen=True)
-class Participant:
-    """A photo (with its own calibration) or a shared calibration in the reduced system."""
+class RayPart:
+    """The rays of one chunk to points of the first layer."""
 
+    place: int
+    """Place of the block in the network."""
+    number: int
+    """Number of the chunk in the block."""
+    chosen: Index | None
+    """Numbers of the rays in the chunk, (m,); none: all of them."""
     rows: slice
-    """Rays of the photo, or points of the shared calibration, in the order of their arrays."""
-    columns: Index
-    """Columns of the participant's block in the border; −1 for held components."""
+    """Numbers of the rays among those of all parts."""
+    runs: tuple[tuple[int, int, int], ...]
+    """Node, first ray and end of each run of rays of one photo."""
+    points: Index
+    """Number of the point of each ray in the first layer, (m,)."""
+    sums: PointSums
+    """Sums over the rays to the same point."""
+    camera: int
+    """Place of the calibration that all rays share; −1: each photo has its own."""
 
-    @property
-    def run(self) -> slice | None:
-        """The columns as a slice; none: they are not consecutive."""
-        n = int(np.sum(self.columns >= 0))
-        first = int(self.columns[0])
-        if first < 0 or not np.array_equal(self.columns[:n], np.arange(first, first + n)):
-            return None
-        return slice(first, first + n)
+    def partials(self, system: LinearSystem) -> Array:
+        """Return the partials of the rays, (6 + k, 2, m), see `RayPartials`."""
+        block = system.blocks[self.place]
+        assert isinstance(block, LinearRays)
+        found: RayPartials = block.parts[self.number]
+        return found.a if self.chosen is None else found.a[:, :, self.chosen]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A calibration that several photos share."""
+
+    number: int
+    """Number of the calibration."""
+    side: slice
+    """Its columns of the border: the parameters that are free in any calibration of its block."""
 
 
 class Rays:
-    """Index lists of the rays to the points of the first layer; a network makes them once."""
+    """Rays to the points of the first layer, nodes and pairs of nodes."""
 
     def __init__(self, equations: Equations, layers: Layers) -> None:
-        """Sort the rays by photo, calibration and point."""
+        """Sort the rays."""
         self.layers = layers
-        unknowns = layers.unknowns
-        local = np.cumsum(layers.reduced) - 1
         self.n_points = int(layers.reduced.sum())
-        self.places = [i for i, b in enumerate(equations.blocks) if b.kind == "image"]
-        self.selected: list[Index | slice] = []
-        self.sizes: list[int] = []
-        photo, calibration, point = [], [], []
-        for place in self.places:
-            (_, f), (_, k), (_, p) = equations.blocks[place].variables
-            keep = layers.reduced[p]
-            rows: Index | slice = slice(None) if keep.all() else np.flatnonzero(keep)
-            self.selected.append(rows)
-            self.sizes.append(int(keep.sum()))
-            photo.append(f[rows])
-            calibration.append(k[rows])
-            point.append(local[p[rows]])
-        self.photo = np.concatenate(photo)
-        self.calibration = np.concatenate(calibration)
-        self.point = np.concatenate(point)
-
-        # Rays of one photo lie together; each photo is one participant. A calibration that only
-        # one photo uses joins this photo; shared calibrations are participants of their own.
-        starts = np.flatnonzero(np.r_[True, self.photo[1:] != self.photo[:-1]])
-        stops = np.r_[starts[1:], len(self.photo)]
-        pose, lens = unknowns["pose"], unknowns["calibration"]
-        of_photo = self.calibration[starts]
-        users = np.bincount(of_photo, minlength=len(lens.names))
-        own = users[of_photo] == 1
-        self.has_own = own
-        self.width = 6 + (lens.free.shape[1] if own.any() else 0)
-        self.shared = np.flatnonzero((users > 1) & (lens.offset >= 0))
-        self.photos: list[Participant] = []
-        for start, stop, alone in zip(starts, stops, own, strict=True):
-            columns = np.full(self.width, -1, dtype=np.intp)
-            f, k = self.photo[start], self.calibration[start]
-            if pose.offset[f] >= 0:
-                columns[:6] = layers.in_border[pose.offset[f] + np.arange(6)]
-            if alone and lens.offset[k] >= 0:
-                size = lens.size[k]
-                columns[6 : 6 + size] = layers.in_border[lens.offset[k] + np.arange(size)]
-            self.photos.append(Participant(slice(int(start), int(stop)), columns))
-        self.runs = [p.run for p in self.photos]
-        self.ray_photo = np.repeat(np.arange(len(starts)), stops - starts)
-        self.own_rays = np.flatnonzero(own[self.ray_photo])
-        self._find_shared(layers)
-        self._find_pairs()
+        self._nodes(equations)
+        self._parts(equations)
+        self._pairs()
         self.coordinate_places = [
             i
             for i, b in enumerate(equations.blocks)
             if b.kind != "image" and len(b.variables) == 1 and b.variables[0][0] == "point"
         ]
+        self._structure: tuple[bytes, Pattern, list[Front]] | None = None
 
-    def _find_shared(self, layers: Layers) -> None:
-        """Find the points and rays of each calibration that several photos share."""
-        lens = layers.unknowns["calibration"]
-        self.shared_rays: list[Index | slice] = []
-        self.shared_points: list[Index] = []
-        self.shared_place: list[Index] = []
-        self.shared_columns: list[Index] = []
-        for k in self.shared:
-            rays: Index | slice = np.flatnonzero(self.calibration == k)
-            points, place = np.unique(self.point[rays], return_inverse=True)
-            if len(place) == len(self.point):
-                rays = slice(None)
-            self.shared_rays.append(rays)
-            self.shared_points.append(points)
-            self.shared_place.append(place.astype(np.intp))
-            self.shared_columns.append(layers.in_border[lens.offset[k] + np.arange(lens.size[k])])
+    # -- nodes ------------------------------------------------------------------------------------
 
-    def _find_pairs(self) -> None:
-        """List, for every pair of photos, the rays to their common points."""
-        order = np.argsort(self.point, kind="stable").astype(np.int32)
-        counts = np.bincount(self.point, minlength=self.n_points)
+    def _nodes(self, equations: Equations) -> None:
+        """Give every photo a node and every shared calibration columns of the border."""
+        unknowns = self.layers.unknowns
+        pose, lens = unknowns["pose"], unknowns["calibration"]
+        photos: dict[int, tuple[int, ImageChunks]] = {}
+        for place, chunks in equations.rays.items():
+            (_, photo), (_, calibration), (_, point) = equations.blocks[place].variables
+            keep = self.layers.reduced[point]
+            numbers, first = np.unique(photo[keep], return_index=True)
+            cameras = calibration[keep][first]
+            for f, k in zip(numbers.tolist(), cameras.tolist(), strict=True):
+                photos[f] = (k, chunks)
+        self.photos: Index = np.array(sorted(photos), dtype=np.intp)
+        """Number of the photo of each node."""
+        self.node: Index = np.full(len(pose.names), -1, dtype=np.intp)
+        """Node of each photo."""
+        self.node[self.photos] = np.arange(len(self.photos))
+        alone = {f for f, (k, chunks) in photos.items() if k in chunks.alone}
+        own = max((len(photos[f][1].lens_free) for f in alone), default=0)
+        self.width = 6 + own
+        self.cameras: list[Camera] = []
+        columns = np.full((len(photos), self.width), -1, dtype=np.intp)
+        border: list[Index] = []
+        camera_of: dict[int, int] = {}
+        at = 0
+        for i, f in enumerate(self.photos.tolist()):
+            k, chunks = photos[f]
+            columns[i, :6] = _free_columns(unknowns.free, int(pose.offset[f]), np.arange(6))
+            of_lens = _free_columns(unknowns.free, int(lens.offset[k]), chunks.lens_free)
+            if f in alone:
+                columns[i, 6 : 6 + len(of_lens)] = of_lens
+            elif k not in camera_of:
+                camera_of[k] = len(self.cameras)
+                self.cameras.append(Camera(k, slice(at, at + len(of_lens))))
+                border.append(of_lens)
+                at += len(of_lens)
+        self.side = at
+        self.camera_of = camera_of
+        self.columns: Index = np.concatenate([columns.ravel(), *border])
+        """Unknown at each place of the reduced system, −1 for held components and padding."""
+        self.place_of: Index = np.full(unknowns.n_columns, -1, dtype=np.intp)
+        """Place of each unknown in the reduced system, −1 for others."""
+        on = self.columns >= 0
+        self.place_of[self.columns[on]] = np.flatnonzero(on)
+        self.held: Mask = ~on
+
+    def _parts(self, equations: Equations) -> None:
+        """Choose the rays of each chunk."""
+        local = np.cumsum(self.layers.reduced) - 1
+        ones = np.ones(RAYS)
+        self.parts: list[RayPart] = []
+        first = 0
+        points, nodes = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int32)]
+        for place, chunks in equations.rays.items():
+            number = equations.blocks[place].variables[2][1]
+            for i, chunk in enumerate(chunks.chunks):
+                keep = self.layers.reduced[number[chunk.rows]]
+                m = int(keep.sum())
+                if not m:
+                    continue
+                everything = m == len(keep)
+                chosen: Index | None = None if everything else np.flatnonzero(keep)
+                before = np.concatenate([[0], np.cumsum(keep)])
+                runs = tuple(
+                    (int(self.node[f]), int(before[start]), int(before[stop]))
+                    for f, start, stop in chunk.parts
+                    if before[stop] > before[start]
+                )
+                point = local[number[chunk.rows]][keep]
+                self.parts.append(
+                    RayPart(
+                        place,
+                        i,
+                        chosen,
+                        slice(first, first + m),
+                        runs,
+                        point,
+                        PointSums.of(point, ones),
+                        self.camera_of.get(chunk.calibration, -1),
+                    )
+                )
+                points.append(point.astype(np.int32))
+                nodes += [np.full(t - s, node, dtype=np.int32) for node, s, t in runs]
+                first += m
+        self.n_rays = first
+        self.points: Index = np.concatenate(points)
+        """Number of the point of each ray, (n_rays,)."""
+        self.nodes: Index = np.concatenate(nodes)
+        """Node of each ray, (n_rays,)."""
+
+    # -- pairs of nodes ---------------------------------------------------------------------------
+
+    def _pairs(self) -> None:
+        """List, for every pair of nodes, the rays to their common points."""
+        order = np.argsort(self.points, kind="stable").astype(np.int32)
+        counts = np.bincount(self.points, minlength=self.n_points)
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
         left, right = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
         for n in np.unique(counts[counts > 1]):
@@ -117,31 +182,55 @@ class Rays:
             left.append(rays[:, i].ravel())
             right.append(rays[:, j].ravel())
         a, b = np.concatenate(left), np.concatenate(right)
-        n_photos = len(self.photos)
-        code = self.ray_photo[a].astype(np.int64) * n_photos + self.ray_photo[b]
+        # Rays lie in the order of their parts, which need not be that of their nodes.
+        swapped = self.nodes[a] > self.nodes[b]
+        a, b = np.where(swapped, b, a), np.where(swapped, a, b)
+        n_nodes = len(self.photos)
+        code = self.nodes[a].astype(np.int64) * n_nodes + self.nodes[b]
         by_pair = np.argsort(code, kind="stable")
-        code, a, b = code[by_pair], a[by_pair], b[by_pair]
+        code, self.left, self.right = code[by_pair], a[by_pair], b[by_pair]
         cuts: Index = np.flatnonzero(np.diff(code, prepend=-1))
-        stops = np.append(cuts[1:], len(code))[: len(cuts)]
-        self.left, self.right = a, b
-        self.pairs = [
-            (int(code[s]) // n_photos, int(code[s]) % n_photos, int(s), int(t))
-            for s, t in zip(cuts, stops, strict=True)
-        ]
+        self.pair_first, self.pair_second = code[cuts] // n_nodes, code[cuts] % n_nodes
+        self.pair_stops = np.append(cuts[1:], len(code))[: len(cuts)]
+        self.pair_starts = cuts
+        self.of_first = np.searchsorted(self.pair_first, np.arange(n_nodes + 1))
+        """Pairs of each first node: those from its place to the next one."""
+
+    def structure(self, more: Index, positions: Array) -> tuple[Pattern, list[Front]]:
+        """Return the blocks of the reduced system and its fronts; they are made once.
+
+        Args:
+            more: pairs of nodes that other eliminated unknowns join, (k, 2).
+            positions: projection centres of the nodes, (n, 3), metres.
+        """
+        n = len(self.photos)
+        if self._structure is None or self._structure[0] != more.tobytes():
+            code = self.pair_first * n + self.pair_second
+            code = np.unique(np.concatenate([code, more[:, 0] * n + more[:, 1]]))
+            pattern = Pattern(n, self.width, self.side, code // n, code % n)
+            self._structure = (more.tobytes(), pattern, dissect(pattern, positions))
+        return self._structure[1:]
+
+    def hold(self, matrix: BlockMatrix) -> None:
+        """Give held places a one on the diagonal and zeros elsewhere, in place."""
+        if not self.held.any():
+            return
+        n, w = len(self.photos), self.width
+        free = (~self.held).astype(float)
+        nodes, border = free[: n * w].reshape(n, w), free[n * w :]
+        first, second = matrix.pattern.first, matrix.pattern.second
+        matrix.diagonal *= nodes[:, :, None] * nodes[:, None, :]
+        matrix.pairs *= nodes[first][:, :, None] * nodes[second][:, None, :]
+        matrix.side *= nodes[:, :, None] * border
+        matrix.corner *= border[:, None] * border
+        i, j = np.arange(w), np.arange(self.side)
+        matrix.diagonal[:, i, i] += 1.0 - nodes
+        matrix.corner[j, j] += 1.0 - border
 
 
-def joined(parts: list[Array], rays: Rays) -> Array:
-    """Join partials of several image blocks; partials by held variables are zero."""
-    width = max(p.shape[2] for p in parts)
-    chosen = []
-    for part, rows, size in zip(parts, rays.selected, rays.sizes, strict=True):
-        if not len(part):
-            chosen.append(np.zeros((size, 2, width)))
-            continue
-        part = part[rows]
-        if part.shape[2] < width:
-            part = np.concatenate(
-                [part, np.zeros((*part.shape[:2], width - part.shape[2]))], axis=2
-            )
-        chosen.append(part)
-    return chosen[0] if len(chosen) == 1 else np.concatenate(chosen)
+def _free_columns(free: Mask, offset: int, components: Index) -> Index:
+    """Return the columns of components of a variable; −1 for held ones."""
+    if offset < 0:
+        return np.full(len(components), -1, dtype=np.intp)
+    columns = offset + components
+    return np.where(free[columns], columns, -1).astype(np.intp)

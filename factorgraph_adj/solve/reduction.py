@@ -12,250 +12,312 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import Array, Index
-from .linear import LinearSystem
-from .point_blocks import factorise_points
-from .rays import Rays, joined
+from .dissection import Pattern
+from .fronts import BlockMatrix
+from .linear_rays import OF_POINT
+from .point_cholesky import DIAGONAL, ELEMENTS, PointCholesky, square
+from .ray_sums import RaySums
+
+POOR = 1e-6
+"""Relative pivot below which a point is factorised twice; a point at a distance of 1000 bases has
+this pivot."""
 
 
 class ReducedPoints:
-    """The first layer eliminated: factors of the points and the reduced normal matrix."""
+    """The first layer eliminated: factors of the points, and W of every ray."""
 
-    def __init__(self, rays: Rays, system: LinearSystem, extra: Array) -> None:
+    def __init__(self, sums: RaySums, extra: Array) -> None:
         """Eliminate the points.
 
         Args:
-            rays: the index lists.
-            system: the linearised network.
+            sums: the products of one linearisation.
             extra: added to the diagonal of the normal matrix, (n_columns,).
         """
-        self.rays = rays
-        j_pose, j_lens, j_point = (
-            joined([system.blocks[i].a[slot] for i in rays.places], rays) for slot in range(3)
-        )
-        self.cholesky = factorise_points(rays, system, j_point, extra)
-        self._rays(j_pose, j_lens, j_point)
-        self.normal = self._normal(j_pose, j_lens, extra)
-
-    def _rays(self, j_pose: Array, j_lens: Array, j_point: Array) -> None:
-        """Compute W of every ray (m, 3, width), and of every point and shared calibration."""
+        self.sums, self.rays, self.system = sums, sums.rays, sums.system
         rays = self.rays
-        # L⁻¹Jₚᵀ is small; W is its product with the partials by poses and calibrations.
-        half = self.cholesky.lower(j_point.transpose(0, 2, 1), rays.point)
-        if rays.width == 6:
-            self.w = half @ j_pose
-        else:
-            self.w = np.zeros((len(half), 3, rays.width))
-            self.w[:, :, :6] = half @ j_pose
-            on = rays.own_rays
-            self.w[on, :, 6 : 6 + j_lens.shape[2]] = half[on] @ j_lens[on]
-        self.shared: list[Array] = []
-        for r, points, place, columns in zip(
-            rays.shared_rays,
-            rays.shared_points,
-            rays.shared_place,
-            rays.shared_columns,
-            strict=True,
-        ):
-            e = np.zeros((len(points), 3, len(columns)))
+        self.extra = extra
+        self.cholesky, self.shared = factorise_points(sums, extra)
+        """``shared``: W of every point with the shared calibrations, (p, 3, border)."""
+        self.w = np.empty((rays.n_rays, 3, rays.width))
+        """W of every ray, (n_rays, 3, width)."""
+        self._own = np.zeros((len(rays.photos), rays.width, rays.width + rays.side))
+        flat = self.shared.reshape(rays.n_points, -1)
+        for part in rays.parts:
+            a = part.partials(self.system)
+            half = self.cholesky.lower(a[OF_POINT], part.points)
+            width = 6 if part.camera >= 0 else len(a)
+            w = np.zeros((3, rays.width, a.shape[2]))
             for axis in range(3):
-                for c in np.flatnonzero(rays.layers.unknowns.free[rays.layers.border[columns]]):
-                    product = (
-                        half[r, axis, 0] * j_lens[r, 0, c] + half[r, axis, 1] * j_lens[r, 1, c]
-                    )
-                    e[:, axis, c] = np.bincount(place, weights=product, minlength=len(points))
-            self.shared.append(e)
+                product = half[axis] * a[:width]
+                np.add(product[:, 0], product[:, 1], out=w[axis, :width])
+            rows = self.w[part.rows]
+            np.negative(w.transpose(2, 0, 1), out=rows)
+            of_points = np.take(flat, part.points, axis=0).reshape(len(rows), 3, rays.side)
+            for node, start, stop in part.runs:
+                one = rows[start:stop].reshape(-1, rays.width)
+                own = self._own[node]
+                own[:, : rays.width] += one.T @ one
+                if rays.side:
+                    own[:, rays.width :] += one.T @ of_points[start:stop].reshape(-1, rays.side)
 
-    def _normal(self, j_pose: Array, j_lens: Array, extra: Array) -> Array:
-        """Return S (border, border)."""
-        rays, w = self.rays, self.w
-        n = len(rays.layers.border)
-        s = np.zeros((n, n))
-        k = j_lens.shape[2]
-        shared_at = []
-        for points in rays.shared_points:
-            at = np.full(rays.n_points, -1, dtype=np.intp)
-            at[points] = np.arange(len(points))
-            shared_at.append(at)
-        for number, photo in enumerate(rays.photos):
-            r = photo.rows
-            a = j_pose[r].reshape(-1, 6)
-            b = j_lens[r].reshape(-1, k)
-            if rays.width > 6:
-                a = np.concatenate([a, np.zeros((len(a), rays.width - 6))], axis=1)
-                if rays.has_own[number]:
-                    a[:, 6 : 6 + k] = b
-            wa = w[r].reshape(-1, rays.width)
-            _scatter(s, photo.columns, photo.columns, a.T @ a - wa.T @ wa)
-            for which, at, ws, columns in zip(
-                rays.shared, shared_at, self.shared, rays.shared_columns, strict=True
-            ):
-                block = -self._across(r, at, ws)
-                if rays.calibration[r.start] == which:
-                    block += a.T @ b[:, : len(columns)]
-                _scatter(s, photo.columns, columns, block)
-                _scatter(s, columns, photo.columns, block.T)
-        self._pairs(s)
-        for i, (ws, points, columns) in enumerate(
-            zip(self.shared, rays.shared_points, rays.shared_columns, strict=True)
-        ):
-            flat = ws.reshape(-1, ws.shape[2])
-            own = j_lens[rays.shared_rays[i], :, : len(columns)].reshape(-1, len(columns))
-            _scatter(s, columns, columns, own.T @ own - flat.T @ flat)
-            for j in range(i):
-                at = shared_at[j][points]
-                on = at >= 0
-                block = -(
-                    ws[on].reshape(-1, ws.shape[2]).T
-                    @ self.shared[j][at[on]].reshape(-1, self.shared[j].shape[2])
-                )
-                _scatter(s, columns, rays.shared_columns[j], block)
-                _scatter(s, rays.shared_columns[j], columns, block.T)
-        s[np.diag_indices(n)] += extra[rays.layers.border]
-        return s
-
-    def _across(self, rows: slice, at: Index, shared: Array) -> Array:
-        """Return Σ WᵀW_s of one photo with a shared calibration."""
-        place = at[self.rays.point[rows]]
-        wa = self.w[rows]
-        if (place < 0).any():
-            on = place >= 0
-            wa, place = wa[on], place[on]
-        return np.asarray(
-            wa.reshape(-1, wa.shape[2]).T @ shared[place].reshape(-1, shared.shape[2])
+    def matrix(self, pattern: Pattern) -> BlockMatrix:
+        """Return S in the blocks of a pattern, without regard to held places."""
+        rays, w = self.rays, self.rays.width
+        n = len(rays.photos)
+        nodes = self.sums.nodes
+        k = nodes.shape[1] - 6
+        out = BlockMatrix(
+            pattern,
+            -self._own[:, :, :w],
+            np.zeros((len(pattern.first), w, w)),
+            -self._own[:, :, w:],
+            np.zeros((rays.side, rays.side)),
         )
+        shared = np.zeros(n, dtype=bool)
+        for part in rays.parts:
+            if part.camera < 0:
+                continue
+            side = rays.cameras[part.camera].side
+            size = side.stop - side.start
+            for node in sorted({run[0] for run in part.runs}):
+                if not shared[node]:
+                    shared[node] = True
+                    out.side[node, :6, side] += nodes[node, :6, 6 : 6 + size]
+                    out.corner[side, side] += nodes[node, 6 : 6 + size, 6 : 6 + size]
+        out.diagonal[:, :6, :6] += nodes[:, :6, :6]
+        alone = ~shared
+        if w > 6 and alone.any():
+            size = min(w - 6, k)
+            out.diagonal[alone, 6 : 6 + size, : 6 + size] += nodes[alone, 6 : 6 + size, : 6 + size]
+            out.diagonal[alone, :6, 6 : 6 + size] += nodes[alone, :6, 6 : 6 + size]
+        if rays.side:
+            flat = self.shared.reshape(-1, rays.side)
+            out.corner -= flat.T @ flat
+        self._subtract_pairs(out)
+        added = np.where(rays.columns >= 0, self.extra[np.maximum(rays.columns, 0)], 0.0)
+        i, j = np.arange(w), np.arange(rays.side)
+        out.diagonal[:, i, i] += added[: n * w].reshape(n, w)
+        out.corner[j, j] += added[n * w :]
+        return out
 
-    def _pairs(self, s: Array) -> None:
-        """Subtract WᵀW of all pairs of photos with common points."""
-        rays, w, d = self.rays, self.w, self.rays.width
-        for a, b, start, stop in rays.pairs:
-            left = w[rays.left[start:stop]].reshape(-1, d)
-            right = w[rays.right[start:stop]].reshape(-1, d)
-            block = left.T @ right
-            ra, rb = rays.runs[a], rays.runs[b]
-            if ra is not None and rb is not None:
-                block = block[: ra.stop - ra.start, : rb.stop - rb.start]
-                s[ra, rb] -= block
-                s[rb, ra] -= block.T
-            else:
-                ca, cb = rays.photos[a].columns, rays.photos[b].columns
-                _scatter(s, ca, cb, -block)
-                _scatter(s, cb, ca, -block.T)
+    def _subtract_pairs(self, out: BlockMatrix) -> None:
+        """Subtract WᵀW of all pairs of nodes with common points."""
+        rays, w = self.rays, self.rays.width
+        place = out.find(rays.pair_first, rays.pair_second)
+        flat = self.w.reshape(-1, 3 * w)
+        for first, last in zip(rays.of_first[:-1], rays.of_first[1:], strict=True):
+            if first == last:
+                continue
+            start = int(rays.pair_starts[first])
+            both = slice(start, int(rays.pair_stops[last - 1]))
+            left = np.take(flat, rays.left[both], axis=0).reshape(-1, w).T
+            right = np.take(flat, rays.right[both], axis=0).reshape(-1, w)
+            for i in range(first, last):
+                s, t = 3 * (rays.pair_starts[i] - start), 3 * (rays.pair_stops[i] - start)
+                out.pairs[place[i]] -= left[:, s:t] @ right[s:t]
 
     # -- use ----------------------------------------------------------------------------------
 
-    def forward(self, y: Array, border: Array) -> Array:
-        """Return L⁻¹ y_p (p, 3, k), and subtract its part from the right sides of the border.
+    def forward(self, y: Array, reduced: Array) -> Array:
+        """Return L⁻¹ y_p (3, k, p), and subtract its part from the right sides of the nodes.
 
         Args:
             y: right sides, (n_columns, k).
-            border: right sides of the border (b, k), changed in place.
+            reduced: right sides of the reduced system (places, k), changed in place.
         """
         rays = self.rays
-        z = self.cholesky.lower(y[rays.layers.point_columns])
-        of_rays = z[rays.point]
-        for photo in rays.photos:
-            r, on = photo.rows, photo.columns >= 0
-            part = self.w[r].reshape(-1, rays.width).T @ of_rays[r].reshape(-1, z.shape[2])
-            border[photo.columns[on]] -= part[on]
-        for ws, points, columns in zip(
-            self.shared, rays.shared_points, rays.shared_columns, strict=True
-        ):
-            border[columns] -= np.einsum("pic,pik->ck", ws, z[points])
+        n, w, k = len(rays.photos), rays.width, y.shape[1]
+        z = self.cholesky.lower(y[rays.layers.point_columns].transpose(1, 2, 0))
+        of_points = np.ascontiguousarray(z.transpose(2, 0, 1)).reshape(rays.n_points, 3 * k)
+        nodes = reduced[: n * w].reshape(n, w, k)
+        for part in rays.parts:
+            rows = self.w[part.rows]
+            along = np.take(of_points, part.points, axis=0)
+            for node, start, stop in part.runs:
+                one = rows[start:stop].reshape(-1, w)
+                nodes[node] -= one.T @ along[start:stop].reshape(-1, k)
+        if rays.side:
+            reduced[n * w :] -= self.shared.reshape(-1, rays.side).T @ of_points.reshape(-1, k)
         return z
 
-    def backward(self, z: Array, border: Array) -> Array:
-        """Return the solution of the points (p, 3, k) from the solution of the border (b, k)."""
+    def backward(self, z: Array, x: Array) -> Array:
+        """Return the points' solution (p, 3, k) from that of the reduced system (places, k)."""
         rays = self.rays
-        n, k = rays.n_points, z.shape[2]
-        along = np.empty((len(rays.point), 3, k))
-        for photo in rays.photos:
-            r, on = photo.rows, photo.columns >= 0
-            x = np.zeros((rays.width, k))
-            x[on] = border[photo.columns[on]]
-            along[r] = (self.w[r].reshape(-1, rays.width) @ x).reshape(-1, 3, k)
-        t = z.copy()
-        for axis in range(3):
-            for column in range(k):
-                t[:, axis, column] -= np.bincount(
-                    rays.point, weights=along[:, axis, column], minlength=n
-                )
-        for ws, points, columns in zip(
-            self.shared, rays.shared_points, rays.shared_columns, strict=True
-        ):
-            t[points] -= np.einsum("pic,ck->pik", ws, border[columns])
-        return self.cholesky.upper(t)
+        n, w, k = len(rays.photos), rays.width, z.shape[1]
+        nodes = x[: n * w].reshape(n, w, k)
+        moved = np.zeros((rays.n_points, 3 * k))
+        if rays.side:
+            moved[:] = (self.shared.reshape(-1, rays.side) @ x[n * w :]).reshape(-1, 3 * k)
+        for part in rays.parts:
+            rows = self.w[part.rows]
+            along = np.empty((len(rows), 3 * k))
+            for node, start, stop in part.runs:
+                one = rows[start:stop].reshape(-1, w)
+                along[start:stop] = (one @ nodes[node]).reshape(-1, 3 * k)
+            part.sums.add(moved, along)
+        t = z - moved.reshape(-1, 3, k).transpose(1, 2, 0)
+        return self.cholesky.upper(t).transpose(2, 0, 1)
 
-    def joint(self, border: Array) -> RayCovariances:
-        """Return the joint covariances of points and border from that of the border (b, b).
+    def joint(self, inverse: BlockMatrix) -> RayCovariances:
+        """Return the joint covariances of points and nodes from those of the nodes.
 
         With W over all rays of a point and its shared calibrations, and L of the point's block:
-        Q_pp = L⁻ᵀ (I + W Σ_b Wᵀ) L⁻¹ and Q_pb = −L⁻ᵀ W Σ_b. The computation is vectorised over the
-        points with the same number of rays.
+        Q_pp = L⁻ᵀ (I + W Σ Wᵀ) L⁻¹ and Q_pc = −L⁻ᵀ W Σ.
+
+        Args:
+            inverse: Σ at the blocks of the reduced system; zero at held places.
         """
-        rays, d = self.rays, self.rays.width
-        n = rays.n_points
-        order = np.argsort(rays.point, kind="stable")
-        counts = np.bincount(rays.point, minlength=n)
-        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
-        padded = np.zeros((len(border) + 1, len(border) + 1))
-        padded[:-1, :-1] = border  # the last row and column serve held components
-        columns = np.array([p.columns for p in rays.photos])
-        all_shared = np.concatenate([*rays.shared_columns, np.zeros(0, dtype=np.intp)])
-        width = len(all_shared)
-        blocks = padded[columns[:, None, :, None], columns[None, :, None, :]]
-        photo_shared = padded[columns[:, :, None], all_shared]
-        shared_photo = np.ascontiguousarray(photo_shared.transpose(0, 2, 1))
-        shared_shared = border[np.ix_(all_shared, all_shared)]
-        shared = np.zeros((n, 3, width))
-        at = 0
-        for ws, points, c in zip(self.shared, rays.shared_points, rays.shared_columns, strict=True):
-            shared[points, :, at : at + len(c)] = ws
-            at += len(c)
-        out_shared = shared @ shared_shared
-        of_rays = np.empty((len(rays.point), 3, d))
-        inner = np.tile(np.eye(3), (n, 1, 1))
-        for count in np.unique(counts[counts > 0]).tolist():
-            at_once = max(1, 4_000_000 // (d * count * max(d, width)))
-            every = np.flatnonzero(counts == count)
-            for start in range(0, len(every), at_once):
-                points = every[start : start + at_once]
-                r = order[first[points][:, None] + np.arange(count)]
-                photo = rays.ray_photo[r]
-                w = self.w[r]
-                flat = w.transpose(0, 2, 1, 3).reshape(len(points), 3, -1)
-                if width:
-                    between = photo_shared[photo].reshape(len(points), count * d, width)
-                    out_shared[points] += flat @ between
-                for i in range(count):
-                    block = blocks[photo, photo[:, i, None]].reshape(len(points), count * d, d)
-                    m = flat @ block
-                    if width:
-                        m += shared[points] @ shared_photo[photo[:, i]]
-                    of_rays[r[:, i]] = m
-                    inner[points] += m @ w[:, i].transpose(0, 2, 1)
-        if width:
-            inner += out_shared @ shared.transpose(0, 2, 1)
-        return RayCovariances(of_rays, out_shared, inner)
+        rays, w = self.rays, self.rays.width
+        m = np.empty_like(self.w)
+        shared = np.zeros((rays.n_points, 3 * rays.side))
+        flat = self.shared.reshape(rays.n_points, -1)
+        if rays.side:
+            shared[:] = (self.shared.reshape(-1, rays.side) @ inverse.corner).reshape(
+                rays.n_points, -1
+            )
+        for part in rays.parts:
+            rows, out = self.w[part.rows], m[part.rows]
+            of_points = np.take(flat, part.points, axis=0)
+            along = np.empty((len(rows), 3 * rays.side))
+            for node, start, stop in part.runs:
+                one = rows[start:stop].reshape(-1, w)
+                value = one @ inverse.diagonal[node]
+                if rays.side:
+                    e = of_points[start:stop].reshape(-1, rays.side)
+                    value += e @ inverse.side[node].T
+                    along[start:stop] = (one @ inverse.side[node]).reshape(stop - start, -1)
+                out[start:stop] = value.reshape(-1, 3, w)
+            if rays.side:
+                part.sums.add(shared, along)
+        self._add_pairs(m, inverse)
+        inner = np.zeros((rays.n_points, 6))
+        for part in rays.parts:
+            mine = np.ascontiguousarray(m[part.rows].transpose(1, 2, 0))
+            rows = np.ascontiguousarray(self.w[part.rows].transpose(1, 2, 0))
+            products = np.stack([np.einsum("km,km->m", mine[i], rows[j]) for i, j in ELEMENTS], 1)
+            part.sums.add(inner, products)
+        inner = np.ascontiguousarray(inner.T)
+        if rays.side:
+            of_border = shared.reshape(rays.n_points, 3, rays.side)
+            for place, (i, j) in enumerate(ELEMENTS):
+                inner[place] += np.einsum("pk,pk->p", of_border[:, i], self.shared[:, j])
+        inner[list(DIAGONAL)] += 1.0
+        return RayCovariances(m, shared.reshape(rays.n_points, 3, rays.side), inner)
 
     def covariances(self, inner: Array) -> Array:
-        """Return the covariance L⁻ᵀ inner L⁻¹ (p, 3, 3) of every point."""
-        half = self.cholesky.upper(inner)
-        return self.cholesky.upper(np.ascontiguousarray(half.transpose(0, 2, 1)))
+        """Return the covariance L⁻ᵀ K L⁻¹ (p, 3, 3) of every point from K = I + W Σ Wᵀ (6, p)."""
+        return square(self.cholesky.covariances(inner))
+
+    def _add_pairs(self, m: Array, inverse: BlockMatrix) -> None:
+        """Add W of each ray times Σ of its node with the node of every other ray of the point."""
+        rays, w = self.rays, self.rays.width
+        place = inverse.find(rays.pair_first, rays.pair_second)
+        rows, out = self.w.reshape(-1, 3 * w), m.reshape(-1, 3 * w)
+        for first, last in zip(rays.of_first[:-1], rays.of_first[1:], strict=True):
+            if first == last:
+                continue
+            start = int(rays.pair_starts[first])
+            both = slice(start, int(rays.pair_stops[last - 1]))
+            left, right = rays.left[both], rays.right[both]
+            of_left, of_right = np.take(rows, left, axis=0), np.take(rows, right, axis=0)
+            to_right = np.empty_like(of_right)
+            for i in range(first, last):
+                s, t = rays.pair_starts[i] - start, rays.pair_stops[i] - start
+                block = inverse.pairs[place[i]]
+                to_right[s:t] = (of_left[s:t].reshape(-1, w) @ block).reshape(-1, 3 * w)
+                # A point is once in a photo: no ray comes twice in a pair.
+                out[left[s:t]] += (of_right[s:t].reshape(-1, w) @ block.T).reshape(-1, 3 * w)
+            out[right] += to_right  # every ray to a point of the first photo comes once
 
 
 @dataclass(frozen=True)
 class RayCovariances:
-    """Products W Σ_b of points with the border, see `ReducedPoints.joint`."""
+    """Products W Σ of points with the reduced system, see `ReducedPoints.joint`."""
 
     rays: Array
-    """Columns of W Σ_b of the photo of each ray, (m, 3, width)."""
+    """Columns of W Σ of the node of each ray, (n_rays, 3, width)."""
     shared: Array
-    """Columns of W Σ_b of the shared calibrations, one after the other, (p, 3, k)."""
+    """Columns of W Σ of the shared calibrations, (p, 3, border)."""
     inner: Array
-    """I + W Σ_b Wᵀ, (p, 3, 3)."""
+    """I + W Σ Wᵀ, (6, p), see `point_cholesky`."""
 
 
-def _scatter(s: Array, rows: Index, columns: Index, block: Array) -> None:
-    """Add a block to S, without its rows and columns of held components."""
-    r, c = rows >= 0, columns >= 0
-    s[np.ix_(rows[r], columns[c])] += block[np.ix_(r, c)]
+def factorise_points(sums: RaySums, extra: Array) -> tuple[PointCholesky, Array]:
+    """Factorise the normal matrices of the points; return L, and L⁻¹ of their cross products.
+
+    H has the square of the condition of A: a point at a distance of 10⁵ bases keeps 6 digits.
+    Where pivots are poor the rows are factorised again, in the axes of the first factor
+    (Cholesky-QR, Yamamoto et al. 2015): A L⁻ᵀ is nearly orthogonal,
+    AᵀA = L (L⁻¹AᵀA L⁻ᵀ) Lᵀ = L L' (L L')ᵀ.
+
+    Args:
+        sums: the products of one linearisation.
+        extra: added to the diagonal of the normal matrix, (n_columns,).
+    """
+    columns = sums.rays.layers.point_columns
+    added = extra[columns].T
+    free = sums.rays.layers.unknowns.free[columns].T.astype(float)
+    h = sums.points.copy()
+    h[list(DIAGONAL)] += added
+    cholesky = PointCholesky(h, free)
+    cross = cholesky.lower(sums.cross.transpose(1, 2, 0)).transpose(2, 0, 1)
+    poor = np.flatnonzero(cholesky.pivots.min(axis=0, initial=1.0) < POOR)
+    if len(poor):
+        again, products = _in_axes(sums, cholesky, poor, added[:, poor])
+        second = PointCholesky(again, free[:, poor])
+        cholesky.refine(second, poor)
+        cross[poor] = second.lower(products.transpose(1, 2, 0)).transpose(2, 0, 1)
+    return cholesky, np.ascontiguousarray(cross)
+
+
+def _in_axes(
+    sums: RaySums, axes: PointCholesky, points: Index, added: Array
+) -> tuple[Array, Array]:
+    """Return L⁻¹ H L⁻ᵀ (6, q) and L⁻¹ JᵀA (q, 3, border) of some points, from the rows A L⁻ᵀ.
+
+    Args:
+        sums: the products of one linearisation.
+        axes: factors L of all points.
+        points: the points, (q,).
+        added: terms on the diagonal of H, (3, q).
+    """
+    rays, system = sums.rays, sums.system
+    local = np.full(rays.n_points, -1, dtype=np.intp)
+    local[points] = np.arange(len(points))
+    h = np.zeros((6, len(points)))
+    cross = np.zeros((len(points), 3, rays.side))
+
+    def add(rows: Array, at: Index) -> Array:
+        """Add the products of rows (3, d, m) to points; return them in the axes of the points."""
+        u = axes.lower(rows, at)
+        for place, (i, j) in enumerate(ELEMENTS):
+            h[place] += np.bincount(
+                local[at], weights=np.sum(u[i] * u[j], axis=0), minlength=len(points)
+            )
+        return u
+
+    for part in rays.parts:
+        on = np.flatnonzero(local[part.points] >= 0)
+        if not len(on):
+            continue
+        a = part.partials(system)[:, :, on]
+        at = part.points[on]
+        u = add(-a[OF_POINT], at)
+        if part.camera >= 0:
+            side = rays.cameras[part.camera].side
+            for c in range(side.stop - side.start):
+                value = np.sum(u * a[6 + c], axis=1)
+                for axis in range(3):
+                    cross[:, axis, side.start + c] += np.bincount(
+                        local[at], weights=value[axis], minlength=len(points)
+                    )
+    for _, number, _, j in sums.coordinates():
+        on = np.flatnonzero(local[number] >= 0)
+        if len(on):
+            add(j[on].transpose(2, 1, 0), number[on])
+    root = np.sqrt(added)
+    for c in range(3):
+        rows = np.zeros((3, 1, len(points)))
+        rows[c, 0] = root[c]
+        add(rows, points)
+    return h, cross

@@ -16,22 +16,27 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..types import Array, Index
+from .fronts import BlockMatrix
 from .tree import Clique
 from .triangular import upper_solve, upper_transposed_solve
 
 
 class SelectedInverse:
-    """Covariances of tree and border of a factorised system."""
+    """Covariances of tree and cameras of a factorised system."""
 
     def __init__(
-        self, cliques: Sequence[Clique], border: Array, in_border: Index, n_columns: int
+        self,
+        cliques: Sequence[Clique],
+        border: BlockMatrix | None,
+        in_border: Index,
+        n_columns: int,
     ) -> None:
         """Compute the joint covariance of each clique, from the roots to the leaves.
 
         Args:
             cliques: the cliques of the tree, parents first.
-            border: covariance of the border (b, b).
-            in_border: place of each column in the border, −1 elsewhere, (n_columns,).
+            border: covariances of the cameras; none: there are none.
+            in_border: place of each column in them, −1 elsewhere, (n_columns,).
             n_columns: number of columns.
         """
         self._n = n_columns
@@ -53,7 +58,7 @@ class SelectedInverse:
         code = owner * n_columns + columns
         order = np.argsort(code)
         self._code, self._place = code[order], place[order]
-        # Places of the separators in the parent, or in the border.
+        # Places of the separators in the parent, or among the cameras.
         there = parent[owner[~own]]
         within = np.where(
             there >= 0, self._find(np.maximum(there, 0), columns[~own]), in_border[columns[~own]]
@@ -68,9 +73,11 @@ class SelectedInverse:
             at = self._start[number]
             joint = self._values[at : at + k * k].reshape(k, k)
             if k > f:
-                outer = joints[c.parent] if c.parent >= 0 else border
                 where = within[stop[number] - (k - f) : stop[number]]
-                sss = outer[where[:, None], where]
+                if c.parent >= 0:
+                    sss = joints[c.parent][where[:, None], where]
+                else:
+                    sss = self._cameras(where[None])[0]
                 across = -c.t @ sss
                 joint[:f, :f] = inverse @ inverse.T - across @ c.t.T
                 joint[:f, f:] = across
@@ -79,6 +86,16 @@ class SelectedInverse:
             else:
                 joint[:] = inverse @ inverse.T
             joints.append(joint)
+
+    def _cameras(self, places: Index) -> Array:
+        """Return the joint covariances (n, k, k) of places (n, k); zero at −1: held components."""
+        out = np.zeros((*places.shape, places.shape[1]))
+        on = (places[:, :, None] >= 0) & (places[:, None, :] >= 0)
+        if on.any():
+            assert self._border is not None
+            rows, columns = np.broadcast_arrays(places[:, :, None], places[:, None, :])
+            out[on] = self._border.at(rows[on], columns[on])
+        return out
 
     def _find(self, clique: Index, columns: Index) -> Index:
         """Return the places of columns in the cliques that contain them."""
@@ -111,11 +128,8 @@ class SelectedInverse:
             out[inside] = np.where(pair, self._values[flat], 0.0)
         outside = np.flatnonzero((clique < 0) & known.any(axis=1))
         if len(outside):
-            place = self._in_border[safe[outside]]
-            has = known[outside]
-            pair = has[:, :, None] & has[:, None, :]
-            values = self._border[place[:, :, None], place[:, None, :]]
-            out[outside] = np.where(pair, values, 0.0)
+            place = np.where(known[outside], self._in_border[safe[outside]], -1)
+            out[outside] = self._cameras(place)
         return out
 
     def leverage(self, columns: Index, a: Array) -> Array:
@@ -131,8 +145,7 @@ class SelectedInverse:
         columns, a = columns[free], a[:, free]  # held components have no place
         number = int(self._clique[columns].max(initial=-1))
         if number < 0:
-            at = self._in_border[columns]
-            return np.asarray(a @ self._border[np.ix_(at, at)] @ a.T)
+            return np.asarray(a @ self._cameras(self._in_border[columns][None])[0] @ a.T)
         c, k = self._cliques[number], int(self._size[number])
         f = len(c.frontal)
         whole = np.zeros((len(a), k))

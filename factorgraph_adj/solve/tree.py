@@ -15,20 +15,19 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from ..errors import AdjustmentError
 from ..models.variables import UNKNOWNS
 from ..types import Array, Index
 from .elimination import Layers
 from .linear import LinearSystem
+from .linear_block import LinearBlock
+from .linear_rays import LinearRays
+from .remainder import Remainder
+from .singular import SingularError
 from .triangular import upper_solve, upper_transposed_solve
 
 UNIT = {d: gtsam.noiseModel.Unit.Create(d) for d in range(1, 7)}
 MOST_KEYS = 3
 """Largest number of keys that the JacobianFactor constructor takes in Python."""
-
-
-class SingularError(AdjustmentError):
-    """A pivot of the elimination is zero; the caller determines the unknowns concerned."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ class TreeFactors:
                 if kind == "point":
                     keep &= ~layers.reduced[index]
             if keep.any():
-                self._add_block(graph, lb.offsets, lb.a, np.flatnonzero(keep), block.dimension)
+                self._add_block(graph, lb, np.flatnonzero(keep))
         for columns, a in system.cluster_rows():
             self._add_dense(graph, columns, a)
         for e in system.extra:
@@ -100,20 +99,20 @@ class TreeFactors:
     def _add_block(
         self,
         graph: gtsam.GaussianFactorGraph,
-        offsets: tuple[Index, ...],
-        arrays: tuple[Array, ...],
+        lb: LinearBlock | LinearRays,
         rows: Index,
-        d: int,
     ) -> None:
         """Add one factor for each row, over those of its variables that are unknown."""
+        arrays, d = lb.partials(rows), lb.block.dimension
+        offsets = [offset[rows] for offset in lb.offsets]
         slots = [j for j, a in enumerate(arrays) if len(a)]
         pattern = np.zeros(len(rows), dtype=np.int64)
         for bit, j in enumerate(slots):
-            pattern |= (offsets[j][rows] >= 0).astype(np.int64) << bit
+            pattern |= (offsets[j] >= 0).astype(np.int64) << bit
         zero, unit = np.zeros(d), UNIT[d]
         for code in np.unique(pattern):
             chosen = [j for bit, j in enumerate(slots) if code >> bit & 1]
-            at = rows[pattern == code]
+            at = np.flatnonzero(pattern == code)
             keys = [offsets[j][at].tolist() for j in chosen]
             a = [
                 list(np.asfortranarray(arrays[j][at].transpose(1, 2, 0)).transpose(2, 0, 1))
@@ -158,7 +157,7 @@ class TreeFactors:
         else:
             graph.add(gtsam.GaussianConditional(terms, 1, zero, unit))
 
-    def eliminate(self, extra: Array, *, qr: bool) -> tuple[list[Clique], Array]:
+    def eliminate(self, extra: Array, *, qr: bool) -> tuple[list[Clique], list[Remainder]]:
         """Eliminate the tree's variables.
 
         Args:
@@ -166,7 +165,7 @@ class TreeFactors:
             qr: whether QR is used instead of Cholesky.
 
         Returns:
-            The cliques, parents first, and the reduced normal matrix of the border (b, b).
+            The cliques, parents first, and what the elimination leaves to the cameras.
 
         Raises:
             SingularError: a pivot vanished.
@@ -187,19 +186,18 @@ class TreeFactors:
                 a[np.arange(len(on)), on] = diagonal[on]
                 unit = gtsam.noiseModel.Unit.Create(len(on))
                 graph.add(gtsam.JacobianFactor(key, a, np.zeros(len(on)), unit))
-        border = np.zeros((len(layers.border),) * 2)
         if not first:
-            self._collect(graph, border)
-            return [], border
+            return [], self._remainders(graph)
+        rest: list[Remainder] = []
         try:
-            if len(layers.border):
+            if layers.has_cameras:
                 ordering = self._ordering_of(graph, first)
-                tree, rest = (
+                tree, left = (
                     graph.eliminatePartialMultifrontal(ordering, gtsam.EliminateQR)
                     if qr
                     else graph.eliminatePartialMultifrontal(ordering)
                 )
-                self._collect(rest, border)
+                rest = self._remainders(left)
             else:
                 ordering = self._ordering_of(graph, first)
                 tree = (
@@ -209,7 +207,7 @@ class TreeFactors:
                 )
         except RuntimeError as error:
             raise SingularError(str(error)) from None
-        return cliques_of(tree, self.columns), border
+        return cliques_of(tree, self.columns), rest
 
     def _ordering_of(self, graph: gtsam.GaussianFactorGraph, first: list[int]) -> gtsam.Ordering:
         """Return the ordering; it is computed once, as graphs of the same layers are alike."""
@@ -243,20 +241,22 @@ class TreeFactors:
                 ordering.push_back(whole.at(i))
         return ordering
 
-    def _collect(self, graph: gtsam.GaussianFactorGraph, border: Array) -> None:
-        """Add the normal matrix of factors over the border to ``border``."""
-        if graph.size() == 0 or not len(border):
-            return
-        keys = sorted(graph.keyVector())
-        if not keys:
-            return
-        ordering = gtsam.Ordering()
-        for key in keys:
-            ordering.push_back(key)
-        hessian = np.asarray(graph.augmentedHessian(ordering))[:-1, :-1]
-        columns = np.concatenate([k + np.arange(self.size[k]) for k in keys])
-        at = self.layers.in_border[columns]
-        border[np.ix_(at, at)] += hessian
+    def _remainders(self, graph: gtsam.GaussianFactorGraph) -> list[Remainder]:
+        """Return the normal equations of factors over the cameras, one for each set of keys."""
+        groups: dict[tuple[int, ...], gtsam.GaussianFactorGraph] = {}
+        for i in range(graph.size()):
+            factor = graph.at(i)
+            if factor is not None and factor.size():
+                keys = tuple(sorted(factor.keys()))
+                groups.setdefault(keys, gtsam.GaussianFactorGraph()).push_back(factor)
+        out = []
+        for keys, group in groups.items():
+            ordering = gtsam.Ordering()
+            for key in keys:
+                ordering.push_back(key)
+            normal = np.asarray(group.augmentedHessian(ordering))[:-1, :-1]
+            out.append(Remainder(np.concatenate([self.columns[k] for k in keys]), normal))
+        return out
 
 
 def cliques_of(tree: gtsam.GaussianBayesTree, columns: Mapping[int, Index]) -> list[Clique]:

@@ -20,7 +20,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve.tree import SingularError
+from factorgraph_adj.solve.singular import SingularError
 from factorgraph_adj.types import Array
 from tests.support.arrivals import bare, batch, difference, items
 

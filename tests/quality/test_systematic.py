@@ -24,8 +24,8 @@ from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.normal import NormalEquations
+from factorgraph_adj.solve.singular import SingularError
 from factorgraph_adj.solve.solution import Solution
-from factorgraph_adj.solve.tree import SingularError
 from tests.loaders.aicon import CAMERA as AICON_CAMERA
 from tests.loaders.aicon import FREE as AICON_FREE
 from tests.loaders.aicon import read_aicon

@@ -39,8 +39,8 @@ from factorgraph_adj.report.plots.style import exaggeration, length, readable
 from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
 from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
+from factorgraph_adj.solve.singular import SingularError
 from factorgraph_adj.solve.solution import Solution
-from factorgraph_adj.solve.tree import SingularError
 from tests.networks.simulated import NETWORKS, gnss, levelling
 from tests.networks.small_block import CHECKED, SIGHTED, small_block
 from tests.support.places import ROOT

@@ -246,8 +246,8 @@ def test_an_adjustment_that_stops_early_says_so():
 
 
 def test_a_solution_without_a_covariance_is_reported_without_precision(tmp_path, monkeypatch):
+    from factorgraph_adj.solve.singular import SingularError
     from factorgraph_adj.solve.solution import Solution
-    from factorgraph_adj.solve.tree import SingularError
 
     def singular(*_):
         raise SingularError("a pivot vanished")

@@ -22,7 +22,7 @@ from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.solve.datum import minimal_datum
 from factorgraph_adj.solve.factor import Factor
 from factorgraph_adj.solve.normal import ENLARGED, NormalEquations
-from factorgraph_adj.solve.tree import SingularError
+from factorgraph_adj.solve.singular import SingularError
 from factorgraph_adj.solve.trust import (
     CLEAN,
     FEW,
@@ -299,16 +299,17 @@ def test_poor_pivots_of_a_badly_held_datum_turn_to_qr():
 
 def damaged(monkeypatch: pytest.MonkeyPatch, by: float) -> None:
     """Let every factorisation be wrong by a factor on one column of the cameras' root."""
-    whole = Factor._factor_border
+    whole = Factor.__init__
 
-    def wrong(self: Factor) -> None:
-        whole(self)
-        if len(self.root):
-            self.root[:, 0] *= 1.0 + by
+    def wrong(self: Factor, *args: Any, **kwargs: Any) -> None:
+        whole(self, *args, **kwargs)
+        if self.fronts is not None:
+            for root in (self.fronts.own[0], self.fronts.across[0]):
+                root[:, 0] *= 1.0 + by
         for clique in self.cliques[:1]:
             clique.r[0] *= 1.0 + by
 
-    monkeypatch.setattr(Factor, "_factor_border", wrong)
+    monkeypatch.setattr(Factor, "__init__", wrong)
 
 
 ASKED = {

@@ -8,8 +8,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from ...frames import Frame, GeocentricFrame, LocalFrame
+from ...solve.singular import SingularError
 from ...solve.solution import Solution
-from ...solve.tree import SingularError
 from ...types import Array
 
 View: TypeAlias = Literal["above", "south", "east"]

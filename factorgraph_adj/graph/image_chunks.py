@@ -1,0 +1,257 @@
+"""Image coordinates in chunks: one contiguous array for each component, evaluated in the cache.
+
+A chunk has the rays of several whole or partial photos. Each component of residuals and partials
+is a contiguous array over the rays of the chunk, so that every operation runs through the cache of
+one core, and rotations are one matrix product for each photo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..errors import InputError, Problem
+from ..models.base import DegenerateError
+from ..models.image import by_rotation, seen
+from ..types import Array, Index
+from .blocks import Block
+from .variables import State, Unknowns
+
+RAYS = 12_000
+"""Largest number of rays of a chunk. An array over them has 96 kB: some twenty stay in the cache,
+and the allocator reuses their memory (it maps new pages from 128 kB)."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Some consecutive rays of a block."""
+
+    rows: slice
+    """Numbers of the rays in the block."""
+    parts: tuple[tuple[int, int, int], ...]
+    """Number of the photo, first ray and end of each run of rays of one photo, in the chunk."""
+    calibration: int
+    """Number of the calibration of all rays; −1: each photo has its own."""
+
+
+@dataclass(frozen=True)
+class RayPartials:
+    """Whitened residuals and partials of the rays of a chunk."""
+
+    chunk: Chunk
+    """The rays."""
+    v: Array
+    """Residuals, (2, m)."""
+    a: Array
+    """Partials by the pose's tangent [ω, δX₀] and the free parameters of the lens, (6 + k, 2, m).
+    Partials by the object point are those by X₀ with the opposite sign. Held components have
+    partials too."""
+
+
+@dataclass(frozen=True)
+class PointSums:
+    """Sums over the rays to the same point."""
+
+    points: Index
+    """Numbers of the points, in ascending order, (u,)."""
+    incidence: csr_array
+    """One for each ray in the row of its point, (u, m)."""
+
+    @classmethod
+    def of(cls, number: Index, ones: Array) -> PointSums:
+        """Sort rays by their points, given as numbers (m,); ``ones`` has m ones or more."""
+        order = np.argsort(number, kind="stable").astype(np.int32)
+        ordered = number[order]
+        starts: Index = np.flatnonzero(np.diff(ordered, prepend=-1))
+        first = np.append(starts, len(number)).astype(np.int32)
+        points = ordered[first[:-1]]
+        shape = (len(points), len(number))
+        return cls(points, csr_array((ones[: len(number)], order, first), shape=shape))
+
+    def add(self, out: Array, values: Array) -> None:
+        """Add values (m, k) of the rays to those of their points, out (n, k)."""
+        out[self.points] += self.incidence @ values
+
+
+@dataclass(frozen=True)
+class ImageChunks:
+    """The rays of one block in chunks; a network makes them once."""
+
+    block: Block
+    """The image coordinates, photo by photo."""
+    unknowns: Unknowns = field(repr=False)
+    """The unknowns of the network."""
+
+    @cached_property
+    def lens_free(self) -> Index:
+        """Parameters of the lens that are free in any calibration of the block, (k,)."""
+        table = self.unknowns["calibration"]
+        used = np.unique(self.block.variables[1][1])
+        free = table.free[used[table.offset[used] >= 0]]
+        return np.flatnonzero(free.any(axis=0)) if len(free) else np.zeros(0, dtype=np.intp)
+
+    @cached_property
+    def alone(self) -> Index:
+        """Numbers of the calibrations that only one photo uses."""
+        photo, calibration = self.block.variables[0][1], self.block.variables[1][1]
+        numbers, first = np.unique(photo, return_index=True)
+        users = np.bincount(calibration[first]) if len(numbers) else np.zeros(0, dtype=np.intp)
+        return np.flatnonzero(users == 1)
+
+    @cached_property
+    def chunks(self) -> tuple[Chunk, ...]:
+        """The chunks, in the order of the rays."""
+        photo, calibration = self.block.variables[0][1], self.block.variables[1][1]
+        camera = np.where(np.isin(calibration, self.alone), -1, calibration)
+        n = len(photo)
+        change: Index = np.flatnonzero(photo[1:] != photo[:-1]) + 1
+        starts = np.concatenate([[0], change]).astype(np.intp)
+        stops = np.append(change, n)
+        out: list[Chunk] = []
+        parts: list[tuple[int, int, int]] = []
+        first = 0
+
+        def finish(end: int) -> None:
+            nonlocal parts, first
+            if parts:
+                out.append(Chunk(slice(first, end), tuple(parts), int(camera[first])))
+            parts, first = [], end
+
+        for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+            if camera[start] != camera[first] or stop - first > RAYS:
+                finish(start)
+            while stop - start > RAYS:  # a photo with very many rays
+                parts.append((int(photo[start]), 0, RAYS))
+                finish(start + RAYS)
+                start = first
+            parts.append((int(photo[start]), start - first, stop - first))
+        finish(n)
+        return tuple(out)
+
+    @cached_property
+    def sums(self) -> tuple[PointSums, ...]:
+        """Sums over the rays of each chunk to each of its points."""
+        number = self.block.variables[2][1]
+        ones = np.ones(min(RAYS, max(len(number), 1)))
+        return tuple(PointSums.of(number[c.rows], ones) for c in self.chunks)
+
+    @cached_property
+    def _observed(self) -> Array:
+        return np.ascontiguousarray(self.block.observed.T)
+
+    @cached_property
+    def _weights(self) -> Array:
+        """Whiteners: (1, 1) or (2, n) reciprocal σ, or (4, n) elements of W."""
+        block = self.block
+        if block.whitener is not None:
+            return np.ascontiguousarray(block.whitener.reshape(-1, 4).T)
+        if block.equal_sigma:
+            return 1.0 / block.sigma[:1, :1]
+        return np.ascontiguousarray(1.0 / block.sigma.T)
+
+    def residuals(self, state: State, *, whitened: bool = True) -> Array:
+        """Return v (n, 2).
+
+        Raises:
+            InputError: rays in the focal plane of their photo; the message names all of them.
+        """
+        out = np.empty((self.block.n, 2))
+        for chunk, _, v in self._every(state, jacobians=False, whitened=whitened):
+            out[chunk.rows] = v.T
+        return out
+
+    def linearise(self, state: State) -> list[RayPartials]:
+        """Return whitened residuals and partials of every chunk.
+
+        Raises:
+            InputError: as `residuals`.
+        """
+        return [
+            RayPartials(chunk, v, a)
+            for chunk, a, v in self._every(state, jacobians=True, whitened=True)
+        ]
+
+    def _every(
+        self, state: State, *, jacobians: bool, whitened: bool
+    ) -> Iterator[tuple[Chunk, Array, Array]]:
+        points = np.ascontiguousarray(state["point"].T)
+        problems: list[Problem] = []
+        for chunk in self.chunks:
+            try:
+                a, v = self._evaluate(chunk, state, points, jacobians, whitened)
+            except DegenerateError as error:
+                rows = error.rows + chunk.rows.start
+                problems += [Problem(error.why, self.block.labels(int(i))) for i in rows]
+                continue
+            if not problems:
+                yield chunk, a, v
+        if problems:
+            raise InputError(problems)
+
+    def _evaluate(
+        self, chunk: Chunk, state: State, points: Array, jacobians: bool, whitened: bool
+    ) -> tuple[Array, Array]:
+        """Return partials (6 + k, 2, m) and residuals (2, m) of a chunk."""
+        block, rows = self.block, chunk.rows
+        assert block.lens is not None
+        number = block.variables[2][1][rows]
+        m = len(number)
+        d = np.take(points, number, axis=1)
+        p = np.empty((3, m))
+        rotations = []
+        for photo, start, stop in chunk.parts:
+            stored = state["pose"][photo]
+            turn = stored[:9].reshape(3, 3)
+            rotations.append(turn)
+            part = d[:, start:stop]
+            part -= stored[9:, None]
+            np.matmul(turn.T, part, out=p[:, start:stop])
+        ray = p[0], p[1], p[2]
+        k = len(block.lens.names)
+        if chunk.calibration >= 0:
+            calibration = state["calibration"][chunk.calibration, None, :k]
+        else:
+            own = state["calibration"][block.variables[1][1][rows], :k]
+            calibration = np.asfortranarray(own)  # one contiguous array for each parameter
+        x, y = self._observed[:, rows]
+        found = seen(ray, x, y, calibration, block.lens, jacobians=jacobians)
+        v = np.empty((2, m))
+        v[0], v[1] = found.v
+        if not jacobians:
+            if whitened:
+                self._whiten(v[None], rows)
+            return v[:0], v
+        free = self.lens_free
+        a = np.empty((6 + len(free), 2, m))
+        g = np.empty((3, 2, m))
+        for j, pair in enumerate(found.by_p):
+            g[j, 0], g[j, 1] = pair
+        for j, parameter in enumerate(free.tolist()):
+            a[6 + j, 0], a[6 + j, 1] = found.by_k[parameter]
+        self._whiten(v[None], rows)
+        self._whiten(a[6:], rows)
+        self._whiten(g, rows)
+        for row in range(2):
+            turned = by_rotation(ray, (g[0, row], g[1, row], g[2, row]))
+            a[0, row], a[1, row], a[2, row] = turned
+        for turn, (_, start, stop) in zip(rotations, chunk.parts, strict=True):
+            for row in range(2):
+                np.matmul(-turn, g[:, row, start:stop], out=a[3:6, row, start:stop])
+        return a, v
+
+    def _whiten(self, a: Array, rows: slice) -> None:
+        """Multiply arrays (k, 2, m) by the whitener, in place."""
+        w = self._weights
+        if w.shape[1] == 1:
+            a *= w[0, 0]
+        elif len(w) == 2:
+            a *= w[:, rows]
+        else:
+            wxx, wxy, wyx, wyy = w[:, rows]
+            in_x = wxx * a[:, 0] + wxy * a[:, 1]
+            a[:, 1] = wyx * a[:, 0] + wyy * a[:, 1]
+            a[:, 0] = in_x

@@ -1,0 +1,201 @@
+"""Order of elimination of nodes by nested dissection, and the tree of dense fronts that follows.
+
+Nodes are halved along an axis of their positions, or by their distance in the graph from a node at
+its edge; the nodes of one half that are adjacent to the other half separate the two and are
+eliminated after both. Where no small separator exists (photos around an object that see all of it),
+the nodes make one dense front.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..types import Array, Index, Mask
+
+LEAF = 30
+"""Largest number of nodes that are not divided any more."""
+MOST_SEPARATED = 0.5
+"""Largest share of the nodes in a separator for which a division pays."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """The blocks of a symmetric matrix: nodes of equal width, and a border of full columns."""
+
+    n: int
+    """Number of nodes."""
+    width: int
+    """Number of columns of each node."""
+    side: int
+    """Number of columns of the border."""
+    first: Index
+    """First node of each block off the diagonal, (p,)."""
+    second: Index
+    """Second node of each block, larger than the first, (p,)."""
+
+
+@dataclass(eq=False)
+class Front:
+    """Nodes that are eliminated together, and the nodes that their elimination joins."""
+
+    own: Index
+    """Nodes that are eliminated, (k,)."""
+    children: tuple[Front, ...]
+    """Fronts that are eliminated before."""
+    border: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """Later nodes that are joined, in the order of elimination, (b,)."""
+    blocks: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """Blocks of the pattern that the front takes in."""
+    rows: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """Place of the later node of each of these blocks in the front."""
+    columns: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """Place of the earlier node of each of these blocks in the front."""
+    transposed: Mask = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    """Whether the earlier node is the first one of the block."""
+    in_parent: tuple[tuple[int, int, int], ...] = ()
+    """Runs of ``border`` in the parent: first and end in the border, first place in the parent."""
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return len(self.own) + len(self.border)
+
+
+def dissect(pattern: Pattern, positions: Array) -> list[Front]:
+    """Return the fronts in the order of elimination; the last one is the root.
+
+    Args:
+        pattern: the blocks.
+        positions: where the nodes are, (n, 3); any length unit.
+    """
+    graph = _Graph.of(pattern)
+    fronts = list(_order(_divide(graph, np.arange(pattern.n), positions)))
+    _join(fronts, graph, pattern)
+    return fronts
+
+
+@dataclass(frozen=True)
+class _Graph:
+    """The neighbours of each node."""
+
+    first: Index
+    neighbours: Index
+
+    @classmethod
+    def of(cls, pattern: Pattern) -> _Graph:
+        a = np.concatenate([pattern.first, pattern.second])
+        b = np.concatenate([pattern.second, pattern.first])
+        order = np.argsort(a, kind="stable")
+        counts = np.bincount(a, minlength=pattern.n)
+        return cls(np.concatenate([[0], np.cumsum(counts)]).astype(np.intp), b[order])
+
+    def around(self, nodes: Index) -> tuple[Index, Index]:
+        """Return the neighbours of some nodes, and the place of the node in ``nodes``."""
+        counts = self.first[nodes + 1] - self.first[nodes]
+        owner = np.repeat(np.arange(len(nodes)), counts)
+        place = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
+        return self.neighbours[self.first[nodes][owner] + place], owner
+
+    def levels(self, nodes: Index) -> Array:
+        """Return the distances of ``nodes`` in the graph from one at its edge, (k,)."""
+        start = int(nodes[0])
+        inside = np.zeros(len(self.first) - 1, dtype=bool)
+        inside[nodes] = True
+        level = np.zeros(len(inside))
+        for _ in range(2):  # the last node of the first search is at the edge
+            level[nodes] = np.inf
+            level[start] = 0.0
+            front = np.array([start])
+            distance = 0.0
+            while len(front):
+                distance += 1.0
+                found, _ = self.around(front)
+                found = np.unique(found[inside[found] & np.isinf(level[found])])
+                level[found] = distance
+                if len(found):
+                    start = int(found[-1])
+                front = found
+        out = level[nodes]
+        out[np.isinf(out)] = distance + 1.0  # other parts
+        return np.asarray(out)
+
+
+def _divide(graph: _Graph, nodes: Index, positions: Array) -> Front:
+    """Return the tree of fronts of some nodes."""
+    if len(nodes) > LEAF:
+        found = _separate(graph, nodes, positions)
+        if found is not None:
+            separator, one, other = found
+            children = tuple(_divide(graph, part, positions) for part in (one, other))
+            return Front(separator, children)
+    return Front(nodes, ())
+
+
+def _separate(graph: _Graph, nodes: Index, positions: Array) -> tuple[Index, Index, Index] | None:
+    """Return the smallest separator found and the two parts; none: no division pays."""
+    centred = positions[nodes] - positions[nodes].mean(axis=0)
+    scale, axes = np.linalg.eigh(centred.T @ centred)
+    keys = [centred @ axis for axis, s in zip(axes.T, scale, strict=True) if s > 1e-6 * scale[-1]]
+    keys.append(graph.levels(nodes))
+    near, owner = graph.around(nodes)
+    half = np.zeros(len(graph.first) - 1, dtype=np.int8)
+    best: tuple[Index, Index, Index] | None = None
+    for key in keys:
+        order = np.argsort(key, kind="stable")
+        low, high = nodes[order[: len(nodes) // 2]], nodes[order[len(nodes) // 2 :]]
+        half[low], half[high] = 1, 2
+        across = half[near] + half[nodes[owner]] == 3
+        edge = nodes[np.unique(owner[across])]
+        half[nodes] = 0
+        inside = np.isin(edge, low)
+        for separator, one, other in ((edge[inside], low, high), (edge[~inside], high, low)):
+            if best is None or len(separator) < len(best[0]):
+                best = separator, np.setdiff1d(one, separator, assume_unique=True), other
+    assert best is not None
+    separator, one, other = best
+    if len(separator) > MOST_SEPARATED * len(nodes) or not len(one) or not len(other):
+        return None
+    return best
+
+
+def _order(front: Front) -> Iterator[Front]:
+    """Iterate over the fronts below a front, and the front itself."""
+    for child in front.children:
+        yield from _order(child)
+    yield front
+
+
+def _join(fronts: list[Front], graph: _Graph, pattern: Pattern) -> None:
+    """Fill in the borders of all fronts, and the places of their blocks."""
+    rank, where = np.empty(pattern.n, dtype=np.intp), np.empty(pattern.n, dtype=np.intp)
+    at = 0
+    for number, front in enumerate(fronts):
+        rank[front.own] = at + np.arange(len(front.own))
+        where[front.own] = number
+        at += len(front.own)
+    forward = rank[pattern.first] < rank[pattern.second]
+    early = np.where(forward, pattern.first, pattern.second)
+    late = np.where(forward, pattern.second, pattern.first)
+    order = np.argsort(where[early], kind="stable")
+    cuts = np.searchsorted(where[early][order], np.arange(len(fronts) + 1))
+    place = np.full(pattern.n, -1, dtype=np.intp)
+    for number, front in enumerate(fronts):
+        blocks = order[cuts[number] : cuts[number + 1]]
+        joined = np.unique(np.concatenate([late[blocks], *(c.border for c in front.children)]))
+        joined = joined[where[joined] != number]
+        front.border = joined[np.argsort(rank[joined])]
+        both = np.concatenate([front.own, front.border])
+        place[both] = np.arange(len(both))
+        front.blocks = blocks
+        front.rows, front.columns = place[late[blocks]], place[early[blocks]]
+        front.transposed = forward[blocks]
+        for child in front.children:
+            inside = place[child.border]
+            starts = np.flatnonzero(np.diff(inside, prepend=-2) != 1)
+            stops = np.append(starts[1:], len(inside))[: len(starts)]
+            child.in_parent = tuple(
+                (int(s), int(t), int(inside[s])) for s, t in zip(starts, stops, strict=True)
+            )

@@ -1,0 +1,254 @@
+"""Sparse symmetric matrices of equal blocks: factor, solution and selected inverse by dense fronts.
+
+Each front of `factorgraph_adj.solve.dissection` is a dense matrix in LAPACK: with the columns that
+it eliminates (o) and the columns that remain (b, the later nodes and the border of full columns),
+
+    F_oo = L Lᵀ,   B = F_bo L⁻ᵀ,   the parent takes in F_bb − B Bᵀ.
+
+The selected inverse runs from the root to the leaves (Takahashi), with T = B L⁻¹:
+
+    Σ_bo = −Σ_bb T,   Σ_oo = L⁻ᵀL⁻¹ − Tᵀ Σ_bo.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import blas, lapack
+
+from ..types import Array, Index
+from .dissection import Front, Pattern
+from .singular import SingularError
+
+
+@dataclass
+class BlockMatrix:
+    """A symmetric matrix of n nodes of w columns and a border of k full columns."""
+
+    pattern: Pattern
+    """The blocks."""
+    diagonal: Array
+    """Blocks on the diagonal, (n, w, w)."""
+    pairs: Array
+    """Blocks of the pairs of nodes, rows of the first and columns of the second, (p, w, w)."""
+    side: Array
+    """Blocks of each node with the border, (n, w, k)."""
+    corner: Array
+    """The border itself, (k, k)."""
+
+    @property
+    def diagonals(self) -> Array:
+        """Elements on the diagonal, (n w + k,)."""
+        own = np.einsum("nii->ni", self.diagonal).ravel()
+        return np.concatenate([own, np.diag(self.corner)])
+
+    def scaled(self, scale: Array) -> BlockMatrix:
+        """Return D M D with D = diag(scale), (n w + k,)."""
+        n, w = self.diagonal.shape[:2]
+        own, border = scale[: n * w].reshape(n, w), scale[n * w :]
+        first, second = self.pattern.first, self.pattern.second
+        return BlockMatrix(
+            self.pattern,
+            self.diagonal * own[:, :, None] * own[:, None, :],
+            self.pairs * own[first][:, :, None] * own[second][:, None, :],
+            self.side * own[:, :, None] * border,
+            self.corner * border[:, None] * border,
+        )
+
+    def at(self, rows: Index, columns: Index) -> Array:
+        """Return the elements at places of rows and columns (n w + k), of equal shape."""
+        i, j = np.minimum(rows, columns), np.maximum(rows, columns)
+        n, w = self.diagonal.shape[:2]
+        inner = n * w
+        out = np.zeros(np.broadcast(rows, columns).shape)
+        a, b = i // w, j // w
+        in_corner = i >= inner
+        out[in_corner] = self.corner[i[in_corner] - inner, j[in_corner] - inner]
+        at_side = ~in_corner & (j >= inner)
+        out[at_side] = self.side[a[at_side], i[at_side] % w, j[at_side] - inner]
+        own = (j < inner) & (a == b)
+        out[own] = self.diagonal[a[own], i[own] % w, j[own] % w]
+        off = (j < inner) & (a != b)
+        if off.any():
+            place = self.find(a[off], b[off])
+            out[off] = self.pairs[place, i[off] % w, j[off] % w]
+        return out
+
+    def find(self, first: Index, second: Index) -> Index:
+        """Return the numbers of the blocks of pairs of nodes, the first one smaller."""
+        if not len(first):
+            return np.zeros(0, dtype=np.intp)
+        code = self.pattern.first * self.pattern.n + self.pattern.second
+        wanted = first * self.pattern.n + second
+        found = np.minimum(np.searchsorted(code, wanted), max(len(code) - 1, 0))
+        if not len(code) or not np.array_equal(code[found], wanted):
+            raise IndexError("the matrix has no block for a pair of nodes")
+        return np.asarray(found, dtype=np.intp)
+
+
+class Fronts:
+    """The Cholesky factor of a `BlockMatrix`."""
+
+    def __init__(self, fronts: list[Front], matrix: BlockMatrix) -> None:
+        """Factorise; the matrix is scaled to a unit diagonal.
+
+        Raises:
+            SingularError: the matrix is not positive definite.
+        """
+        self.fronts, self.pattern = fronts, matrix.pattern
+        n, w = matrix.pattern.n, matrix.pattern.width
+        diagonal = matrix.diagonals
+        self.scale = 1.0 / np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
+        with np.errstate(over="ignore", invalid="ignore"):  # coordinates may have diverged
+            m = matrix.scaled(self.scale)
+        every = (m.diagonal, m.pairs, m.side, m.corner)
+        if not all(np.isfinite(x).all() for x in every):
+            raise SingularError("the cameras' normal equations have no pivots")
+        self.own: list[Array] = []
+        """L of each front, (o, o)."""
+        self.across: list[Array] = []
+        """B of each front, (b, o)."""
+        pivots = np.empty(n * w + matrix.pattern.side)
+        waiting: dict[int, Array] = {}
+        for front in fronts:
+            f = self._assembled(front, m, waiting)
+            k = w * len(front.own)
+            own = _cholesky(f[:k, :k])
+            across = blas.dtrsm(1.0, own, f[k:, :k], side=1, lower=1, trans_a=1)
+            rest = np.array(f[k:, k:], order="F")
+            if len(rest) and k:
+                rest = blas.dsyrk(-1.0, across, beta=1.0, c=rest, lower=1, overwrite_c=1)
+            waiting[id(front)] = rest
+            self.own.append(own)
+            self.across.append(across)
+            places = w * front.own[:, None] + np.arange(w)
+            pivots[places.ravel()] = np.diag(own) ** 2
+        corner = m.corner + waiting.pop(id(fronts[-1])) if fronts else m.corner
+        self.corner = _cholesky(corner)
+        pivots[n * w :] = np.diag(self.corner) ** 2
+        self.pivots = pivots
+        """Pivots relative to the diagonal of the matrix, (n w + k,)."""
+        self.diagonal = diagonal
+        """Diagonal of the matrix, (n w + k,)."""
+
+    def _assembled(self, front: Front, m: BlockMatrix, waiting: dict[int, Array]) -> Array:
+        """Return the lower triangle of a front with what its children leave."""
+        w, side = self.pattern.width, self.pattern.side
+        p = front.size
+        f = np.zeros((w * p + side,) * 2, order="F")
+        blocks = _blocks(f, p, w)
+        between = m.pairs[front.blocks]
+        between = np.where(front.transposed[:, None, None], between.transpose(0, 2, 1), between)
+        blocks[front.rows, :, front.columns, :] = between
+        d = np.arange(len(front.own))
+        blocks[d, :, d, :] = m.diagonal[front.own]
+        f[w * p :, : w * len(d)] = m.side[front.own].reshape(w * len(d), side).T
+        for child in front.children:
+            rest = waiting.pop(id(child))
+            runs = _runs(child, w, side, p)
+            for number, (a, b, t) in enumerate(runs):
+                for a2, b2, t2 in runs[: number + 1]:
+                    f[t : t + b - a, t2 : t2 + b2 - a2] += rest[a:b, a2:b2]
+        return f
+
+    def solve(self, y: Array) -> Array:
+        """Return M⁻¹ y for y (n w + k, r)."""
+        n, w = self.pattern.n, self.pattern.width
+        r = y.shape[1]
+        x = y * self.scale[:, None]
+        nodes, border = x[: n * w].reshape(n, w, r), x[n * w :]
+        for front, own, across in zip(self.fronts, self.own, self.across, strict=True):
+            part = _lower(own, nodes[front.own].reshape(-1, r))
+            moved = across @ part
+            end = w * len(front.border)
+            nodes[front.border] -= moved[:end].reshape(-1, w, r)
+            border -= moved[end:]
+            nodes[front.own] = part.reshape(-1, w, r)
+        border[:] = _lower(self.corner, _lower(self.corner, border), transposed=True)
+        for front, own, across in zip(
+            reversed(self.fronts), reversed(self.own), reversed(self.across), strict=True
+        ):
+            later = np.concatenate([nodes[front.border].reshape(-1, r), border])
+            part = nodes[front.own].reshape(-1, r) - across.T @ later
+            nodes[front.own] = _lower(own, part, transposed=True).reshape(-1, w, r)
+        return np.asarray(x * self.scale[:, None])
+
+    def inverse(self) -> BlockMatrix:
+        """Return the inverse at the blocks of the pattern."""
+        n, w, side = self.pattern.n, self.pattern.width, self.pattern.side
+        out = BlockMatrix(
+            self.pattern,
+            np.empty((n, w, w)),
+            np.empty((len(self.pattern.first), w, w)),
+            np.empty((n, w, side)),
+            _inverse(self.corner),
+        )
+        joint: dict[int, Array] = {}
+        for front, own, across in zip(
+            reversed(self.fronts), reversed(self.own), reversed(self.across), strict=True
+        ):
+            p, k = front.size, w * len(front.own)
+            z = np.empty((w * p + side,) * 2, order="F")
+            z[k:, k:] = joint.pop(id(front)) if front is not self.fronts[-1] else out.corner
+            inverse = _inverse(own)
+            if len(across) and k:
+                t = blas.dtrsm(1.0, own, across, side=1, lower=1)
+                between = blas.dsymm(-1.0, np.asfortranarray(z[k:, k:]), t, lower=1)
+                inverse -= t.T @ between
+                z[k:, :k], z[:k, k:] = between, between.T
+            z[:k, :k] = inverse
+            blocks = _blocks(z, p, w)
+            d = np.arange(len(front.own))
+            out.diagonal[front.own] = blocks[d, :, d, :]
+            found = blocks[front.rows, :, front.columns, :]
+            out.pairs[front.blocks] = np.where(
+                front.transposed[:, None, None], found.transpose(0, 2, 1), found
+            )
+            out.side[front.own] = z[w * p :, :k].T.reshape(len(d), w, side)
+            for child in front.children:
+                runs = _runs(child, w, side, p)
+                part = np.empty((w * len(child.border) + side,) * 2, order="F")
+                for a, b, to in runs:
+                    for a2, b2, to2 in runs:
+                        part[a:b, a2:b2] = z[to : to + b - a, to2 : to2 + b2 - a2]
+                joint[id(child)] = part
+        return out.scaled(self.scale)
+
+
+def _blocks(f: Array, p: int, w: int) -> Array:
+    """Return a view (p, w, p, w) of the first p w rows and columns of a matrix."""
+    r, c = f.strides
+    return np.lib.stride_tricks.as_strided(f, (p, w, p, w), (w * r, r, w * c, c))
+
+
+def _runs(child: Front, w: int, side: int, size: int) -> list[tuple[int, int, int]]:
+    """Return first and end row in the rest of a child, and the first row in its parent."""
+    end = w * len(child.border)
+    runs = [(w * a, w * b, w * t) for a, b, t in child.in_parent]
+    return [*runs, (end, end + side, w * size)]
+
+
+def _cholesky(a: Array) -> Array:
+    if not len(a):
+        return np.zeros((0, 0), order="F")
+    root, info = lapack.dpotrf(a, lower=1, clean=1)
+    if info != 0:
+        raise SingularError(f"pivot {info} of the cameras' normal equations")
+    return np.asarray(root)
+
+
+def _inverse(root: Array) -> Array:
+    """Return L⁻ᵀL⁻¹."""
+    if not len(root):
+        return np.zeros((0, 0), order="F")
+    inverse, _ = lapack.dpotri(root, lower=1)
+    return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
+
+
+def _lower(root: Array, b: Array, *, transposed: bool = False) -> Array:
+    """Return L⁻¹ b, or L⁻ᵀ b."""
+    if not len(root):
+        return b
+    x, _ = lapack.dtrtrs(root, b, lower=1, trans=int(transposed))
+    return np.asarray(x)

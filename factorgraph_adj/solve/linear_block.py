@@ -1,0 +1,168 @@
+"""One block of observations, linearised."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..frames import Frame
+from ..graph.blocks import Block
+from ..graph.variables import State, Unknowns, Variables
+from ..models.variables import VariableKind
+from ..types import Array, Index
+
+
+@dataclass(frozen=True)
+class LinearBlock:
+    """One block, linearised."""
+
+    block: Block
+    """The observations."""
+    offsets: tuple[Index, ...]
+    """First column of each variable (n,), −1 where the variable is a constant."""
+    a: tuple[Array, ...]
+    """Partials by each variable, (n, d, k), whitened outside clusters; empty for constants."""
+
+    @classmethod
+    def at(
+        cls, block: Block, frame: Frame, unknowns: Unknowns, state: State, clustered: Index | None
+    ) -> tuple[LinearBlock, Array]:
+        """Linearise a block at a state; return it and the residuals (n, d), not whitened.
+
+        Args:
+            block: the observations.
+            frame: the frame of the network.
+            unknowns: the unknowns of the network.
+            state: values of its variables.
+            clustered: numbers of the observations in clusters, whose rows stay as they are.
+
+        Raises:
+            InputError: observations cannot be computed; the error names them.
+        """
+        residual, jacobians = block.evaluate(frame, state)
+        offsets, whitened = [], []
+        for (kind, index), jacobian in zip(block.variables, jacobians, strict=True):
+            table = unknowns[kind]
+            offset = table.offset[index]
+            offsets.append(offset)
+            if not (offset >= 0).any():
+                whitened.append(jacobian[:0])
+                continue
+            a = block.whiten(jacobian)
+            if clustered is not None:
+                a[clustered] = jacobian[clustered]
+            _mask(a, table, index)
+            whitened.append(a)
+        return cls(block, tuple(offsets), tuple(whitened)), residual
+
+    def only(self, kinds: Collection[VariableKind]) -> LinearBlock:
+        """Return the block with the other kinds of variables held."""
+        kept = tuple(
+            a if kind in kinds else a[:0]
+            for (kind, _), a in zip(self.block.variables, self.a, strict=True)
+        )
+        return replace(self, a=kept)
+
+    def partials(self, rows: Index) -> tuple[Array, ...]:
+        """Return the partials of some observations, as ``a``."""
+        return tuple(a[rows] if len(a) else a for a in self.a)
+
+    def times(self, g: Array) -> Array:
+        """Return A G (n, d, k) for G (n_columns, k)."""
+        out = np.zeros((*self.block.observed.shape, g.shape[1]))
+        for offset, a in zip(self.offsets, self.a, strict=True):
+            if len(a):
+                _add_product(out, a, offset, g)
+        return out
+
+    def add_transposed(self, out: Array, z: Array) -> None:
+        """Add Aᵀ Z to out (n_columns, k), for Z (n, d, k)."""
+        for offset, a in zip(self.offsets, self.a, strict=True):
+            if len(a):
+                _add_transposed(out, a, offset, z)
+
+    def add_diagonal(self, out: Array, clustered: Index | None = None) -> None:
+        """Add the diagonal of AᵀA to out (n_columns,), without the observations in clusters."""
+        for offset, a in zip(self.offsets, self.a, strict=True):
+            if len(a):
+                square = np.einsum("ndk,ndk->nk", a, a)
+                if clustered is not None:
+                    square[clustered] = 0.0
+                _add(out, offset, square)
+
+
+def _mask(a: Array, table: Variables, index: Index) -> None:
+    """Set the partials (n, d, k) by held components of partly free variables to zero."""
+    active = table.offset >= 0
+    for j in range(a.shape[2]):
+        held = active & ~table.free[:, j]
+        if not held.any():
+            continue
+        if held.sum() == active.sum():
+            a[:, :, j] = 0.0
+        else:
+            a[held[index], :, j] = 0.0
+
+
+def _add_product(rows: Array, a: Array, offset: Index, g: Array) -> None:
+    """Add A G to rows (n, d, k), for partials (n, d, j) by the variable at each offset."""
+    starts = _runs(offset)
+    if len(starts) < len(offset) / 8:
+        # Rows of one photo or camera lie together and share its part of G.
+        for start, stop in zip(starts, np.r_[starts[1:], len(offset)], strict=True):
+            first = offset[start]
+            if first >= 0:
+                rows[start:stop] += a[start:stop] @ g[first : first + a.shape[2]]
+        return
+    on = offset >= 0
+    for j in range(a.shape[2]):
+        rows += a[:, :, j, None] * np.where(on[:, None], g[np.maximum(offset + j, 0)], 0.0)[:, None]
+
+
+def _add_transposed(out: Array, a: Array, offset: Index, w: Array) -> None:
+    """Add Aᵀ W to out (n_columns, k), for partials (n, d, j) at each offset and W (n, d, k)."""
+    starts = _runs(offset)
+    j = a.shape[2]
+    if len(starts) < len(offset) / 8:
+        for start, stop in zip(starts, np.r_[starts[1:], len(offset)], strict=True):
+            first = offset[start]
+            if first >= 0:
+                part = w[start:stop].reshape(-1, w.shape[2])
+                out[first : first + j] += a[start:stop].reshape(-1, j).T @ part
+        return
+    on = offset >= 0
+    if not on.all():
+        offset, a, w = offset[on], a[on], w[on]
+    values = a.transpose(0, 2, 1) @ w
+    n = len(offset)
+    for i in range(j):
+        if w.shape[2] == 1:
+            weights = values[:, i, 0]
+            out[:, 0] += np.bincount(offset + i, weights=weights, minlength=len(out))
+            continue
+        places = (np.ones(n), offset + i, np.arange(n + 1))
+        out += np.asarray(csr_array(places, shape=(n, len(out))).T @ values[:, i])
+
+
+def _runs(offset: Index) -> Index:
+    """Return where runs of equal offsets start."""
+    return np.flatnonzero(np.r_[True, offset[1:] != offset[:-1]])
+
+
+def _add(out: Array, offset: Index, values: Array) -> None:
+    """Add values (n, k) to the k columns from each offset; rows with offset −1 are skipped."""
+    on = offset >= 0
+    if not on.all():
+        offset, values = offset[on], values[on]
+    if not len(offset):
+        return
+    starts = _runs(offset)
+    if len(starts) < len(offset) / 8:
+        # Rows of one photo or camera lie together: they are summed at once.
+        values = np.add.reduceat(values, starts, axis=0)
+        offset = offset[starts]
+    for j in range(values.shape[1]):
+        out += np.bincount(offset + j, weights=values[:, j], minlength=len(out))
