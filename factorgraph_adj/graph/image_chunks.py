@@ -153,6 +153,20 @@ class ImageChunks:
             return 1.0 / block.sigma[:1, :1]
         return np.ascontiguousarray(1.0 / block.sigma.T)
 
+    def depths(self, state: State) -> Array:
+        """Return the depth of the point of each ray in front of its photo, (n,) metres."""
+        number = self.block.variables[2][1]
+        points, poses = state["point"], state["pose"]
+        out = np.empty(self.block.n)
+        for chunk in self.chunks:
+            d = np.take(points, number[chunk.rows], axis=0)
+            for photo, start, stop in chunk.parts:
+                axis = poses[photo, 2:9:3]
+                depth = d[start:stop] @ axis
+                depth -= axis @ poses[photo, 9:]
+                out[chunk.rows.start + start : chunk.rows.start + stop] = depth
+        return out
+
     def residuals(self, state: State, *, whitened: bool = True) -> Array:
         """Return v (n, 2).
 

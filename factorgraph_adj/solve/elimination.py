@@ -51,7 +51,7 @@ class Layers:
         """Columns of each variable, by its first column."""
         return {k: np.arange(k, k + size) for k, size in self.unknowns.size_at.items()}
 
-    @property
+    @cached_property
     def point_columns(self) -> Index:
         """Columns of the points of the first layer, (p, 3)."""
         first = self.unknowns["point"].offset[self.reduced]

@@ -15,8 +15,10 @@ import numpy as np
 from ..errors import DatumError
 from ..graph.equations import Equations
 from ..graph.variables import State
+from ..models.variables import UNKNOWNS
+from ..rotation import log_rotation
 from ..types import Array, Mask
-from .datum import Defect, FreeDatum, find_defects, transform
+from .datum import MOTIONS, Defect, FreeDatum, find_defects, transform
 from .normal import NormalEquations
 from .step import Step
 from .stopping import STOPPING
@@ -35,6 +37,9 @@ class MotionRule:
     derivatives predict the minimum of |x − x₀|² badly."""
     negligible: float = 1e-9
     """Relative decrease of |x − x₀|² that rounding of |x − x₀|² may hide."""
+    shrinking: float = 0.5
+    """Ratio of a step to the last one above which steps do not converge any more, where rounding
+    may hide what they bring."""
     halvings: int = 30
     """Largest number of times that a step which does not descend is halved."""
     near: float = 1e-4
@@ -110,7 +115,8 @@ def onto_constraints(
 
     At the minimum G_Dᵀ (x − x₀)_D = 0, as G holds the derivatives of x by the motions. The method
     is Newton's, damped so that it descends; its second derivatives of the points matter where the
-    network has another shape than x₀.
+    network has another shape than x₀. Photos alone begin with the similarity that is best in closed
+    form: points that ran to infinity would let Newton's method creep.
 
     Args:
         equations: the network.
@@ -124,8 +130,12 @@ def onto_constraints(
         return np.where(columns, moved_from(equations, at, start), 0.0)
 
     columns = columns & defect.inside
+    best = _similarity(equations, state, start, defect, columns)
+    if best is not None and not is_nothing(defect.motions @ best, state):
+        state = transform(equations, state, defect, best)
+        defect = defect.at(equations, state)
     r = offset(state)
-    size = defect.about[1]
+    size, last = defect.about[1], np.inf
     for _ in range(MOTION.steps):
         g = defect.motions[columns]
         gradient = g.T @ r[columns]
@@ -136,12 +146,17 @@ def onto_constraints(
         values, vectors = np.linalg.eigh(np.eye(len(half)) + 0.5 * (half + half.T))
         along = vectors.T @ np.linalg.solve(root, gradient) / np.maximum(np.abs(values), 0.01)
         amounts = -np.linalg.solve(root.T, vectors @ along)
-        if is_nothing(defect.motions @ amounts, state):
+        motion = defect.motions @ amounts
+        if is_nothing(motion, state):
             break
         turn = float(np.linalg.norm((defect.mixture @ amounts)[3:])) / size
         amounts /= max(1.0, turn / MOTION.far)
         before = float(r @ r)
         certain = -float(gradient @ amounts) > MOTION.negligible * before
+        way = float(np.abs(motion).max())
+        if not certain and way > MOTION.shrinking * last:
+            break  # points that run to infinity leave nothing but rounding
+        last = way
         for _ in range(MOTION.halvings):
             moved = transform(equations, state, defect, amounts)
             r = offset(moved)
@@ -151,6 +166,39 @@ def onto_constraints(
         state = moved
         defect = defect.at(equations, state)
     return state
+
+
+def _similarity(
+    equations: Equations, state: State, start: State, defect: Defect, columns: Mask
+) -> Array | None:
+    """Return the amounts of the similarity that makes |x − x₀|² least; none: there are fewer.
+
+    Rotation and scale by singular values, Umeyama (1991), eqs. 34 to 43. The datum points must have
+    all their coordinates, and only points and photos may move.
+    """
+    unknowns = equations.unknowns
+    moved = {k for k, _ in unknowns.active() if UNKNOWNS[k].motions is not None}
+    if defect.size < len(MOTIONS) or moved - {"point", "pose"}:
+        return None
+    table = unknowns["point"]
+    on = np.flatnonzero(table.offset >= 0)
+    chosen = columns[table.offset[on, None] + np.arange(3)]
+    if not np.array_equal(chosen.any(axis=1), chosen.all(axis=1)):
+        return None
+    numbers = on[chosen.all(axis=1)]
+    centre, size = defect.about
+    x, wanted = state["point"][numbers] - centre, start["point"][numbers] - centre
+    middle, target = x.mean(axis=0), wanted.mean(axis=0)
+    u, values, vt = np.linalg.svd((wanted - target).T @ (x - middle))
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = (u * sign) @ vt
+    scale = float(np.sum(values * sign) / np.sum((x - middle) ** 2))
+    if not scale > 0:
+        return None
+    shift = target - scale * rotation @ middle
+    turn = log_rotation(rotation[None])[0]
+    motion = np.concatenate([shift, size * turn, [size * np.log(scale)]])
+    return np.asarray(np.linalg.solve(defect.mixture, motion))
 
 
 def is_nothing(motion: Array, state: State) -> bool:

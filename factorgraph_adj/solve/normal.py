@@ -27,11 +27,9 @@ VANISHED = 1e-14
 POOR = 1e-10
 """Smallest relative pivot of the cameras' normal equations from which covariances are computed;
 below it QR of all unknowns is used."""
-POOR_POINT = 1e-12
-"""Smallest relative pivot of a single point from which covariances are computed. It is smaller than
-`POOR`, as the poor pivot of a point affects no other point."""
 VANISHED_QR = 1e-19
-"""Pivot relative to its diagonal element of N that counts as zero in a QR factorisation."""
+"""Pivot relative to its diagonal element of N that counts as zero in a QR factorisation, and for
+single points, whose poor pivots come from the rows too (`reduction.factorise_points`)."""
 ENLARGED = 4.0
 """Largest factor by which a minimal datum may enlarge a standard deviation; above it a better
 minimal datum is chosen."""
@@ -111,7 +109,7 @@ class NormalEquations:
             worst = factor.smallest_pivot(
                 self.diagonal + extra,
                 tree=VANISHED / VANISHED_QR if qr else 1.0,
-                point=POOR / POOR_POINT if exact else 1.0,
+                point=(POOR if exact else VANISHED) / VANISHED_QR,
             )
             self.smallest_pivot = worst
             if worst > (POOR if exact else VANISHED):

@@ -44,6 +44,7 @@ class PointCholesky:
             pivots = np.stack([(xx > 0) * 1.0, left22 / yy, left33 / zz])
         np.nan_to_num(pivots, copy=False, nan=0.0)
         self.pivots = np.where(free > 0, pivots, 1.0)
+        self._largest = np.maximum(np.stack([xx, yy, zz]), tiny)
         """Pivots relative to the diagonal of H, (3, p); one for held components."""
 
     def refine(self, second: PointCholesky, points: Index) -> None:
@@ -61,6 +62,9 @@ class PointCholesky:
             l32 * m22 + l33 * m32,
             i33 * j33,
         )
+        roots = np.stack([i11, i22, i33])  # zero for held components
+        left = second.pivots * second._largest * _reciprocal(roots) ** 2
+        self.pivots[:, points] = np.where(roots > 0, left / self._largest[:, points], 1.0)
 
     def lower(self, b: Array, at: Index | None = None) -> Array:
         """Return L⁻¹ b for b (3, …, m); ``at`` gives the point of each column."""

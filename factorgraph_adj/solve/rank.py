@@ -14,6 +14,8 @@ from .datum import UNNOTICED, Defect, in_part
 from .elimination import layers_of
 from .factor import Factor
 from .linear import LinearSystem
+from .ray_sums import RaySums
+from .rays import Rays
 from .singular import SingularError
 from .tree import TreeFactors
 
@@ -23,6 +25,14 @@ REGULARISED = NULL**2
 """Share of the diagonal of N that is added to N, so that the search can invert it. It equals |A z|²
 of a combination that is just determined; a larger share would let many weak combinations hide an
 undetermined one."""
+LARGE = 5000
+"""Number of columns above which the points that only cameras see are eliminated first, by normal
+equations: QR of all unknowns takes as long as a whole adjustment."""
+REGULARISED_LARGE = 1e-12
+"""Share of the diagonal as `REGULARISED` in such a network: normal equations resolve no smaller
+one. Combinations that are determined by less than its root are told apart by |A z| alone."""
+FEW = 12
+"""Number of combinations that are searched first in such a network."""
 MOST = 40
 """Largest number of undetermined combinations that are searched."""
 PROBES = 4
@@ -46,14 +56,19 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
     empty = unknowns.free & (diagonal <= 0)
     live = unknowns.free & ~empty
     scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
-    layers = layers_of(
-        system.equations, reduce_points=False, touched=np.zeros(len(diagonal), dtype=bool)
-    )
-    extra = np.where(empty, 1.0, REGULARISED * diagonal)
-    factor = Factor(layers, None, TreeFactors(layers, system), extra, qr=True)
-    n = min(MOST, int(live.sum()))
+    large = len(diagonal) > LARGE
+    touched = np.zeros(len(diagonal), dtype=bool)
+    for e in system.extra:
+        touched[e.columns] = True
+    layers = layers_of(system.equations, reduce_points=large, touched=touched)
+    sums = RaySums(Rays(system.equations, layers), system) if layers.reduced.any() else None
+    extra = np.where(empty, 1.0, (REGULARISED_LARGE if large else REGULARISED) * diagonal)
+    factor = Factor(layers, sums, TreeFactors(layers, system), extra, qr=True)
     found = np.zeros((len(diagonal), 0))
-    if n:
+    for most in (FEW, MOST) if large else (MOST,):
+        n = min(most, int(live.sum()))
+        if n == found.shape[1]:
+            break
         rng = np.random.default_rng(1)
         z = np.where(live[:, None], rng.standard_normal((len(diagonal), n)), 0.0)
         for _ in range(4):
@@ -63,6 +78,8 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
         noticed = system.times(z / scale[:, None])
         values, right = np.linalg.eigh(noticed.T @ noticed)
         found = z @ right[:, np.sqrt(np.maximum(values, 0)) < NULL]
+        if found.shape[1] < n:
+            break
     unobserved = np.flatnonzero(empty)[:MOST_UNOBSERVED]
     units = np.zeros((len(diagonal), len(unobserved)))
     units[unobserved, np.arange(len(unobserved))] = 1.0

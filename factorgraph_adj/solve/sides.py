@@ -14,10 +14,7 @@ from ..types import Mask
 def behind(equations: Equations, state: State) -> Mask:
     """Return whether each image point has its object point behind the camera, block by block."""
     out = [np.zeros(0, dtype=bool)]
-    for block in equations.blocks:
-        if block.kind == "image":
-            (_, photo), _, (_, point) = block.variables
-            out.append(depth(state["pose"][photo], state["point"][point]) <= 0)
+    out += [chunks.depths(state) <= 0 for chunks in equations.rays.values()]
     return np.concatenate(out)
 
 

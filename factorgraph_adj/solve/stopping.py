@@ -40,7 +40,8 @@ class StoppingRule:
     slow: float = 1e-6
     """Relative decrease of vᵀPv by a step below which the step does not count as progress."""
     patience: int = 20
-    """Number of consecutive steps without progress after which the iteration ends."""
+    """Number of consecutive steps without progress after which the iteration ends. Steps below
+    `still`, which are extrapolated, count twice."""
     shrinking: float = 0.8
     """Ratio of a step to the last one below which steps still converge."""
     in_vain: int = 10
@@ -177,7 +178,9 @@ class Stop:
             plain: whether the unknowns moved by the step alone.
         """
         no_progress = before - after < STOPPING.slow * before
-        slow = self.slow + 1 if no_progress and bound > STOPPING.shrinking * self.last else 0
+        extrapolated = bound < STOPPING.still
+        more = 2 if extrapolated else 1
+        slow = self.slow + more if no_progress and bound > STOPPING.shrinking * self.last else 0
         return replace(self, last=bound, plain=plain, slow=slow)
 
     @property
