@@ -12,6 +12,8 @@ runs      2 000 repetitions of the industry block in 1 and 2 processes and on a 
           (extra ``cluster``), then killed half-way and resumed (half an hour)
 proposals 1 000 candidates for the industry block, against planning anew with each of them
 equality  every test network arriving one by one in four orders, with removals, against the batch
+record    fixed works beside a fixed work of numpy and pycolmap; a row for each is appended to
+          tests/benchmarks/record.csv. It runs only where it is named.
 
 Quality: reliability of every observation (with e1, e2, e12) and the covariance of every point;
 for pycolmap the covariances of points, poses and cameras.
@@ -30,6 +32,7 @@ import statistics
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
@@ -37,6 +40,7 @@ from typing import Any
 
 from tests.support.places import ROOT
 
+from . import record as records
 from . import runs as study
 from .latency import Latency
 from .worker import LADYBUG, ROMA, Measured
@@ -51,7 +55,7 @@ LONGEST_EQUALITY = 3 * 3600
 """The same for one network arriving in one order: Roma arrives for more than an hour."""
 
 
-def run(cores: set[int], job: str, *arguments: int) -> Measured | None:
+def run(cores: set[int], job: str, *arguments: int | str) -> Measured | None:
     """Run a job on ``cores``; none if it failed or took too long, which is printed."""
     threads = len(cores) if job.endswith("-colmap") else 1
     found = launch(cores, "worker", job, *map(str, arguments), threads=threads)
@@ -227,6 +231,65 @@ def proposals(cores: set[int], rounds: int) -> None:
         )
 
 
+def record(cores: set[int], rounds: int) -> None:
+    """Measure the works of the record, and append a row for each to its table."""
+    colmap = find_spec("pycolmap") is not None
+    if not colmap:
+        print("  pycolmap is not installed (extra bench): no ratio to it")
+    print(
+        f"  {'':14}{'iter.':>6}{'calls':>6}{'front':>7}{'fronts':>7}{'MB of partials':>15}"
+        f"{'CPU s':>8}{'/ numpy':>9}{'/ pycolmap':>11}{'quality':>9}{'MB':>7}"
+    )
+    version, day = records.version(), date.today().isoformat()
+    for work in records.WORKS.values():
+        if work.missing:
+            print(f"  {work.name:14} skipped: {work.data} is not there (set FACTORGRAPH_ADJ_DATA)")
+            continue
+        row = _measured(cores, rounds, work, version, day, colmap=colmap)
+        if row is None:
+            continue
+        records.append([row])
+        other = "–" if row.ratio_to_pycolmap is None else f"{row.ratio_to_pycolmap:.2f}"
+        print(
+            f"  {row.work:14}{row.iterations:6d}{row.calls:6d}{row.largest_front:7d}"
+            f"{row.fronts:7d}{row.bytes_of_partials / 1e6:15.2f}{row.cpu_s:8.3f}"
+            f"{row.ratio_to_numpy:9.3f}{other:>11}{row.quality_cpu_s:9.3f}{row.megabytes:7.0f}",
+            flush=True,
+        )
+
+
+def _measured(
+    cores: set[int], rounds: int, work: records.Work, version: str, day: str, *, colmap: bool
+) -> records.Row | None:
+    """Return the row of one work; none: one of its runs failed."""
+    figures = launch(cores, "record", "figures", work.name)
+    if figures is None:
+        return None
+    ours: list[Measured] = []
+    theirs: list[Measured] = []
+    yardstick: list[float] = []
+    for _ in range(rounds):
+        measured, fixed = run(cores, *work.job), launch(cores, "record", "numpy")
+        if measured is None or fixed is None:
+            return None
+        ours.append(measured)
+        yardstick.append(fixed["cpu"])
+        if colmap and work.colmap is not None and (other := run(cores, work.colmap)) is not None:
+            theirs.append(other)
+    cpu = _median(ours, "cpu")
+    return records.Row(
+        version=version,
+        date=day,
+        work=work.name,
+        **figures,
+        cpu_s=cpu,
+        ratio_to_numpy=cpu / statistics.median(yardstick),
+        ratio_to_pycolmap=cpu / _median(theirs, "cpu") if theirs else None,
+        quality_cpu_s=_median(ours, "quality_cpu"),
+        megabytes=max(m.quality_megabytes for m in ours),
+    )
+
+
 def main() -> None:
     """Run what the command line asks for."""
     benchmarks: dict[str, Callable[[set[int], int], None]] = {
@@ -239,6 +302,7 @@ def main() -> None:
         "latency": lambda cores, _: latency(cores),
         "proposals": proposals,
         "equality": lambda cores, _: equality(cores),
+        "record": record,
     }
     parser = argparse.ArgumentParser(
         prog="python -m tests.benchmarks",
@@ -255,7 +319,7 @@ def main() -> None:
     available = sorted(os.sched_getaffinity(0))
     cores = set(available[: options.cores or len(available)])
     print(f"{len(cores)} of {os.cpu_count()} cores, {platform.machine()}, {_versions()}")
-    for name in options.names or benchmarks:
+    for name in options.names or [n for n in benchmarks if n != "record"]:
         print(f"\n{name}", flush=True)
         benchmarks[name](cores, options.rounds)
 
