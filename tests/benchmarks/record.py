@@ -110,9 +110,9 @@ class Figures:
     calls: int
     """Number of times that all observations were linearised."""
     largest_front: int
-    """Number of photos in the largest front of the cameras' normal matrix; zero without photos."""
+    """Number of nodes (photos) of the largest front; zero where there are no fronts."""
     fronts: int
-    """Number of fronts of the cameras' normal matrix."""
+    """Number of fronts of the reduced normal matrix."""
     bytes_of_partials: int
     """Bytes of the partials of one linearisation."""
 
