@@ -28,7 +28,8 @@ def register_lens(lens: type[Lens]) -> type[Lens]:
         The class.
 
     Raises:
-        InputError: the class is no lens model or has no name, or another model has its name.
+        InputError: the class is no lens model, has no name or that of another model, or defines
+            ``residual`` instead of ``partials``.
     """
     name = getattr(lens, "kind", None)
     where = f"lens model {name!r}"
@@ -39,6 +40,9 @@ def register_lens(lens: type[Lens]) -> type[Lens]:
         raise InputError(Problem(what, where))
     if lens is not Lens and name == Lens.kind:
         raise InputError(Problem("it needs a name of its own: the class attribute kind", where))
+    if lens.residual is not Lens.residual:
+        what = "it must define partials, or _correction: residual only packs what partials returns"
+        raise InputError(Problem(what, where))
     LENSES[name] = lens
     return lens
 

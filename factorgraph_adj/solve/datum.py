@@ -77,7 +77,7 @@ def generators(equations: Equations, state: State, about: About | None = None) -
         record = UNKNOWNS[kind]
         on = np.flatnonzero(table.offset >= 0)
         if record.motions is not None and len(on):
-            moved = record.motions(motions, state[kind][on], _places(equations, kind, on))
+            moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
             for j in range(moved.shape[1]):
                 has = j < table.size[on]
                 g[table.offset[on[has]] + j] = moved[has, j]
@@ -102,7 +102,7 @@ def motions_of(equations: Equations, state: State, about: About | None = None) -
     )
 
 
-def _places(equations: Equations, kind: VariableKind, on: Index) -> Index:
+def places_of(equations: Equations, kind: VariableKind, on: Index) -> Index:
     """Return the number of the point at which each variable stands; −1: at no point."""
     if not UNKNOWNS[kind].at_point:
         return np.full(len(on), -1, dtype=np.intp)

@@ -6,11 +6,13 @@ Three layers, in the order of elimination:
 2. ``tree``: everything else on the terrestrial side, by GTSAM;
 3. poses and calibrations of the cameras of layer 1, in dense fronts, by LAPACK.
 
-GTSAM eliminates all unknowns where a network has no such points.
+In large networks the third layer takes the second one in. GTSAM eliminates all unknowns where a
+small network has no points of the first layer.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -19,11 +21,19 @@ import numpy as np
 
 from ..graph.equations import Equations
 from ..graph.variables import Unknowns
-from ..models.variables import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Index, Mask
 
 if TYPE_CHECKING:
     import gtsam
+
+
+LARGEST_TREE = 3000
+"""Number of variables above which the terrestrial side is eliminated in dense fronts by Cholesky.
+GTSAM's QR keeps twice the digits; in large networks its cost for each variable counts."""
+MOST_SPREAD = 60
+"""Largest number of variables at no point, such as distance meters, for which this is done: they
+are full columns of the reduced system."""
 
 
 @dataclass
@@ -38,6 +48,8 @@ class Layers:
     """Columns of the third layer, (n_columns,)."""
     tree: tuple[tuple[VariableKind, int], ...]
     """Variables of the second layer."""
+    in_fronts: bool = False
+    """Whether the terrestrial side is in the third layer too, and the second one is empty."""
     ordering: gtsam.Ordering | None = None
     """Order of elimination of the second layer; none before it has been computed."""
 
@@ -103,4 +115,15 @@ def layers_of(equations: Equations, *, reduce_points: bool, touched: Mask) -> La
         if kind == "point":
             inside &= ~reduced
         tree += [(kind, number) for number in np.flatnonzero(inside).tolist()]
+    if reduce_points and len(tree) > LARGEST_TREE and _spread(tree) <= MOST_SPREAD:
+        every = np.ones(unknowns.n_columns, dtype=bool)
+        first = table.offset[reduced]
+        every[(first[:, None] + np.arange(3)).ravel()] = False
+        return Layers(unknowns, reduced, every, (), in_fronts=True)
     return Layers(unknowns, reduced, cameras, tuple(tree))
+
+
+def _spread(tree: Sequence[tuple[VariableKind, int]]) -> int:
+    """Return how many variables of a tree stand neither at a point nor in a photo."""
+    placed = ("point", "pose", "calibration")
+    return sum(kind not in placed and not UNKNOWNS[kind].at_point for kind, _ in tree)

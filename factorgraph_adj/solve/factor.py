@@ -2,18 +2,52 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from ..graph.equations import Equations
 from ..types import Array
 from .elimination import Layers
 from .fronts import BlockMatrix, Fronts
+from .linear import LinearSystem
+from .node_sums import NodeRows
+from .nodes import Nodes
 from .ray_sums import RaySums
+from .rays import Rays
 from .reduction import RayCovariances, ReducedPoints
 from .remainder import Remainder, joined
 from .selected_inverse import SelectedInverse
 from .tree import TreeFactors, down, up
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The layers of an elimination and their index lists; a network makes them once."""
+
+    layers: Layers
+    """The layers."""
+    nodes: Nodes | None = None
+    """Places in the third layer; none: it is empty."""
+    rays: Rays | None = None
+    """Rays to the points of the first layer; none: it is empty."""
+    rows: NodeRows | None = None
+    """Places of the terrestrial observations, where they are in the third layer."""
+
+    @classmethod
+    def of(cls, equations: Equations, layers: Layers) -> Plan:
+        """Make the index lists of a network."""
+        if not layers.has_cameras and not layers.reduced.any():
+            return cls(layers)
+        nodes = Nodes(equations, layers)
+        rays = Rays(equations, nodes) if layers.reduced.any() else None
+        rows = NodeRows(equations, nodes) if layers.in_fronts else None
+        return cls(layers, nodes, rays, rows)
+
+    def sums(self, system: LinearSystem) -> RaySums | None:
+        """Return the products of the rays of a linearisation; none: there is no first layer."""
+        return None if self.rays is None else RaySums(self.rays, system)
 
 
 class Factor:
@@ -27,17 +61,25 @@ class Factor:
     """Relative error of variances that random probes have shown, see `trust`; zero before them."""
     points: ReducedPoints | None = None
     """The first layer; none: it is empty."""
+    nodes: Nodes | None = None
+    """Places of the unknowns in the third layer; none: it is empty."""
     fronts: Fronts | None = None
     """The third layer; none: it is empty."""
 
     def __init__(
-        self, layers: Layers, sums: RaySums | None, factors: TreeFactors, extra: Array, *, qr: bool
+        self,
+        plan: Plan,
+        sums: RaySums | None,
+        factors: TreeFactors,
+        extra: Array,
+        *,
+        qr: bool,
     ) -> None:
         """Factorise.
 
         Args:
-            layers: the layers of the elimination.
-            sums: products of the rays to the points of the first layer; none: it is empty.
+            plan: the layers and their index lists.
+            sums: products of the rays to points of the first layer; none: it is empty.
             factors: GTSAM's factors of the network.
             extra: added to the diagonal (damping, minimal datum), (n_columns,).
             qr: whether the tree is eliminated by QR.
@@ -45,23 +87,40 @@ class Factor:
         Raises:
             SingularError: a pivot vanished.
         """
-        self.layers = layers
-        self.free = layers.unknowns.free
+        self.layers = plan.layers
+        self.free = plan.layers.unknowns.free
+        self.nodes = plan.nodes
         diagonal = np.where(self.free, extra, 1.0)
         self.cliques, rest = factors.eliminate(diagonal, qr=qr)
         if sums is not None:
             self.points = ReducedPoints(sums, diagonal)
-            self.fronts = self._factorised(self.points, rest)
+        if self.nodes is not None:
+            self.fronts = self._factorised(self.nodes, plan, factors.system, rest, diagonal)
 
-    def _factorised(self, points: ReducedPoints, rest: list[Remainder]) -> Fronts:
+    def _factorised(
+        self,
+        nodes: Nodes,
+        plan: Plan,
+        system: LinearSystem,
+        rest: list[Remainder],
+        extra: Array,
+    ) -> Fronts:
         """Factorise the reduced system with what the elimination of the tree leaves."""
-        rays = points.rays
-        centres = points.system.state["pose"][rays.photos, 9:]
-        pattern, fronts = rays.structure(joined(rays, rest), centres)
-        matrix = points.matrix(pattern)
+        codes = [joined(nodes, rest)]
+        if plan.rays is not None:
+            codes.append(plan.rays.pair_codes)
+        if plan.rows is not None:
+            rest = [Remainder(c, a.T @ a) for c, a in system.cluster_rows()]
+            rest += [Remainder(e.columns, e.a.T @ e.a) for e in system.extra]
+            codes += [plan.rows.pair_codes, joined(nodes, rest)]
+        pattern, fronts = nodes.structure(np.concatenate(codes), nodes.positions(system.state))
+        matrix = BlockMatrix.zeros(pattern) if self.points is None else self.points.matrix(pattern)
+        if plan.rows is not None:
+            plan.rows.add_to(matrix, system)
         for r in rest:
-            r.add_to(rays, matrix)
-        rays.hold(matrix)
+            r.add_to(nodes, matrix)
+        nodes.add_diagonal(matrix, extra)
+        nodes.hold(matrix)
         return Fronts(fronts, matrix)
 
     def smallest_pivot(self, diagonal: Array, *, tree: float, point: float) -> float:
@@ -78,9 +137,10 @@ class Factor:
         for c in self.cliques:
             out[c.frontal] = np.diag(c.r) ** 2 / safe[c.frontal]
             out[c.frontal] *= np.where(free[c.frontal], tree, 1.0)
-        if self.points is not None and self.fronts is not None:
+        if self.points is not None:
             out[self.layers.point_columns] = self.points.cholesky.pivots.T * point
-            columns = self.points.rays.columns
+        if self.nodes is not None and self.fronts is not None:
+            columns = self.nodes.columns
             on = columns >= 0
             left = self.fronts.pivots * self.fronts.diagonal
             out[columns[on]] = left[on] / safe[columns[on]]
@@ -90,23 +150,22 @@ class Factor:
         """Return x of (N + diag) x = y for y (n_columns, k); held components are zero."""
         y = np.where(self.free[:, None], y, 0.0)
         x = np.zeros_like(y)
-        halves = None
-        if self.points is None or self.fronts is None:
-            halves = down(self.cliques, y)
-            up(self.cliques, halves, x)
+        if self.nodes is None or self.fronts is None:
+            up(self.cliques, down(self.cliques, y), x)
             x[~self.free] = 0.0
             return x
-        columns = self.points.rays.columns
+        columns = self.nodes.columns
         on = columns >= 0
         reduced = np.zeros((len(columns), y.shape[1]))
-        z = self.points.forward(y, reduced)
+        z = None if self.points is None else self.points.forward(y, reduced)
         halves = down(self.cliques, y)
         reduced[on] += y[columns[on]]
         reduced[~on] = 0.0
         solved = self.fronts.solve(reduced)
         x[columns[on]] = solved[on]
         up(self.cliques, halves, x)
-        x[self.layers.point_columns] = self.points.backward(z, solved)
+        if self.points is not None and z is not None:
+            x[self.layers.point_columns] = self.points.backward(z, solved)
         x[~self.free] = 0.0
         return x
 
@@ -115,9 +174,9 @@ class Factor:
     @cached_property
     def inverse(self) -> BlockMatrix:
         """Covariances of the third layer at the blocks of its fronts; zero at held places."""
-        assert self.points is not None and self.fronts is not None
+        assert self.nodes is not None and self.fronts is not None
         out = self.fronts.inverse()
-        free = (~self.points.rays.held).astype(float)
+        free = (~self.nodes.held).astype(float)
         return out if free.all() else out.scaled(free)
 
     @cached_property
@@ -136,6 +195,6 @@ class Factor:
         """Joint covariances of tree and cameras between the variables of one observation."""
         place = np.full(self.layers.unknowns.n_columns, -1, dtype=np.intp)
         inverse = None
-        if self.points is not None:
-            place, inverse = self.points.rays.place_of, self.inverse
+        if self.nodes is not None:
+            place, inverse = self.nodes.place_of, self.inverse
         return SelectedInverse(self.cliques, inverse, place, len(place))

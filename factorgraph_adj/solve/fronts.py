@@ -37,6 +37,13 @@ class BlockMatrix:
     corner: Array
     """The border itself, (k, k)."""
 
+    @classmethod
+    def zeros(cls, pattern: Pattern) -> BlockMatrix:
+        """Return a matrix of zeros."""
+        n, w, k = pattern.n, pattern.width, pattern.side
+        pairs = np.zeros((len(pattern.first), w, w))
+        return cls(pattern, np.zeros((n, w, w)), pairs, np.zeros((n, w, k)), np.zeros((k, k)))
+
     @property
     def diagonals(self) -> Array:
         """Elements on the diagonal, (n w + k,)."""
@@ -159,19 +166,21 @@ class Fronts:
         x = y * self.scale[:, None]
         nodes, border = x[: n * w].reshape(n, w, r), x[n * w :]
         for front, own, across in zip(self.fronts, self.own, self.across, strict=True):
-            part = _lower(own, nodes[front.own].reshape(-1, r))
+            k = len(front.own)
+            part = _lower(own, nodes[front.own].reshape(w * k, r))
             moved = across @ part
             end = w * len(front.border)
-            nodes[front.border] -= moved[:end].reshape(-1, w, r)
+            nodes[front.border] -= moved[:end].reshape(len(front.border), w, r)
             border -= moved[end:]
-            nodes[front.own] = part.reshape(-1, w, r)
+            nodes[front.own] = part.reshape(k, w, r)
         border[:] = _lower(self.corner, _lower(self.corner, border), transposed=True)
         for front, own, across in zip(
             reversed(self.fronts), reversed(self.own), reversed(self.across), strict=True
         ):
-            later = np.concatenate([nodes[front.border].reshape(-1, r), border])
-            part = nodes[front.own].reshape(-1, r) - across.T @ later
-            nodes[front.own] = _lower(own, part, transposed=True).reshape(-1, w, r)
+            k, end = len(front.own), w * len(front.border)
+            later = np.concatenate([nodes[front.border].reshape(end, r), border])
+            part = nodes[front.own].reshape(w * k, r) - across.T @ later
+            nodes[front.own] = _lower(own, part, transposed=True).reshape(k, w, r)
         return np.asarray(x * self.scale[:, None])
 
     def inverse(self) -> BlockMatrix:
@@ -248,7 +257,7 @@ def _inverse(root: Array) -> Array:
 
 def _lower(root: Array, b: Array, *, transposed: bool = False) -> Array:
     """Return L⁻¹ b, or L⁻ᵀ b."""
-    if not len(root):
+    if not b.size:
         return b
     x, _ = lapack.dtrtrs(root, b, lower=1, trans=int(transposed))
     return np.asarray(x)

@@ -23,10 +23,12 @@ from ..models.variables import VariableKind
 from ..types import Array, Index, Mask
 from .datum import FreeDatum, minimal_datum
 from .elimination import Layers
-from .factor import Factor
+from .factor import Factor, Plan
 from .linear import LinearSystem
 from .linear_block import LinearBlock
 from .linear_rays import LinearRays
+from .node_sums import NodeRows
+from .nodes import Nodes
 from .point_cholesky import square
 from .ray_leverage import point_hats, ray_leverages
 from .reduction import RayCovariances, ReducedPoints, factorise_points
@@ -278,10 +280,17 @@ def _points_of_tree(
     """Return the selected inverse of N22 of the points that are not in the first layer."""
     layers = factor.layers
     unknowns = layers.unknowns
-    tree = tuple(v for v in layers.tree if v[0] == "point")
-    if not tree:
+    offset = unknowns["point"].offset
+    mine = np.flatnonzero((offset >= 0) & ~layers.reduced)
+    if not len(mine):
         return None
-    alone = Layers(unknowns, layers.reduced, np.zeros(unknowns.n_columns, dtype=bool), tree)
+    cameras = np.zeros(unknowns.n_columns, dtype=bool)
+    tree: tuple[tuple[VariableKind, int], ...] = ()
+    if layers.in_fronts:
+        cameras[offset[mine, None] + np.arange(3)] = True
+    else:
+        tree = tuple(("point", number) for number in mine.tolist())
+    alone = Layers(unknowns, layers.reduced, cameras, tree, in_fronts=layers.in_fronts)
     extra = np.zeros(unknowns.n_columns)
     if datum is not None:
         diagonal = only.diagonal()
@@ -295,11 +304,14 @@ def _points_of_tree(
         motions = q @ vt[still].T
         if motions.shape[1]:
             candidates = np.zeros(unknowns.n_columns, dtype=bool)
-            for _, number in tree:
-                candidates[unknowns.columns("point", number)] = True
+            candidates[offset[mine, None] + np.arange(3)] = True
             held = minimal_datum(motions, candidates & unknowns.free & (diagonal > 0))
             extra[held] = diagonal[held]
-    return Factor(alone, None, TreeFactors(alone, only), extra, qr=True).selected
+    plan = Plan(alone)
+    if layers.in_fronts:
+        nodes = Nodes(system.equations, alone)
+        plan = Plan(alone, nodes, rows=NodeRows(system.equations, nodes))
+    return Factor(plan, None, TreeFactors(alone, only), extra, qr=True).selected
 
 
 # -- free networks --------------------------------------------------------------------------------

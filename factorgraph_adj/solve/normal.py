@@ -12,10 +12,9 @@ from ..graph.variables import State
 from ..types import Array
 from .datum import FreeDatum
 from .elimination import Layers, layers_of
-from .factor import Factor
+from .factor import Factor, Plan
 from .linear import ExtraRows, LinearSystem
 from .ray_sums import RaySums
-from .rays import Rays
 from .singular import SingularError
 from .tree import TreeFactors
 from .trust import SAMPLES, TRUSTED, held_well, refusal, sample, uncertainty
@@ -41,10 +40,8 @@ class Solver:
 
     equations: Equations
     """The network."""
-    layers: Layers
-    """Layers of the elimination."""
-    rays: Rays | None
-    """Index lists of the points of the first layer; none: the layer is empty."""
+    plan: Plan
+    """Layers of the elimination, and their index lists."""
     qr_everywhere: bool = False
     """Whether all unknowns are factorised by QR."""
 
@@ -55,14 +52,17 @@ class Solver:
         for e in extra:
             touched[e.columns] = True
         layers = layers_of(equations, reduce_points=True, touched=touched)
-        rays = Rays(equations, layers) if layers.reduced.any() else None
-        return cls(equations, layers, rays)
+        return cls(equations, Plan.of(equations, layers))
+
+    @property
+    def layers(self) -> Layers:
+        """Layers of the elimination."""
+        return self.plan.layers
 
     def turn_to_qr(self) -> None:
         """Leave every unknown to GTSAM's QR."""
         nothing = np.zeros(self.equations.unknowns.n_columns, dtype=bool)
-        self.layers = layers_of(self.equations, reduce_points=False, touched=nothing)
-        self.rays = None
+        self.plan = Plan(layers_of(self.equations, reduce_points=False, touched=nothing))
         self.qr_everywhere = True
 
 
@@ -181,6 +181,6 @@ class NormalEquations:
     def _factorise(self, extra: Array, *, qr: bool) -> Factor:
         if self._factors is None:
             self._factors = TreeFactors(self.solver.layers, self.system)
-        if self._sums is None and self.solver.rays is not None:
-            self._sums = RaySums(self.solver.rays, self.system)
-        return Factor(self.solver.layers, self._sums, self._factors, extra, qr=qr)
+        if self._sums is None:
+            self._sums = self.solver.plan.sums(self.system)
+        return Factor(self.solver.plan, self._sums, self._factors, extra, qr=qr)

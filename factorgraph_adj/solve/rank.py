@@ -12,10 +12,8 @@ from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index
 from .datum import UNNOTICED, Defect, in_part
 from .elimination import layers_of
-from .factor import Factor
+from .factor import Factor, Plan
 from .linear import LinearSystem
-from .ray_sums import RaySums
-from .rays import Rays
 from .singular import SingularError
 from .tree import TreeFactors
 
@@ -61,9 +59,9 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
     for e in system.extra:
         touched[e.columns] = True
     layers = layers_of(system.equations, reduce_points=large, touched=touched)
-    sums = RaySums(Rays(system.equations, layers), system) if layers.reduced.any() else None
+    plan = Plan.of(system.equations, layers)
     extra = np.where(empty, 1.0, (REGULARISED_LARGE if large else REGULARISED) * diagonal)
-    factor = Factor(layers, sums, TreeFactors(layers, system), extra, qr=True)
+    factor = Factor(plan, plan.sums(system), TreeFactors(layers, system), extra, qr=True)
     found = np.zeros((len(diagonal), 0))
     for most in (FEW, MOST) if large else (MOST,):
         n = min(most, int(live.sum()))

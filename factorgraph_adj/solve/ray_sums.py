@@ -17,7 +17,7 @@ class RaySums:
     def __init__(self, rays: Rays, system: LinearSystem) -> None:
         """Sum the products of one linearisation."""
         self.rays, self.system = rays, system
-        n, p = len(rays.photos), rays.n_points
+        n, p = rays.places.n, rays.n_points
         largest = max(
             (len(system.equations.rays[x.place].lens_free) for x in rays.parts), default=0
         )

@@ -1,7 +1,6 @@
 """Index lists of the rays to object points that only cameras see; a network makes them once.
 
-Each photo with such rays is a node of the reduced system: its six components, and those of its
-calibration if no other photo has it. Calibrations that several photos share are the border.
+The photos are nodes of the reduced system, see `factorgraph_adj.solve.nodes`.
 """
 
 from __future__ import annotations
@@ -11,13 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..graph.equations import Equations
-from ..graph.image_chunks import RAYS, ImageChunks, PointSums, RayPartials
-from ..types import Array, Index, Mask
-from .dissection import Front, Pattern, dissect
-from .elimination import Layers
-from .fronts import BlockMatrix
+from ..graph.image_chunks import RAYS, PointSums, RayPartials
+from ..types import Array, Index
 from .linear import LinearSystem
 from .linear_rays import LinearRays
+from .nodes import Nodes
 
 
 @dataclass(frozen=True)
@@ -49,24 +46,18 @@ class RayPart:
         return found.a if self.chosen is None else found.a[:, :, self.chosen]
 
 
-@dataclass(frozen=True)
-class Camera:
-    """A calibration that several photos share."""
-
-    number: int
-    """Number of the calibration."""
-    side: slice
-    """Its columns of the border: the parameters that are free in any calibration of its block."""
-
-
 class Rays:
     """Rays to the points of the first layer, nodes and pairs of nodes."""
 
-    def __init__(self, equations: Equations, layers: Layers) -> None:
+    def __init__(self, equations: Equations, nodes: Nodes) -> None:
         """Sort the rays."""
-        self.layers = layers
-        self.n_points = int(layers.reduced.sum())
-        self._nodes(equations)
+        self.places, self.layers = nodes, nodes.layers
+        """Places of the photos in the reduced system."""
+        self.n_points = int(nodes.layers.reduced.sum())
+        self.width, self.side = nodes.width, nodes.side
+        """Number of columns of a node, and of the border."""
+        self.cameras = nodes.cameras
+        """Calibrations that several photos share."""
         self._parts(equations)
         self._pairs()
         self.coordinate_places = [
@@ -74,59 +65,11 @@ class Rays:
             for i, b in enumerate(equations.blocks)
             if b.kind != "image" and len(b.variables) == 1 and b.variables[0][0] == "point"
         ]
-        self._structure: tuple[bytes, Pattern, list[Front]] | None = None
-
-    # -- nodes ------------------------------------------------------------------------------------
-
-    def _nodes(self, equations: Equations) -> None:
-        """Give every photo a node and every shared calibration columns of the border."""
-        unknowns = self.layers.unknowns
-        pose, lens = unknowns["pose"], unknowns["calibration"]
-        photos: dict[int, tuple[int, ImageChunks]] = {}
-        for place, chunks in equations.rays.items():
-            (_, photo), (_, calibration), (_, point) = equations.blocks[place].variables
-            keep = self.layers.reduced[point]
-            numbers, first = np.unique(photo[keep], return_index=True)
-            cameras = calibration[keep][first]
-            for f, k in zip(numbers.tolist(), cameras.tolist(), strict=True):
-                photos[f] = (k, chunks)
-        self.photos: Index = np.array(sorted(photos), dtype=np.intp)
-        """Number of the photo of each node."""
-        self.node: Index = np.full(len(pose.names), -1, dtype=np.intp)
-        """Node of each photo."""
-        self.node[self.photos] = np.arange(len(self.photos))
-        alone = {f for f, (k, chunks) in photos.items() if k in chunks.alone}
-        own = max((len(photos[f][1].lens_free) for f in alone), default=0)
-        self.width = 6 + own
-        self.cameras: list[Camera] = []
-        columns = np.full((len(photos), self.width), -1, dtype=np.intp)
-        border: list[Index] = []
-        camera_of: dict[int, int] = {}
-        at = 0
-        for i, f in enumerate(self.photos.tolist()):
-            k, chunks = photos[f]
-            columns[i, :6] = _free_columns(unknowns.free, int(pose.offset[f]), np.arange(6))
-            of_lens = _free_columns(unknowns.free, int(lens.offset[k]), chunks.lens_free)
-            if f in alone:
-                columns[i, 6 : 6 + len(of_lens)] = of_lens
-            elif k not in camera_of:
-                camera_of[k] = len(self.cameras)
-                self.cameras.append(Camera(k, slice(at, at + len(of_lens))))
-                border.append(of_lens)
-                at += len(of_lens)
-        self.side = at
-        self.camera_of = camera_of
-        self.columns: Index = np.concatenate([columns.ravel(), *border])
-        """Unknown at each place of the reduced system, −1 for held components and padding."""
-        self.place_of: Index = np.full(unknowns.n_columns, -1, dtype=np.intp)
-        """Place of each unknown in the reduced system, −1 for others."""
-        on = self.columns >= 0
-        self.place_of[self.columns[on]] = np.flatnonzero(on)
-        self.held: Mask = ~on
 
     def _parts(self, equations: Equations) -> None:
         """Choose the rays of each chunk."""
         local = np.cumsum(self.layers.reduced) - 1
+        node_of = self.places.node["pose"]
         ones = np.ones(RAYS)
         self.parts: list[RayPart] = []
         first = 0
@@ -142,7 +85,7 @@ class Rays:
                 chosen: Index | None = None if everything else np.flatnonzero(keep)
                 before = np.concatenate([[0], np.cumsum(keep)])
                 runs = tuple(
-                    (int(self.node[f]), int(before[start]), int(before[stop]))
+                    (int(node_of[f]), int(before[start]), int(before[stop]))
                     for f, start, stop in chunk.parts
                     if before[stop] > before[start]
                 )
@@ -156,7 +99,7 @@ class Rays:
                         runs,
                         point,
                         PointSums.of(point, ones),
-                        self.camera_of.get(chunk.calibration, -1),
+                        self.places.camera_of.get(chunk.calibration, -1),
                     )
                 )
                 points.append(point.astype(np.int32))
@@ -185,7 +128,7 @@ class Rays:
         # Rays lie in the order of their parts, which need not be that of their nodes.
         swapped = self.nodes[a] > self.nodes[b]
         a, b = np.where(swapped, b, a), np.where(swapped, a, b)
-        n_nodes = len(self.photos)
+        n_nodes = self.places.n
         code = self.nodes[a].astype(np.int64) * n_nodes + self.nodes[b]
         by_pair = np.argsort(code, kind="stable")
         code, self.left, self.right = code[by_pair], a[by_pair], b[by_pair]
@@ -196,41 +139,7 @@ class Rays:
         self.of_first = np.searchsorted(self.pair_first, np.arange(n_nodes + 1))
         """Pairs of each first node: those from its place to the next one."""
 
-    def structure(self, more: Index, positions: Array) -> tuple[Pattern, list[Front]]:
-        """Return the blocks of the reduced system and its fronts; they are made once.
-
-        Args:
-            more: pairs of nodes that other eliminated unknowns join, (k, 2).
-            positions: projection centres of the nodes, (n, 3), metres.
-        """
-        n = len(self.photos)
-        if self._structure is None or self._structure[0] != more.tobytes():
-            code = self.pair_first * n + self.pair_second
-            code = np.unique(np.concatenate([code, more[:, 0] * n + more[:, 1]]))
-            pattern = Pattern(n, self.width, self.side, code // n, code % n)
-            self._structure = (more.tobytes(), pattern, dissect(pattern, positions))
-        return self._structure[1:]
-
-    def hold(self, matrix: BlockMatrix) -> None:
-        """Give held places a one on the diagonal and zeros elsewhere, in place."""
-        if not self.held.any():
-            return
-        n, w = len(self.photos), self.width
-        free = (~self.held).astype(float)
-        nodes, border = free[: n * w].reshape(n, w), free[n * w :]
-        first, second = matrix.pattern.first, matrix.pattern.second
-        matrix.diagonal *= nodes[:, :, None] * nodes[:, None, :]
-        matrix.pairs *= nodes[first][:, :, None] * nodes[second][:, None, :]
-        matrix.side *= nodes[:, :, None] * border
-        matrix.corner *= border[:, None] * border
-        i, j = np.arange(w), np.arange(self.side)
-        matrix.diagonal[:, i, i] += 1.0 - nodes
-        matrix.corner[j, j] += 1.0 - border
-
-
-def _free_columns(free: Mask, offset: int, components: Index) -> Index:
-    """Return the columns of components of a variable; −1 for held ones."""
-    if offset < 0:
-        return np.full(len(components), -1, dtype=np.intp)
-    columns = offset + components
-    return np.where(free[columns], columns, -1).astype(np.intp)
+    @property
+    def pair_codes(self) -> Index:
+        """Pairs of nodes with common points, n a + b each, (p,)."""
+        return np.asarray(self.pair_first * self.places.n + self.pair_second, dtype=np.intp)

@@ -36,12 +36,11 @@ class ReducedPoints:
         """
         self.sums, self.rays, self.system = sums, sums.rays, sums.system
         rays = self.rays
-        self.extra = extra
         self.cholesky, self.shared = factorise_points(sums, extra)
         """``shared``: W of every point with the shared calibrations, (p, 3, border)."""
         self.w = np.empty((rays.n_rays, 3, rays.width))
         """W of every ray, (n_rays, 3, width)."""
-        self._own = np.zeros((len(rays.photos), rays.width, rays.width + rays.side))
+        self._own = np.zeros((rays.places.n, rays.width, rays.width + rays.side))
         flat = self.shared.reshape(rays.n_points, -1)
         for part in rays.parts:
             a = part.partials(self.system)
@@ -64,7 +63,7 @@ class ReducedPoints:
     def matrix(self, pattern: Pattern) -> BlockMatrix:
         """Return S in the blocks of a pattern, without regard to held places."""
         rays, w = self.rays, self.rays.width
-        n = len(rays.photos)
+        n = rays.places.n
         nodes = self.sums.nodes
         k = nodes.shape[1] - 6
         out = BlockMatrix(
@@ -95,10 +94,6 @@ class ReducedPoints:
             flat = self.shared.reshape(-1, rays.side)
             out.corner -= flat.T @ flat
         self._subtract_pairs(out)
-        added = np.where(rays.columns >= 0, self.extra[np.maximum(rays.columns, 0)], 0.0)
-        i, j = np.arange(w), np.arange(rays.side)
-        out.diagonal[:, i, i] += added[: n * w].reshape(n, w)
-        out.corner[j, j] += added[n * w :]
         return out
 
     def _subtract_pairs(self, out: BlockMatrix) -> None:
@@ -129,7 +124,7 @@ class ReducedPoints:
             reduced: right sides of the reduced system (places, k), changed in place.
         """
         rays = self.rays
-        n, w, k = len(rays.photos), rays.width, y.shape[1]
+        n, w, k = rays.places.n, rays.width, y.shape[1]
         z = self.cholesky.lower(y[rays.layers.point_columns].transpose(1, 2, 0))
         of_points = np.ascontiguousarray(z.transpose(2, 0, 1)).reshape(rays.n_points, 3 * k)
         nodes = reduced[: n * w].reshape(n, w, k)
@@ -146,7 +141,7 @@ class ReducedPoints:
     def backward(self, z: Array, x: Array) -> Array:
         """Return the points' solution (p, 3, k) from that of the reduced system (places, k)."""
         rays = self.rays
-        n, w, k = len(rays.photos), rays.width, z.shape[1]
+        n, w, k = rays.places.n, rays.width, z.shape[1]
         nodes = x[: n * w].reshape(n, w, k)
         moved = np.zeros((rays.n_points, 3 * k))
         if rays.side:

@@ -78,7 +78,10 @@ class TreeFactors:
         # A GTSAM key is the first column of its variable: keys sort, and give the place of a block.
         self.size = layers.unknowns.size_at
         self.columns = layers.columns_at
-        graph = gtsam.GaussianFactorGraph()
+        self.graph = gtsam.GaussianFactorGraph()
+        if layers.in_fronts:
+            return
+        graph = self.graph
         clustered = system.equations.in_cluster
         for place, lb in enumerate(system.blocks):
             block = lb.block
@@ -94,7 +97,6 @@ class TreeFactors:
             self._add_dense(graph, columns, a)
         for e in system.extra:
             self._add_dense(graph, e.columns, e.a)
-        self.graph = graph
 
     def _add_block(
         self,

@@ -66,3 +66,6 @@ def test_a_lens_is_a_class_and_one_call() -> None:
         del LENSES["named"]
     with pytest.raises(fga.InputError, match="registered already"):
         register_lens(type("Same", (Lens,), {}))
+    packed = {"kind": "packed", "residual": lambda self, *_, **__: None}
+    with pytest.raises(fga.InputError, match="must define partials, or _correction"):
+        register_lens(type("Packed", (Lens,), packed))

@@ -1,0 +1,213 @@
+"""The nodes of the reduced system: which unknowns are eliminated together, and in which order.
+
+A photo with the calibration that no other photo has is a node. Where the terrestrial side is
+eliminated in dense fronts too (`Layers.in_fronts`), each of its points is a node, together with the
+orientation unknowns and the vertical at the point. What touches everything is the border:
+calibrations that several photos share, distance meters, refraction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..models.variables import UNKNOWNS, VariableKind
+from ..types import Array, Index, Mask
+from .datum import places_of
+from .dissection import Front, Pattern, dissect
+from .elimination import Layers
+from .fronts import BlockMatrix
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A calibration that several photos share."""
+
+    number: int
+    """Number of the calibration."""
+    side: slice
+    """Its columns of the border: the parameters that are free in any calibration of its block."""
+
+
+class Nodes:
+    """The places of unknowns in the reduced system."""
+
+    def __init__(self, equations: Equations, layers: Layers) -> None:
+        """Give every unknown of the third layer a place."""
+        self.layers = layers
+        self._nodes: list[Index] = []
+        self._positions: list[Index] = []
+        self._columns: list[Index] = []
+        self._border: list[Index] = [np.zeros(0, dtype=np.intp)]
+        self._photos(equations)
+        if layers.in_fronts:
+            self._points(equations)
+        node, position, column = (
+            np.concatenate([np.zeros(0, dtype=np.intp), *x])
+            for x in (self._nodes, self._positions, self._columns)
+        )
+        self.width = max(int(position.max(initial=-1)) + 1, 1)
+        """Number of columns of a node."""
+        columns = np.full((self.n, self.width), -1, dtype=np.intp)
+        columns[node, position] = column
+        border = np.concatenate(self._border)
+        self.side = len(border)
+        """Number of columns of the border."""
+        self.columns: Index = np.concatenate([columns.ravel(), border])
+        """Unknown at each place of the reduced system, −1 for held components and padding."""
+        self.place_of: Index = np.full(layers.unknowns.n_columns, -1, dtype=np.intp)
+        """Place of each unknown in the reduced system, −1 for others."""
+        on = self.columns >= 0
+        self.place_of[self.columns[on]] = np.flatnonzero(on)
+        self.held: Mask = ~on
+        """Places that are held or padding."""
+        self._structure: tuple[bytes, Pattern, list[Front]] | None = None
+
+    def _put(self, node: Index, position: Index, column: Index) -> None:
+        """Put columns at positions in nodes, (k,) each."""
+        self._nodes.append(node)
+        self._positions.append(position)
+        self._columns.append(column)
+
+    def _photos(self, equations: Equations) -> None:
+        """Give every photo a node and every shared calibration columns of the border."""
+        unknowns = self.layers.unknowns
+        pose, lens = unknowns["pose"], unknowns["calibration"]
+        free = unknowns.free & self.layers.cameras
+        photos: dict[int, tuple[int, int]] = {}
+        for place in equations.rays:
+            (_, photo), (_, calibration), (_, point) = equations.blocks[place].variables
+            keep = self.layers.reduced[point]
+            if self.layers.in_fronts:
+                keep = np.ones(len(point), dtype=bool)
+            numbers, first = np.unique(photo[keep], return_index=True)
+            cameras = calibration[keep][first]
+            for f, k in zip(numbers.tolist(), cameras.tolist(), strict=True):
+                photos[f] = (k, place)
+        self.photos: Index = np.array(sorted(photos), dtype=np.intp)
+        """Number of the photo of each of the first nodes."""
+        self.node: dict[VariableKind, Index] = {"pose": np.full(len(pose.names), -1, dtype=np.intp)}
+        """Node of each variable, by kind; −1: none."""
+        self.node["pose"][self.photos] = np.arange(len(self.photos))
+        self.cameras: list[Camera] = []
+        self.camera_of: dict[int, int] = {}
+        """Place of each shared calibration in ``cameras``."""
+        self.n = len(self.photos)
+        """Number of nodes."""
+        at = 0
+        for node, f in enumerate(self.photos.tolist()):
+            k, place = photos[f]
+            chunks = equations.rays[place]
+            own = _free_columns(free, int(pose.offset[f]), np.arange(6))
+            of_lens = _free_columns(free, int(lens.offset[k]), chunks.lens_free)
+            if k in chunks.alone:
+                own = np.concatenate([own, of_lens])
+            elif k not in self.camera_of:
+                self.camera_of[k] = len(self.cameras)
+                self.cameras.append(Camera(k, slice(at, at + len(of_lens))))
+                self._border.append(of_lens)
+                at += len(of_lens)
+            self._put(np.full(len(own), node), np.arange(len(own)), own)
+
+    def _points(self, equations: Equations) -> None:
+        """Give every terrestrial point a node; other unknowns stand there or in the border."""
+        unknowns = self.layers.unknowns
+        table = unknowns["point"]
+        mine = np.flatnonzero((table.offset >= 0) & ~self.layers.reduced)
+        mine = mine[self.layers.cameras[table.offset[mine]]]
+        node = np.full(len(table.names), -1, dtype=np.intp)
+        node[mine] = self.n + np.arange(len(mine))
+        self.node["point"] = node
+        self.n += len(mine)
+        places = table.offset[mine, None] + np.arange(3)
+        columns = np.where(unknowns.free[places], places, -1)
+        self._put(np.repeat(node[mine], 3), np.tile(np.arange(3), len(mine)), columns.ravel())
+        filled = np.full(self.n, 3, dtype=np.intp)
+        for kind, other in unknowns.tables.items():
+            on = np.flatnonzero((other.offset >= 0) & self.layers.cameras[other.offset])
+            if kind in ("point", "pose") or not len(on):
+                continue
+            if kind == "calibration":  # photos have brought those that are used
+                continue
+            of_point = UNKNOWNS[kind].at_point
+            at = node[places_of(equations, kind, on)] if of_point else np.full(len(on), -1)
+            for number in on[at < 0].tolist():
+                size = np.arange(other.size[number])
+                self._border.append(_free_columns(unknowns.free, int(other.offset[number]), size))
+            on, at = on[at >= 0], at[at >= 0]
+            order = np.argsort(at, kind="stable")
+            on, at = on[order], at[order]
+            first = np.searchsorted(at, at)
+            largest = int(other.size[on].max(initial=0))
+            start = filled[at] + (np.arange(len(at)) - first) * largest
+            np.add.at(filled, at, largest)
+            for c in range(largest):
+                has = c < other.size[on]
+                column = other.offset[on[has]] + c
+                column = np.where(unknowns.free[column], column, -1)
+                self._put(at[has], start[has] + c, column)
+
+    def places(self, kind: VariableKind, numbers: Index) -> Index:
+        """Return the place of every component of some variables (m, k); −1: held, or none."""
+        table = self.layers.unknowns[kind]
+        offset = table.offset[numbers][:, None] + np.arange(table.free.shape[1])
+        has = (table.offset[numbers] >= 0)[:, None]
+        has = has & (np.arange(table.free.shape[1]) < table.size[numbers][:, None])
+        return np.where(has, self.place_of[np.where(has, offset, 0)], -1)
+
+    def positions(self, state: State) -> Array:
+        """Return the projection centres and points of the nodes, (n, 3) metres."""
+        centres = state["pose"][self.photos, 9:]
+        if "point" not in self.node:
+            return np.asarray(centres)
+        return np.concatenate([centres, state["point"][self.node["point"] >= 0]])
+
+    # -- the reduced system -----------------------------------------------------------------------
+
+    def structure(self, pairs: Index, positions: Array) -> tuple[Pattern, list[Front]]:
+        """Return the blocks of the reduced system and its fronts; they are made once.
+
+        Args:
+            pairs: pairs of nodes with a block, the first one smaller, n a + b each, (p,).
+            positions: where the nodes are, (n, 3), metres.
+        """
+        if self._structure is None or self._structure[0] != pairs.tobytes():
+            first, second = np.divmod(np.unique(pairs), max(self.n, 1))
+            pattern = Pattern(self.n, self.width, self.side, first, second)
+            self._structure = (pairs.tobytes(), pattern, dissect(pattern, positions))
+        return self._structure[1:]
+
+    def add_diagonal(self, matrix: BlockMatrix, extra: Array) -> None:
+        """Add terms (n_columns,) to the diagonal, in place."""
+        added = np.where(self.held, 0.0, extra[np.maximum(self.columns, 0)])
+        n, w = self.n, self.width
+        i, j = np.arange(w), np.arange(self.side)
+        matrix.diagonal[:, i, i] += added[: n * w].reshape(n, w)
+        matrix.corner[j, j] += added[n * w :]
+
+    def hold(self, matrix: BlockMatrix) -> None:
+        """Give held places a one on the diagonal and zeros elsewhere, in place."""
+        if not self.held.any():
+            return
+        n, w = self.n, self.width
+        free = (~self.held).astype(float)
+        nodes, border = free[: n * w].reshape(n, w), free[n * w :]
+        first, second = matrix.pattern.first, matrix.pattern.second
+        matrix.diagonal *= nodes[:, :, None] * nodes[:, None, :]
+        matrix.pairs *= nodes[first][:, :, None] * nodes[second][:, None, :]
+        matrix.side *= nodes[:, :, None] * border
+        matrix.corner *= border[:, None] * border
+        i, j = np.arange(w), np.arange(self.side)
+        matrix.diagonal[:, i, i] += 1.0 - nodes
+        matrix.corner[j, j] += 1.0 - border
+
+
+def _free_columns(free: Mask, offset: int, components: Index) -> Index:
+    """Return the columns of components of a variable; −1 for held ones."""
+    if offset < 0:
+        return np.full(len(components), -1, dtype=np.intp)
+    columns = offset + components
+    return np.where(free[columns], columns, -1).astype(np.intp)

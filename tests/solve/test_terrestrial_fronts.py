@@ -1,0 +1,115 @@
+"""The terrestrial side in dense fronts is what GTSAM eliminates by QR.
+
+Large networks are eliminated so; here every network is, whatever its size.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
+from factorgraph_adj.solve import elimination
+from tests.benchmarks.grids import simulate_grid, simulate_mixed
+from tests.networks.adjusted import ADJUSTED
+
+LARGE = ("AICON", "Roma", "Ladybug, a cut")
+"""Networks whose terrestrial side is empty or small; the others show more in less time."""
+NAMES = [name for name in ADJUSTED if name not in LARGE]
+TREE_OF_PHOTOS = {"images, free", "aerial block", "camcal, free", "held photos"}
+"""Networks without a terrestrial side."""
+
+
+@pytest.fixture
+def in_fronts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(elimination, "LARGEST_TREE", 0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_network_has_the_same_adjustment(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Estimates to 1e-6 σ, covariances to 1e-6, redundancy numbers and their parts to 1e-8."""
+    network = ADJUSTED[name]()
+    by_qr = fga.adjust(network)
+    expected = fga.reliability(by_qr)
+    covariances = by_qr.point_covariances
+    monkeypatch.setattr(elimination, "LARGEST_TREE", 0)
+    solution = fga.adjust(network)
+    assert solution.converged == by_qr.converged
+    assert not solution.solver.qr_everywhere
+    found = fga.reliability(solution)
+    sigma = np.sqrt(np.einsum("pii->pi", covariances))
+    moved = np.abs(solution.state["point"] - by_qr.state["point"])
+    assert np.all(moved <= 1e-6 * sigma + 1e-11 * (1.0 + np.abs(by_qr.state["point"])))
+    scale = np.maximum(sigma[:, :, None] * sigma[:, None, :], np.max(sigma) ** 2 * 1e-6)
+    assert np.max(np.abs(solution.point_covariances - covariances) / scale, initial=0.0) < 1e-6
+    for a, b in (
+        (found.redundancy_numbers, expected.redundancy_numbers),
+        (found.e1, expected.e1),
+        (found.e2, expected.e2),
+    ):
+        np.testing.assert_allclose(a, b, atol=1e-8)
+
+
+def test_some_of_these_networks_have_a_terrestrial_side(in_fronts: None) -> None:
+    """Otherwise the comparison would show nothing."""
+    count = 0
+    for name in ("gnss", "total station, free, verticals", "combined block", "own cameras"):
+        solution = fga.adjust(ADJUSTED[name]())
+        count += solution.solver.layers.in_fronts
+    assert count == 4
+
+
+@pytest.mark.parametrize("datum", ["given", "free"])
+def test_a_grid_is_cut_into_small_fronts(datum: str, in_fronts: None) -> None:
+    network = simulate_grid(1, points=900).network
+    if datum == "free":
+        network.points = {n: fga.Point(p.name, p.coordinates) for n, p in network.points.items()}
+        network.datum = "free"
+    solution = fga.adjust(network)
+    assert solution.converged
+    fronts = solution.factor.fronts
+    assert fronts is not None
+    assert len(fronts.fronts) > 30 and max(f.size for f in fronts.fronts) < 90
+    rel = fga.reliability(solution)
+    assert rel.redundancy_numbers.sum() == pytest.approx(solution.redundancy, abs=1e-7)
+
+
+def test_photos_over_a_grid_share_its_fronts(in_fronts: None) -> None:
+    """Terrestrial points tie photos that are far from one another."""
+    network = simulate_mixed(1, points=200).network
+    solution = fga.adjust(network)
+    assert solution.converged and solution.solver.layers.in_fronts
+    a = solution.normal().system.times(np.eye(solution.equations.unknowns.n_columns))
+    free = solution.equations.unknowns.free
+    q = np.linalg.inv(a[:, free].T @ a[:, free])
+    hat = np.einsum("ij,jk,ik->i", a[:, free], q, a[:, free], optimize=True)
+    found = fga.reliability(solution).redundancy_numbers
+    np.testing.assert_allclose(found, 1.0 - hat, atol=1e-8)
+
+
+def test_what_is_not_determined_is_named(in_fronts: None) -> None:
+    network = fga.Network("traverse")
+    for name, at in (("A", (0.0, 0.0, 0.0)), ("B", (100.0, 0.0, 0.0)), ("C", (50.0, 80.0, 0.0))):
+        network.add_point(name, at, fixed="xyz" if name != "C" else "z")
+    network.add_point("D", (150.0, 80.0, 0.0), fixed="z")
+    for target in "BC":
+        network.add(Direction("A", target, 0.5, sigma=1e-5))
+    network.add(SlopeDistance("A", "C", 94.0, sigma=0.001))
+    network.add(SlopeDistance("C", "D", 100.0, sigma=0.001))
+    with pytest.raises(fga.DatumError, match=r"point 'D' is not determined \(1 slope distance"):
+        fga.adjust(network)
+    levels = fga.Network("levels")
+    for name in "AB":
+        levels.add_point(name, (0.0, 0.0, 5.0), fixed="xy")
+    levels.add(HeightDifference("A", "B", 0.0, sigma=0.001))
+    with pytest.raises(fga.DatumError, match="missing shift in z"):
+        fga.adjust(levels)
+
+
+def test_what_stands_nowhere_keeps_gtsam(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Very many distance meters would be very many full columns."""
+    monkeypatch.setattr(elimination, "LARGEST_TREE", 0)
+    monkeypatch.setattr(elimination, "MOST_SPREAD", -1)
+    solution = fga.adjust(simulate_grid(1, points=25).network)
+    assert solution.converged and not solution.solver.layers.in_fronts
