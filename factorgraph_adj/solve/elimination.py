@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import gtsam
 
 
-LARGEST_TREE = 3000
+LARGEST_TREE = 1000
 """Number of variables above which the terrestrial side is eliminated in dense fronts by Cholesky.
 GTSAM's QR keeps twice the digits; in large networks its cost for each variable counts."""
 MOST_SPREAD = 60
