@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
     from .solve.batch import adjust
+    from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
     from .version import __version__
@@ -112,6 +113,7 @@ __all__ = [
     "estimate_variance_components",
     "exclude_insignificant",
     "find_sparable",
+    "memory_needed",
     "plan",
     "predict",
     "propose",
@@ -180,6 +182,7 @@ _MODULES = {
     "estimate_variance_components": "quality.variance_components",
     "exclude_insignificant": "quality.exclusion",
     "find_sparable": "planning.spare",
+    "memory_needed": "solve.memory",
     "plan": "planning.plan",
     "predict": "quality.prediction",
     "propose": "planning.propose",

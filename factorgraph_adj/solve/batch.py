@@ -17,6 +17,7 @@ from .datum import FreeDatum
 from .determine import refuse_unnoticed
 from .free_network import carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
+from .memory import refuse_too_large
 from .run import Run
 from .sides import refuse_points_behind
 from .solution import Solution
@@ -65,8 +66,8 @@ def adjust(
         The solution; its ``converged`` and ``reason`` say how the iteration ended.
 
     Raises:
-        InputError: an observation cannot be computed, a point lies behind a camera, or there is
-            nothing to adjust; the error names all of them at once.
+        InputError: an observation cannot be computed, a point lies behind a camera, there is
+            nothing to adjust, or too little memory; the error names all of them at once.
         ApproximationError: the points, photos or sets that it names have no approximate values.
         DatumError: the observations do not determine the unknowns that it names, or the network
             has datum defects and no free network is asked for.
@@ -131,6 +132,8 @@ def _minimise(
     for _ in range(MOST_WEIGHINGS):
         equations = weighed if weights is None else weighed.reweighted(weights)
         run = Run.at(equations, state, start.origin, free=free, factors=factors)
+        if not iterations:
+            refuse_too_large(run.solver.plan, equations, state)
         most = max_iterations - iterations
         ended = iterate(
             run, tolerance=tolerance, max_iterations=most, earlier=iterations, progress=progress

@@ -59,6 +59,7 @@ class Factor:
 
     uncertainty: float = 0.0
     """Relative error of variances that random probes have shown, see `trust`; zero before them."""
+    _inner: Array | None = None
     points: ReducedPoints | None = None
     """The first layer; none: it is empty."""
     nodes: Nodes | None = None
@@ -179,16 +180,24 @@ class Factor:
         free = (~self.nodes.held).astype(float)
         return out if free.all() else out.scaled(free)
 
-    @cached_property
     def ray_covariances(self) -> RayCovariances | None:
-        """Joint covariances of the first layer with the third; none: there is no first layer."""
-        return None if self.points is None else self.points.joint(self.inverse)
+        """Return the joint covariances of the first layer with the third; none: it is empty.
+
+        They have 24 numbers for each ray, and are not kept.
+        """
+        if self.points is None:
+            return None
+        joint = self.points.joint(self.inverse)
+        self._inner = joint.inner
+        return joint
 
     def point_covariances(self) -> Array:
         """Return the covariance of every point of the first layer, (p, 3, 3)."""
-        if self.points is None or self.ray_covariances is None:
+        if self.points is None:
             return np.zeros((0, 3, 3))
-        return self.points.covariances(self.ray_covariances.inner)
+        if self._inner is None:
+            self._inner = self.points.joint(self.inverse).inner
+        return self.points.covariances(self._inner)
 
     @cached_property
     def selected(self) -> SelectedInverse:

@@ -139,6 +139,7 @@ def iterate(
         if stop.in_vain:
             return _in_vain(run, stop, iteration, vtpv)
         damping = damping.relaxed(judged.gain, bound)
+        del normal  # or two linearisations are in memory at once
     total = earlier + max_iterations
     reason = f"not at rest after {total} iterations: the last step was {stop.last:.2g} σ"
     return Ended(max_iterations, False, reason, vtpv)

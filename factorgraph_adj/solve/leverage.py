@@ -99,7 +99,7 @@ def leverages(system: LinearSystem, factor: Factor, transform: STransform | None
             depend on the datum; the parts of single unknowns do.
     """
     inverse = factor.selected
-    reduced = factor.ray_covariances
+    reduced = factor.ray_covariances()
     blocks = []
     parts = _split(system, reduced, factor)
     for place, lb in enumerate(system.blocks):

@@ -64,7 +64,7 @@ class Nodes:
         self.place_of[self.columns[on]] = np.flatnonzero(on)
         self.held: Mask = ~on
         """Places that are held or padding."""
-        self._structure: tuple[bytes, Pattern, list[Front]] | None = None
+        self._structure: tuple[Index, Pattern, list[Front]] | None = None
 
     def _put(self, node: Index, position: Index, column: Index) -> None:
         """Put columns at positions in nodes, (k,) each."""
@@ -174,10 +174,11 @@ class Nodes:
             pairs: pairs of nodes with a block, the first one smaller, n a + b each, (p,).
             positions: where the nodes are, (n, 3), metres.
         """
-        if self._structure is None or self._structure[0] != pairs.tobytes():
-            first, second = np.divmod(np.unique(pairs), max(self.n, 1))
+        codes = np.unique(pairs)
+        if self._structure is None or not np.array_equal(self._structure[0], codes):
+            first, second = np.divmod(codes, max(self.n, 1))
             pattern = Pattern(self.n, self.width, self.side, first, second)
-            self._structure = (pairs.tobytes(), pattern, dissect(pattern, positions))
+            self._structure = (codes, pattern, dissect(pattern, positions))
         return self._structure[1:]
 
     def add_diagonal(self, matrix: BlockMatrix, extra: Array) -> None:
