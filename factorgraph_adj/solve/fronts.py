@@ -20,6 +20,7 @@ from scipy.linalg import blas, lapack
 from ..types import Array, Index
 from .dissection import Front, Pattern
 from .singular import SingularError
+from .triangular import lower_solve
 
 
 @dataclass
@@ -256,8 +257,5 @@ def _inverse(root: Array) -> Array:
 
 
 def _lower(root: Array, b: Array, *, transposed: bool = False) -> Array:
-    """Return L⁻¹ b, or L⁻ᵀ b."""
-    if not b.size:
-        return b
-    x, _ = lapack.dtrtrs(root, b, lower=1, trans=int(transposed))
-    return np.asarray(x)
+    """Return L⁻¹ b, or L⁻ᵀ b; BLAS takes no empty arrays."""
+    return lower_solve(root, b, transposed=transposed) if b.size else b

@@ -5,7 +5,9 @@ The photos are nodes of the reduced system, see `factorgraph_adj.solve.nodes`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -143,3 +145,17 @@ class Rays:
     def pair_codes(self) -> Index:
         """Pairs of nodes with common points, n a + b each, (p,)."""
         return np.asarray(self.pair_first * self.places.n + self.pair_second, dtype=np.intp)
+
+    def by_first(self) -> Iterator[tuple[list[tuple[int, int, int]], slice]]:
+        """Iterate over the first nodes of pairs.
+
+        Yields:
+            Number of each pair of the node, with the first and the end of its rays counted from the
+            first ray of the node; and all these rays in ``left`` and ``right``.
+        """
+        starts, stops = self.pair_starts.tolist(), self.pair_stops.tolist()
+        for first, last in pairwise(self.of_first.tolist()):
+            if first < last:
+                start = starts[first]
+                pairs = [(i, starts[i] - start, stops[i] - start) for i in range(first, last)]
+                yield pairs, slice(start, stops[last - 1])

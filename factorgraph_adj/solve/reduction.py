@@ -8,7 +8,6 @@ that share points. The index lists (`Rays`) are the same in all iterations.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -101,17 +100,11 @@ class ReducedPoints:
         rays, w = self.rays, self.rays.width
         found = np.empty((len(rays.pair_first), w, w))
         flat = self.w.reshape(-1, 3 * w)
-        starts, stops = rays.pair_starts.tolist(), rays.pair_stops.tolist()
-        for first, last in pairwise(rays.of_first.tolist()):
-            if first == last:
-                continue
-            start = starts[first]
-            both = slice(start, stops[last - 1])
+        for pairs, both in rays.by_first():
             left = np.take(flat, rays.left[both], axis=0).reshape(-1, w).T
             right = np.take(flat, rays.right[both], axis=0).reshape(-1, w)
-            for i in range(first, last):
-                s, t = 3 * (starts[i] - start), 3 * (stops[i] - start)
-                np.matmul(left[:, s:t], right[s:t], out=found[i])
+            for i, s, t in pairs:
+                np.matmul(left[:, 3 * s : 3 * t], right[3 * s : 3 * t], out=found[i])
         out.pairs[out.find(rays.pair_first, rays.pair_second)] = -found
 
     # -- use ----------------------------------------------------------------------------------
@@ -211,17 +204,11 @@ class ReducedPoints:
         rays, w = self.rays, self.rays.width
         place = inverse.find(rays.pair_first, rays.pair_second)
         rows, out = self.w.reshape(-1, 3 * w), m.reshape(-1, 3 * w)
-        starts, stops = rays.pair_starts.tolist(), rays.pair_stops.tolist()
-        for first, last in pairwise(rays.of_first.tolist()):
-            if first == last:
-                continue
-            start = starts[first]
-            both = slice(start, stops[last - 1])
+        for pairs, both in rays.by_first():
             left, right = rays.left[both], rays.right[both]
             of_left, of_right = np.take(rows, left, axis=0), np.take(rows, right, axis=0)
             to_right = np.empty_like(of_right)
-            for i in range(first, last):
-                s, t = starts[i] - start, stops[i] - start
+            for i, s, t in pairs:
                 block = inverse.pairs[place[i]]
                 to_right[s:t] = (of_left[s:t].reshape(-1, w) @ block).reshape(-1, 3 * w)
                 # A point is once in a photo: no ray comes twice in a pair.
