@@ -25,8 +25,10 @@ CHUNK = 12_000_000
 """Bytes of what the evaluation of one chunk of rays takes for a moment."""
 POINT = 900
 """Bytes of the factors, cross products and right sides of each object point."""
-ROW = 500
-"""Bytes of the partials, products and index lists of each terrestrial row."""
+ROW = 300
+"""Bytes of the partials and index lists of each terrestrial row."""
+PRODUCTS = 24
+"""Bytes of the products of each terrestrial row, for each element of a block."""
 ROW_OF_RELIABILITY = 2000
 """Bytes of the leverages, tests and detectable errors of each terrestrial row."""
 OF_RAY = 30
@@ -79,7 +81,7 @@ def memory_of(plan: Plan, equations: Equations, state: State) -> Memory:
         rays = sum(c.block.n for c in equations.rays.values())
         columns = 2 * max(8 + len(c.lens_free) for c in equations.rays.values())
     rows = equations.n_rows - 2 * rays
-    fronts = points = 0
+    fronts = points = side = 0
     if plan.nodes is not None:
         width = plan.nodes.width
         codes = [np.zeros(0, dtype=np.intp)]
@@ -94,11 +96,15 @@ def memory_of(plan: Plan, equations: Equations, state: State) -> Memory:
         # Factors, and what waits for the parent at the same time: at most once more.
         fronts = 2 * sum(own * whole for own, whole in sizes) + max((w * w for _, w in sizes))
     w = 3 * width * rays * NUMBER
+    of_rays = rays * (columns * NUMBER + LISTS) + (CHUNK if rays else 0)
     return Memory(
-        partials=rays * (columns * NUMBER + LISTS) + rows * ROW + (CHUNK if rays else 0),
-        points=points * POINT + w + pairs * NUMBER,
+        partials=of_rays + rows * (ROW + PRODUCTS * width**2),
+        points=points * (POINT + 6 * side * NUMBER) + w + pairs * NUMBER,
         fronts=fronts * NUMBER,
-        reliability=w + rays * OF_RAY * NUMBER + rows * ROW_OF_RELIABILITY,
+        reliability=w
+        + rays * OF_RAY * NUMBER
+        + 6 * points * side * NUMBER
+        + rows * ROW_OF_RELIABILITY,
     )
 
 

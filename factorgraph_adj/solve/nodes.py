@@ -2,8 +2,9 @@
 
 A photo with the calibration that no other photo has is a node. Where the terrestrial side is
 eliminated in dense fronts too (`Layers.in_fronts`), each of its points is a node, together with the
-orientation unknowns and the vertical at the point. What touches everything is the border:
-calibrations that several photos share, distance meters, refraction.
+orientation unknowns and the vertical at the point; further ones, and those at held points, are
+nodes of their own. What touches everything is the border: calibrations that several photos share,
+distance meters, refraction.
 """
 
 from __future__ import annotations
@@ -13,13 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..graph.equations import Equations
-from ..graph.variables import State
+from ..graph.variables import State, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index, Mask
 from .datum import places_of
 from .dissection import Front, Pattern, dissect
 from .elimination import Layers
 from .fronts import BlockMatrix
+
+WIDEST = 8
+"""Largest number of columns of the node of a point: its coordinates, and some unknowns at it."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,7 @@ class Nodes:
         self._positions: list[Index] = []
         self._columns: list[Index] = []
         self._border: list[Index] = [np.zeros(0, dtype=np.intp)]
+        self._stands: list[Index] = []
         self._photos(equations)
         if layers.in_fronts:
             self._points(equations)
@@ -65,6 +70,10 @@ class Nodes:
         self.held: Mask = ~on
         """Places that are held or padding."""
         self._structure: tuple[Index, Pattern, list[Front]] | None = None
+        lost = np.flatnonzero(layers.cameras & layers.unknowns.free & (self.place_of < 0))
+        if len(lost):
+            kind, name, component = layers.unknowns.describe(int(lost[0]))
+            raise AssertionError(f"{kind} {name!r} {component} has no place: please report this")
 
     def _put(self, node: Index, position: Index, column: Index) -> None:
         """Put columns at positions in nodes, (k,) each."""
@@ -77,7 +86,10 @@ class Nodes:
         unknowns = self.layers.unknowns
         pose, lens = unknowns["pose"], unknowns["calibration"]
         free = unknowns.free & self.layers.cameras
-        photos: dict[int, tuple[int, int]] = {}
+        photos: dict[int, tuple[int, int] | None] = {}
+        if self.layers.in_fronts:  # photos without rays are unknowns too
+            on = np.flatnonzero(pose.offset >= 0)
+            photos |= dict.fromkeys(on[self.layers.cameras[pose.offset[on]]].tolist())
         for place in equations.rays:
             (_, photo), (_, calibration), (_, point) = equations.blocks[place].variables
             keep = self.layers.reduced[point]
@@ -99,17 +111,19 @@ class Nodes:
         """Number of nodes."""
         at = 0
         for node, f in enumerate(self.photos.tolist()):
-            k, place = photos[f]
-            chunks = equations.rays[place]
             own = _free_columns(free, int(pose.offset[f]), np.arange(6))
-            of_lens = _free_columns(free, int(lens.offset[k]), chunks.lens_free)
-            if k in chunks.alone:
-                own = np.concatenate([own, of_lens])
-            elif k not in self.camera_of:
-                self.camera_of[k] = len(self.cameras)
-                self.cameras.append(Camera(k, slice(at, at + len(of_lens))))
-                self._border.append(of_lens)
-                at += len(of_lens)
+            camera = photos[f]
+            if camera is not None:
+                k, place = camera
+                chunks = equations.rays[place]
+                of_lens = _free_columns(free, int(lens.offset[k]), chunks.lens_free)
+                if k in chunks.alone:
+                    own = np.concatenate([own, of_lens])
+                elif k not in self.camera_of:
+                    self.camera_of[k] = len(self.cameras)
+                    self.cameras.append(Camera(k, slice(at, at + len(of_lens))))
+                    self._border.append(of_lens)
+                    at += len(of_lens)
             self._put(np.full(len(own), node), np.arange(len(own)), own)
 
     def _points(self, equations: Equations) -> None:
@@ -125,30 +139,60 @@ class Nodes:
         places = table.offset[mine, None] + np.arange(3)
         columns = np.where(unknowns.free[places], places, -1)
         self._put(np.repeat(node[mine], 3), np.tile(np.arange(3), len(mine)), columns.ravel())
+        self._stands.append(mine)
         filled = np.full(self.n, 3, dtype=np.intp)
+        placed = np.zeros(unknowns.n_columns + 1, dtype=bool)
+        placed[np.concatenate(self._columns + self._border)] = True  # −1 is the last one
         for kind, other in unknowns.tables.items():
-            on = np.flatnonzero((other.offset >= 0) & self.layers.cameras[other.offset])
+            on = np.flatnonzero(other.offset >= 0)
+            on = on[self.layers.cameras[other.offset[on]]]
+            if kind == "calibration":  # photos have brought those that are used
+                every = np.arange(other.free.shape[1])
+                columns = np.minimum(other.offset[on][:, None] + every, unknowns.n_columns - 1)
+                has = every < other.size[on][:, None]
+                on = on[~(placed[columns] & has).any(axis=1)]
             if kind in ("point", "pose") or not len(on):
                 continue
-            if kind == "calibration":  # photos have brought those that are used
+            if UNKNOWNS[kind].at_point:
+                self._at_points(other, on, places_of(equations, kind, on), node, filled)
+                filled = np.concatenate([filled, np.full(self.n - len(filled), WIDEST)])
                 continue
-            of_point = UNKNOWNS[kind].at_point
-            at = node[places_of(equations, kind, on)] if of_point else np.full(len(on), -1)
-            for number in on[at < 0].tolist():
+            for number in on.tolist():
                 size = np.arange(other.size[number])
                 self._border.append(_free_columns(unknowns.free, int(other.offset[number]), size))
-            on, at = on[at >= 0], at[at >= 0]
-            order = np.argsort(at, kind="stable")
-            on, at = on[order], at[order]
-            first = np.searchsorted(at, at)
-            largest = int(other.size[on].max(initial=0))
-            start = filled[at] + (np.arange(len(at)) - first) * largest
-            np.add.at(filled, at, largest)
-            for c in range(largest):
-                has = c < other.size[on]
-                column = other.offset[on[has]] + c
-                column = np.where(unknowns.free[column], column, -1)
-                self._put(at[has], start[has] + c, column)
+
+    def _at_points(
+        self, table: Variables, on: Index, points: Index, node: Index, filled: Index
+    ) -> None:
+        """Put variables into the nodes of their points, or into nodes of their own.
+
+        Every node has the width of the widest one: a station with hundreds of sets of directions
+        must not make all others as wide. Held points have no node.
+
+        Args:
+            table: the variables of one kind.
+            on: numbers of the variables, (k,).
+            points: number of the point of each, (k,).
+            node: node of each point, −1: none.
+            filled: number of columns of each node, changed in place.
+        """
+        order = np.argsort(points, kind="stable")
+        on, points = on[order], points[order]
+        largest = int(table.size[on].max(initial=0))
+        at = node[points]
+        rank = np.arange(len(points)) - np.searchsorted(points, points)
+        start = np.where(at >= 0, filled[np.maximum(at, 0)] + rank * largest, 0)
+        alone = (at < 0) | (start + largest > max(WIDEST, 3 + largest))
+        start[alone] = 0
+        at = np.where(alone, self.n + np.cumsum(alone) - 1, at)
+        np.add.at(filled, at[~alone], largest)
+        self.n += int(alone.sum())
+        self._stands.append(points[alone])
+        free = self.layers.unknowns.free
+        for c in range(largest):
+            has = c < table.size[on]
+            column = table.offset[on[has]] + c
+            self._put(at[has], start[has] + c, np.where(free[column], column, -1))
 
     def places(self, kind: VariableKind, numbers: Index) -> Index:
         """Return the place of every component of some variables (m, k); −1: held, or none."""
@@ -161,9 +205,7 @@ class Nodes:
     def positions(self, state: State) -> Array:
         """Return the projection centres and points of the nodes, (n, 3) metres."""
         centres = state["pose"][self.photos, 9:]
-        if "point" not in self.node:
-            return np.asarray(centres)
-        return np.concatenate([centres, state["point"][self.node["point"] >= 0]])
+        return np.concatenate([centres, *(state["point"][p] for p in self._stands)])
 
     # -- the reduced system -----------------------------------------------------------------------
 

@@ -161,6 +161,7 @@ def undetermined(
     lines, names = [], []
     concerned: list[tuple[str, str]] = []
     motions = _motions(scale, defects)
+    at_least = "at least " if z.shape[1] >= MOST else ""
     z = _beside(z, motions)
     if z.shape[1] == 0 and known is not None:
         z = _beside(known, motions)
@@ -188,7 +189,6 @@ def undetermined(
     total = n_datum + z.shape[1]
     if total == 0:
         return None
-    at_least = "at least " if z.shape[1] >= MOST else ""
     head = f"the network is not determined: {at_least}{total} defect{'s' * (total > 1)}"
     message = "\n  ".join([head, *lines])
     return DatumError(message, defect=total, names=names, unknowns=concerned)

@@ -9,10 +9,19 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
+from factorgraph_adj.models.lens import BrownLens
+from factorgraph_adj.observations import (
+    Direction,
+    HeightDifference,
+    PhotoPosition,
+    SlopeDistance,
+)
+from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.solve import elimination
+from factorgraph_adj.solve.nodes import WIDEST
 from tests.benchmarks.grids import simulate_grid, simulate_mixed
 from tests.networks.adjusted import ADJUSTED
+from tests.networks.small_block import small_block
 
 LARGE = ("AICON", "Roma", "Ladybug, a cut")
 """Networks whose terrestrial side is empty or small; the others show more in less time."""
@@ -105,6 +114,65 @@ def test_what_is_not_determined_is_named(in_fronts: None) -> None:
     levels.add(HeightDifference("A", "B", 0.0, sigma=0.001))
     with pytest.raises(fga.DatumError, match="missing shift in z"):
         fga.adjust(levels)
+
+
+def test_photos_without_rays_and_cameras_without_photos_are_unknowns_too(in_fronts: None) -> None:
+    """A photo with a weighted pose and an observed position, a weighted camera that nobody uses."""
+    network = small_block(4)
+    network.add_camera("spare", BrownLens(), {"c": 30.0}, free=("c",), sigma={"c": 0.5})
+    at = (5.0, 5.0, 9.0)
+    network.add_photo(
+        "G", "spare", position=at, rotation=np.eye(3), sigma_position=0.05, sigma_attitude=1e-3
+    )
+    network.add(PhotoPosition("G", (5.15, 5.0, 9.0), sigma=(0.05,) * 3))
+    solution = fga.adjust(network)
+    assert solution.converged and solution.solver.layers.in_fronts
+    # Both say the same of x, with equal weights.
+    np.testing.assert_allclose(solution.pose("G").position, [5.075, 5.0, 9.0], atol=1e-9)
+    found = solution.variable_covariance(("pose", "G"))
+    np.testing.assert_allclose(np.sqrt(np.diag(found)[3:]), 0.05 / np.sqrt(2.0), rtol=1e-9)
+    assert solution.calibration("spare").sigmas[0] == pytest.approx(0.5)
+    rel = fga.reliability(solution)
+    assert rel.redundancy_numbers.sum() == pytest.approx(solution.redundancy, abs=1e-8)
+
+
+def stations(*, held: bool, sets: int) -> fga.Network:
+    """Return twelve stations around points, with several sets of directions at each."""
+    rng = np.random.default_rng(4)
+    network = fga.Network("sets")
+    points = rng.uniform(-20.0, 20.0, (15, 2))
+    for i, (x, y) in enumerate(points.tolist()):
+        network.add_point(f"P{i}", (x, y, 0.0), fixed="z")
+    turn = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
+    for k, (x, y) in enumerate(60.0 * np.stack([np.cos(turn), np.sin(turn)], 1)):
+        fixed = "xyz" if held or k < 3 else "z"
+        network.add_point(f"S{k}", (float(x), float(y), 0.0), fixed=fixed)
+        for number in range(sets):
+            name = f"{number}"
+            network.set_orientation(f"S{k}", set=name, value=0.3 * number)
+            some = range(number % 3, 15, 3) if sets > 1 else range(15)
+            for i in some:
+                network.add(Direction(f"S{k}", f"P{i}", 0.0, sigma=1e-5, set=name))
+    return measure(network, seed=2)
+
+
+@pytest.mark.parametrize("sets", [1, 30])
+@pytest.mark.parametrize("held", [True, False])
+def test_many_sets_make_many_nodes_and_none_of_them_wide(
+    held: bool, sets: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    network = stations(held=held, sets=sets)
+    by_qr = fga.adjust(network)
+    expected = fga.reliability(by_qr).redundancy_numbers
+    monkeypatch.setattr(elimination, "LARGEST_TREE", 0)
+    solution = fga.adjust(network)
+    nodes = solution.factor.nodes
+    assert nodes is not None and nodes.width <= WIDEST and nodes.side == 0
+    found = fga.reliability(solution).redundancy_numbers
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    for name in ("S0", "S5"):
+        a, b = (s.orientation(name).sigmas for s in (solution, by_qr))
+        np.testing.assert_allclose(a, b, rtol=1e-8)
 
 
 def test_what_stands_nowhere_keeps_gtsam(monkeypatch: pytest.MonkeyPatch) -> None:
