@@ -171,7 +171,7 @@ def test_many_sets_make_many_nodes_and_none_of_them_wide(
     found = fga.reliability(solution).redundancy_numbers
     np.testing.assert_allclose(found, expected, atol=1e-9)
     for name in ("S0", "S5"):
-        a, b = (s.orientation(name).sigmas for s in (solution, by_qr))
+        a, b = (s.orientation(name, "0").sigmas for s in (solution, by_qr))
         np.testing.assert_allclose(a, b, rtol=1e-8)
 
 
