@@ -51,10 +51,17 @@ class GroupRedundancy:
     """B (k, k)."""
     exact: bool
     """Whether S is exact, or estimated from random probes."""
+    probed: Array | None = None
+    """The estimate from the probes, (k + 1, k + 1); the last one is for rows without a group."""
 
 
 def group_redundancy(
-    solution: Solution, groups: ObservationGroups, *, seed: int = 0, exact: bool | None = None
+    solution: Solution,
+    groups: ObservationGroups,
+    *,
+    seed: int = 0,
+    exact: bool | None = None,
+    earlier: GroupRedundancy | None = None,
 ) -> GroupRedundancy:
     """Return q, r, S and B of groups of observations; correlated observations share a group.
 
@@ -69,13 +76,15 @@ def group_redundancy(
         groups: the group of each observation.
         seed: seed of the random signs.
         exact: whether S is computed exactly; None: up to `EXACT_ROWS` observations.
+        earlier: figures with other weights, whose probes serve again: what one group has in
+            another hardly changes, and r, q and B are those of the solution.
     """
     k = len(groups.names)
     system = solution.normal().system
     every = _with_extra(groups, system)
     if exact is None:
         exact = len(every.of_row) <= EXACT_ROWS
-    projector = None
+    projector, probed = None, None
     if exact:
         a = system.times(np.eye(system.unknowns.n_columns))
         projector = np.eye(len(a)) - a @ solution.factor.solve(a.T)
@@ -84,7 +93,9 @@ def group_redundancy(
         s = every.sums(np.ascontiguousarray(half.T))[:k, :k]
     else:
         redundancy = groups.sums(reliability(solution).redundancy_numbers)[:k]
-        probed = _by_probes(solution, every, np.random.default_rng(seed), FEW)
+        probed = None if earlier is None else earlier.probed
+        if probed is None:
+            probed = _by_probes(solution, every, np.random.default_rng(seed), FEW)
         s = _completed(probed, redundancy)
     v = np.zeros(len(every.of_row))
     v[: len(system.residual)] = system.residual
@@ -95,7 +106,7 @@ def group_redundancy(
         z = _project(solution, z) if projector is None else projector @ z
         average[:, chosen] = every.sums(v[:, None] * z)[:k]
     squares = every.sums(v * v)[:k]
-    return GroupRedundancy(squares, redundancy, s, average, exact)
+    return GroupRedundancy(squares, redundancy, s, average, exact, probed)
 
 
 def sharpened(
@@ -141,13 +152,14 @@ def _by_probes(
     """Return an estimate of S, (k + 1, k + 1); the last column is for rows without a group."""
     k = len(groups.names)
     out = np.zeros((k + 1, k + 1))
-    for number in range(k):
-        chosen = np.flatnonzero(groups.of_row == number)
-        for first in range(0, probes, AT_ONCE):
-            count = min(AT_ONCE, probes - first)
-            z = np.zeros((len(groups.of_row), count))
-            z[chosen] = rng.choice([-1.0, 1.0], (len(chosen), count))
-            out[number] += groups.sums(np.square(_project(solution, z))).sum(axis=1) / probes
+    of_group = [np.flatnonzero(groups.of_row == number) for number in range(k)]
+    every = [number for number in range(k) for _ in range(probes)]
+    for first in range(0, len(every), AT_ONCE):  # many groups have few probes each
+        chosen = every[first : first + AT_ONCE]
+        z = np.zeros((len(groups.of_row), len(chosen)))
+        for column, number in enumerate(chosen):
+            z[of_group[number], column] = rng.choice([-1.0, 1.0], len(of_group[number]))
+        np.add.at(out, chosen, groups.sums(np.square(_project(solution, z))).T / probes)
     # S_gh and S_hg estimate the same element; rows without a group, at the end, have no probes.
     out[:k, :k] = (out[:k, :k] + out[:k, :k].T) / 2.0
     return out

@@ -189,8 +189,9 @@ def estimate_variance_components(
     search = ComponentSearch(len(found.names))
     iterations = 1
     logarithms = search.logarithms.copy()
+    at: GroupRedundancy | None = None
     while True:
-        at = group_redundancy(solution, found, seed=seed)
+        at = group_redundancy(solution, found, seed=seed, earlier=at)
         changed = search.judge(at)
         bound = search.bound(at)
         if not changed and bound < tolerance:
