@@ -123,6 +123,24 @@ def layers_of(equations: Equations, *, reduce_points: bool, touched: Mask) -> La
     return Layers(unknowns, reduced, cameras, tuple(tree))
 
 
+def outside(equations: Equations, layers: Layers, place: int) -> Index:
+    """Return the observations of a block that are in no cluster and have no point of layer 1.
+
+    Args:
+        equations: the network.
+        layers: the layers.
+        place: place of the block in the network.
+    """
+    block = equations.blocks[place]
+    keep = np.ones(block.n, dtype=bool)
+    if place in equations.in_cluster:
+        keep[equations.in_cluster[place]] = False
+    for kind, index in block.variables:
+        if kind == "point":
+            keep &= ~layers.reduced[index]
+    return np.flatnonzero(keep)
+
+
 def _spread(tree: Sequence[tuple[VariableKind, int]]) -> int:
     """Return how many variables of a tree stand neither at a point nor in a photo."""
     placed = ("point", "pose", "calibration")

@@ -171,10 +171,11 @@ def onto_constraints(
 def _similarity(
     equations: Equations, state: State, start: State, defect: Defect, columns: Mask
 ) -> Array | None:
-    """Return the amounts of the similarity that makes |x − x₀|² least; none: there are fewer.
+    """Return the amounts of the similarity that makes |x − x₀|² least; none: it may not be used.
 
-    Rotation and scale by singular values, Umeyama (1991), eqs. 34 to 43. The datum points must have
-    all their coordinates, and only points and photos may move.
+    Singular values give rotation and scale (Umeyama 1991, eqs. 34 to 43). The similarity is used
+    where the network has all seven defects, where every datum point has all its coordinates, and
+    where only points and photos move.
     """
     unknowns = equations.unknowns
     moved = {k for k, _ in unknowns.active() if UNKNOWNS[k].motions is not None}

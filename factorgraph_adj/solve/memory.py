@@ -22,7 +22,7 @@ GIGABYTE = 1e9
 LISTS = 120
 """Bytes of the index lists and observed values of each ray."""
 CHUNK = 12_000_000
-"""Bytes of what the evaluation of one chunk of rays takes for a moment."""
+"""Bytes of the temporary arrays while one chunk of rays is evaluated."""
 POINT = 900
 """Bytes of the factors, cross products and right sides of each object point."""
 ROW = 300
@@ -34,7 +34,7 @@ ROW_OF_RELIABILITY = 2000
 OF_RAY = 30
 """Numbers of the reliability of each image point: its leverages, tests and detectable errors."""
 WORTH_SAYING = 1e8
-"""Bytes below which memory is not looked at."""
+"""Bytes below which an adjustment is not compared with the free memory."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def refuse_too_large(plan: Plan, equations: Equations, state: State) -> None:
     Raises:
         InputError: the adjustment takes more memory than is free; both figures are told.
     """
-    # Without pairs and fronts, which take long to count: a bound from below and quickly.
+    # Pairs and fronts take long to count; small networks are let through without them.
     rays = sum(c.block.n for c in equations.rays.values())
     if rays * 500 + equations.n_rows * ROW < WORTH_SAYING:
         return

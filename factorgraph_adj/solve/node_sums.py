@@ -2,7 +2,7 @@
 
 Each observation touches a few nodes, and columns of the border. Which nodes, and where the partials
 by each variable stand in them, is found once for a network (`NodeRows`); a linearisation then sums
-the products of whole blocks at once (`add_rows`).
+the products of whole blocks at once (`NodeRows.add_to`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 from ..graph.equations import Equations
 from ..models.variables import VariableKind
 from ..types import Array, Index, Mask
+from .elimination import outside
 from .fronts import BlockMatrix
 from .linear import LinearSystem
 from .linear_block import LinearBlock
@@ -85,13 +86,7 @@ class NodeRows:
         self.nodes = nodes
         self.blocks: list[BlockRows] = []
         for place, block in enumerate(equations.blocks):
-            keep = np.ones(block.n, dtype=bool)
-            if place in equations.in_cluster:
-                keep[equations.in_cluster[place]] = False
-            for kind, index in block.variables:
-                if kind == "point":
-                    keep &= ~nodes.layers.reduced[index]
-            rows = np.flatnonzero(keep)
+            rows = outside(equations, nodes.layers, place)
             if len(rows):
                 variables = tuple((kind, index[rows]) for kind, index in block.variables)
                 self.blocks.append(self._block(place, rows, variables))

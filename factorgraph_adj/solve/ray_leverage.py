@@ -16,7 +16,7 @@ from ..types import Array, Index
 from .fronts import BlockMatrix
 from .linear_rays import OF_POINT
 from .point_cholesky import PointCholesky
-from .rays import RayPart, Rays
+from .rays import RayPart
 from .reduction import RayCovariances, ReducedPoints
 
 
@@ -35,26 +35,6 @@ class RayLeverage(NamedTuple):
     """Q_p Aᵀ for the coordinates of the point, (m, 3, 2)."""
 
 
-def rows_of(rays: Rays, part: RayPart, starts: dict[tuple[int, int], int]) -> Index | slice:
-    """Return the numbers of the rays of a part in their block.
-
-    Args:
-        rays: the index lists.
-        part: the part.
-        starts: first ray of each chunk, by place of the block and number of the chunk.
-    """
-    first = starts[part.place, part.number]
-    if part.chosen is None:
-        return slice(first, first + part.rows.stop - part.rows.start)
-    return np.asarray(part.chosen + first, dtype=np.intp)
-
-
-def chunk_starts(rays: Rays, points: ReducedPoints) -> dict[tuple[int, int], int]:
-    """Return the first ray of each chunk in its block, by place of the block and number."""
-    every = points.system.equations.rays
-    return {(p.place, p.number): every[p.place].chunks[p.number].rows.start for p in rays.parts}
-
-
 def ray_leverages(
     points: ReducedPoints, joint: RayCovariances, inverse: BlockMatrix
 ) -> Iterator[RayLeverage]:
@@ -66,7 +46,6 @@ def ray_leverages(
         inverse: covariances of the cameras.
     """
     rays, system = points.rays, points.system
-    starts = chunk_starts(rays, points)
     for part in rays.parts:
         a = part.partials(system)
         m = a.shape[2]
@@ -98,8 +77,7 @@ def ray_leverages(
                 value = u[:, i] * ku[:, j] - z[:, i] * u[:, j]
                 hat[:, i, j] += value[0] + value[1] + value[2]
         own = points.cholesky.upper(ku, part.points)
-        rows = rows_of(rays, part, starts)
-        yield RayLeverage(part.place, rows, hat, others, own.transpose(2, 0, 1))
+        yield RayLeverage(part.place, part.in_block, hat, others, own.transpose(2, 0, 1))
 
 
 def _others(part: RayPart, a: Array, inverse: BlockMatrix, width: int, side: slice) -> Array:
@@ -129,12 +107,10 @@ def point_hats(
         points: the first layer.
         alone: factors of the normal matrices N of the points.
     """
-    rays = points.rays
-    starts = chunk_starts(rays, points)
-    for part in rays.parts:
+    for part in points.rays.parts:
         u = alone.lower(part.partials(points.system)[OF_POINT], part.points)
         hat = np.empty((u.shape[2], 2, 2))
         for i in range(2):
             for j in range(i, 2):
                 hat[:, i, j] = hat[:, j, i] = np.einsum("km,km->m", u[:, i], u[:, j])
-        yield part.place, rows_of(rays, part, starts), hat
+        yield part.place, part.in_block, hat

@@ -29,6 +29,8 @@ class RayPart:
     """Number of the chunk in the block."""
     chosen: Index | None
     """Numbers of the rays in the chunk, (m,); none: all of them."""
+    in_block: Index | slice
+    """Numbers of the rays in the block."""
     rows: slice
     """Numbers of the rays among those of all parts."""
     runs: tuple[tuple[int, int, int], ...]
@@ -60,16 +62,15 @@ class Rays:
         """Number of columns of a node, and of the border."""
         self.cameras = nodes.cameras
         """Calibrations that several photos share."""
-        self._parts(equations)
-        self._pairs()
+        self._pairs(*self._parts(equations))
         self.coordinate_places = [
             i
             for i, b in enumerate(equations.blocks)
             if b.kind != "image" and len(b.variables) == 1 and b.variables[0][0] == "point"
         ]
 
-    def _parts(self, equations: Equations) -> None:
-        """Choose the rays of each chunk."""
+    def _parts(self, equations: Equations) -> tuple[Index, Index]:
+        """Choose the rays of each chunk; return point and node of every ray, (n_rays,) each."""
         local = np.cumsum(self.layers.reduced) - 1
         node_of = self.places.node["pose"]
         ones = np.ones(RAYS)
@@ -97,6 +98,7 @@ class Rays:
                         place,
                         i,
                         chosen,
+                        chunk.rows if chosen is None else chosen + chunk.rows.start,
                         slice(first, first + m),
                         runs,
                         point,
@@ -108,17 +110,20 @@ class Rays:
                 nodes += [np.full(t - s, node, dtype=np.int32) for node, s, t in runs]
                 first += m
         self.n_rays = first
-        self.points: Index = np.concatenate(points)
-        """Number of the point of each ray, (n_rays,)."""
-        self.nodes: Index = np.concatenate(nodes)
-        """Node of each ray, (n_rays,)."""
+        """Number of rays."""
+        return np.concatenate(points), np.concatenate(nodes)
 
     # -- pairs of nodes ---------------------------------------------------------------------------
 
-    def _pairs(self) -> None:
-        """List, for every pair of nodes, the rays to their common points."""
-        order = np.argsort(self.points, kind="stable").astype(np.int32)
-        counts = np.bincount(self.points, minlength=self.n_points)
+    def _pairs(self, points: Index, nodes: Index) -> None:
+        """List, for every pair of nodes, the rays to their common points.
+
+        Args:
+            points: number of the point of each ray, (n_rays,).
+            nodes: node of each ray, (n_rays,).
+        """
+        order = np.argsort(points, kind="stable").astype(np.int32)
+        counts = np.bincount(points, minlength=self.n_points)
         first = np.concatenate([[0], np.cumsum(counts)[:-1]])
         left, right = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
         for n in np.unique(counts[counts > 1]):
@@ -128,10 +133,10 @@ class Rays:
             right.append(rays[:, j].ravel())
         a, b = np.concatenate(left), np.concatenate(right)
         # Rays lie in the order of their parts, which need not be that of their nodes.
-        swapped = self.nodes[a] > self.nodes[b]
+        swapped = nodes[a] > nodes[b]
         a, b = np.where(swapped, b, a), np.where(swapped, a, b)
         n_nodes = self.places.n
-        code = self.nodes[a].astype(np.int64) * n_nodes + self.nodes[b]
+        code = nodes[a].astype(np.int64) * n_nodes + nodes[b]
         by_pair = np.argsort(code, kind="stable")
         code, self.left, self.right = code[by_pair], a[by_pair], b[by_pair]
         cuts: Index = np.flatnonzero(np.diff(code, prepend=-1))

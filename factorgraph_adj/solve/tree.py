@@ -17,7 +17,7 @@ import numpy as np
 
 from ..models.variables import UNKNOWNS
 from ..types import Array, Index
-from .elimination import Layers
+from .elimination import Layers, outside
 from .linear import LinearSystem
 from .linear_block import LinearBlock
 from .linear_rays import LinearRays
@@ -82,17 +82,10 @@ class TreeFactors:
         if layers.in_fronts:
             return
         graph = self.graph
-        clustered = system.equations.in_cluster
         for place, lb in enumerate(system.blocks):
-            block = lb.block
-            keep = np.ones(block.n, dtype=bool)
-            if place in clustered:
-                keep[clustered[place]] = False
-            for kind, index in block.variables:
-                if kind == "point":
-                    keep &= ~layers.reduced[index]
-            if keep.any():
-                self._add_block(graph, lb, np.flatnonzero(keep))
+            rows = outside(system.equations, layers, place)
+            if len(rows):
+                self._add_block(graph, lb, rows)
         for columns, a in system.cluster_rows():
             self._add_dense(graph, columns, a)
         for e in system.extra:
