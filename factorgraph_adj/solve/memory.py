@@ -111,7 +111,7 @@ def memory_of(plan: Plan, equations: Equations, state: State) -> Memory:
 def memory_needed(network: Network) -> Memory:
     """Estimate the memory that `adjust` and `reliability` take beside the network itself.
 
-    Measured blocks of 300 000 and a million image points took 0.8 to 0.9 of the estimate.
+    Simulated blocks of 300 000 and a million image points took 0.7 to 0.8 of the estimate.
 
     Args:
         network: the network; `adjust` refuses one that takes more memory than is free.
