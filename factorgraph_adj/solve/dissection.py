@@ -64,15 +64,22 @@ class Front:
         return len(self.own) + len(self.border)
 
 
-def dissect(pattern: Pattern, positions: Array) -> list[Front]:
+def dissect(pattern: Pattern, positions: Array, last: Index | None = None) -> list[Front]:
     """Return the fronts in the order of elimination; the last one is the root.
 
     Args:
         pattern: the blocks.
         positions: where the nodes are, (n, 3); any length unit.
+        last: nodes that the root must hold; none: the dissection decides.
     """
     graph = _Graph.of(pattern)
-    fronts = list(_order(_divide(graph, np.arange(pattern.n), positions)))
+    if last is None or not len(last):
+        root = _divide(graph, np.arange(pattern.n), positions)
+    else:
+        others = np.setdiff1d(np.arange(pattern.n), last)
+        below = (_divide(graph, others, positions),) if len(others) else ()
+        root = Front(last, below)
+    fronts = list(_order(root))
     _join(fronts, graph, pattern)
     return fronts
 

@@ -13,7 +13,7 @@ small network has no points of the first layer.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -50,6 +50,8 @@ class Layers:
     """Variables of the second layer."""
     in_fronts: bool = False
     """Whether the terrestrial side is in the third layer too, and the second one is empty."""
+    kept: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    """Columns that are not eliminated, because other parts of the network have them too, (m,)."""
     ordering: gtsam.Ordering | None = None
     """Order of elimination of the second layer; none before it has been computed."""
 
@@ -70,7 +72,9 @@ class Layers:
         return np.asarray(first[:, None] + np.arange(3), dtype=np.intp)
 
 
-def layers_of(equations: Equations, *, reduce_points: bool, touched: Mask) -> Layers:
+def layers_of(
+    equations: Equations, *, reduce_points: bool, touched: Mask, kept: Index | None = None
+) -> Layers:
     """Divide the unknowns into the three layers.
 
     Args:
@@ -78,7 +82,12 @@ def layers_of(equations: Equations, *, reduce_points: bool, touched: Mask) -> La
         reduce_points: whether there is a first layer; false leaves all unknowns to GTSAM (QR, for
             systems of poor condition).
         touched: columns of factors that the user added; their points stay in the tree.
+        kept: columns that are not eliminated, because other parts of the network have them too;
+            everything but the first layer is then in the third one. None: all are eliminated.
     """
+    if kept is not None:
+        touched = touched.copy()
+        touched[kept] = True
     unknowns = equations.unknowns
     table = unknowns["point"]
     n = len(table.names)
@@ -115,11 +124,14 @@ def layers_of(equations: Equations, *, reduce_points: bool, touched: Mask) -> La
         if kind == "point":
             inside &= ~reduced
         tree += [(kind, number) for number in np.flatnonzero(inside).tolist()]
-    if reduce_points and len(tree) > LARGEST_TREE and _spread(tree) <= MOST_SPREAD:
+    large = len(tree) > LARGEST_TREE and _spread(tree) <= MOST_SPREAD
+    if kept is not None or (reduce_points and large):
         every = np.ones(unknowns.n_columns, dtype=bool)
         first = table.offset[reduced]
         every[(first[:, None] + np.arange(3)).ravel()] = False
-        return Layers(unknowns, reduced, every, (), in_fronts=True)
+        if kept is None:
+            kept = np.zeros(0, dtype=np.intp)
+        return Layers(unknowns, reduced, every, (), in_fronts=True, kept=kept)
     return Layers(unknowns, reduced, cameras, tuple(tree))
 
 

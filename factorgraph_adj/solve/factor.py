@@ -122,7 +122,7 @@ class Factor:
             r.add_to(nodes, matrix)
         nodes.add_diagonal(matrix, extra)
         nodes.hold(matrix)
-        return Fronts(fronts, matrix)
+        return Fronts(fronts, matrix, nodes.kept)
 
     def smallest_pivot(self, diagonal: Array, *, tree: float, point: float) -> float:
         """Return the smallest pivot relative to its diagonal element before the elimination.
@@ -147,28 +147,47 @@ class Factor:
             out[columns[on]] = left[on] / safe[columns[on]]
         return float(out[free].min()) if free.any() else 1.0
 
-    def solve(self, y: Array) -> Array:
-        """Return x of (N + diag) x = y for y (n_columns, k); held components are zero."""
+    def solve(self, y: Array, kept: Array | None = None) -> Array:
+        """Return x of (N + diag) x = y for y (n_columns, k); held components are zero.
+
+        Args:
+            y: right sides.
+            kept: solution of the columns that are not eliminated, (m, k); none: it follows from
+                their covariances, where there are such columns.
+        """
         y = np.where(self.free[:, None], y, 0.0)
         x = np.zeros_like(y)
         if self.nodes is None or self.fronts is None:
             up(self.cliques, down(self.cliques, y), x)
             x[~self.free] = 0.0
             return x
+        reduced, z, halves = self._forward(self.nodes, y)
         columns = self.nodes.columns
         on = columns >= 0
-        reduced = np.zeros((len(columns), y.shape[1]))
-        z = None if self.points is None else self.points.forward(y, reduced)
-        halves = down(self.cliques, y)
-        reduced[on] += y[columns[on]]
-        reduced[~on] = 0.0
-        solved = self.fronts.solve(reduced)
+        solved = self.fronts.solve(reduced, kept)
         x[columns[on]] = solved[on]
         up(self.cliques, halves, x)
         if self.points is not None and z is not None:
             x[self.layers.point_columns] = self.points.backward(z, solved)
         x[~self.free] = 0.0
         return x
+
+    def remaining(self, y: Array) -> Array:
+        """Return what the elimination of y (n_columns, k) leaves at the kept columns, (m, k)."""
+        assert self.nodes is not None and self.fronts is not None
+        y = np.where(self.free[:, None], y, 0.0)
+        return self.fronts.remaining(self._forward(self.nodes, y)[0])
+
+    def _forward(self, nodes: Nodes, y: Array) -> tuple[Array, Array | None, list[Array]]:
+        """Eliminate points and tree from right sides; return the reduced ones, and the halves."""
+        columns = nodes.columns
+        on = columns >= 0
+        reduced = np.zeros((len(columns), y.shape[1]))
+        z = None if self.points is None else self.points.forward(y, reduced)
+        halves = down(self.cliques, y)
+        reduced[on] += y[columns[on]]
+        reduced[~on] = 0.0
+        return reduced, z, halves
 
     # -- covariances ----------------------------------------------------------------------------
 

@@ -8,6 +8,9 @@ it eliminates (o) and the columns that remain (b, the later nodes and the border
 The selected inverse runs from the root to the leaves (Takahashi), with T = B L⁻¹:
 
     Σ_bo = −Σ_bb T,   Σ_oo = L⁻ᵀL⁻¹ − Tᵀ Σ_bo.
+
+The last front and the border are the root (`factorgraph_adj.solve.root`), which may keep columns
+that other parts of a network have too.
 """
 
 from __future__ import annotations
@@ -15,12 +18,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import blas, lapack
+from scipy.linalg import blas
 
 from ..types import Array, Index
 from .dissection import Front, Pattern
+from .root import Root, cholesky, inverse_of, lower
 from .singular import SingularError
-from .triangular import lower_solve
 
 
 @dataclass
@@ -98,31 +101,39 @@ class BlockMatrix:
 class Fronts:
     """The Cholesky factor of a `BlockMatrix`."""
 
-    def __init__(self, fronts: list[Front], matrix: BlockMatrix) -> None:
+    def __init__(self, fronts: list[Front], matrix: BlockMatrix, kept: Index | None = None) -> None:
         """Factorise; the matrix is scaled to a unit diagonal.
+
+        Args:
+            fronts: the fronts in the order of elimination; the last one has no border.
+            matrix: the matrix.
+            kept: places (m,) in the last front and the border that are not eliminated; none: the
+                whole matrix is factorised.
 
         Raises:
             SingularError: the matrix is not positive definite.
         """
         self.fronts, self.pattern = fronts, matrix.pattern
+        self._below = fronts[:-1]
         n, w = matrix.pattern.n, matrix.pattern.width
         diagonal = matrix.diagonals
-        self.scale = 1.0 / np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
+        # A kept place may have a diagonal of zero: only other parts observe it.
+        self.scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
         with np.errstate(over="ignore", invalid="ignore"):  # coordinates may have diverged
             m = matrix.scaled(self.scale)
         every = (m.diagonal, m.pairs, m.side, m.corner)
         if not all(np.isfinite(x).all() for x in every):
             raise SingularError("the cameras' normal equations have no pivots")
         self.own: list[Array] = []
-        """L of each front, (o, o)."""
+        """L of each front below the root, (o, o)."""
         self.across: list[Array] = []
-        """B of each front, (b, o)."""
+        """B of each front below the root, (b, o)."""
         pivots = np.empty(n * w + matrix.pattern.side)
         waiting: dict[int, Array] = {}
-        for front in fronts:
+        for front in self._below:
             f = self._assembled(front, m, waiting)
             k = w * len(front.own)
-            own = _cholesky(f[:k, :k])
+            own = cholesky(f[:k, :k])
             across = blas.dtrsm(1.0, own, f[k:, :k], side=1, lower=1, trans_a=1)
             rest = np.array(f[k:, k:], order="F")
             if len(rest) and k:
@@ -130,15 +141,33 @@ class Fronts:
             waiting[id(front)] = rest
             self.own.append(own)
             self.across.append(across)
-            places = w * front.own[:, None] + np.arange(w)
-            pivots[places.ravel()] = np.diag(own) ** 2
-        corner = m.corner + waiting.pop(id(fronts[-1])) if fronts else m.corner
-        self.corner = _cholesky(corner)
-        pivots[n * w :] = np.diag(self.corner) ** 2
+            pivots[self._places(front)] = np.diag(own) ** 2
+        self.last = fronts[-1] if fronts else None
+        """The front of the root; none: there are no nodes."""
+        at = n * w + np.arange(matrix.pattern.side)
+        f = m.corner
+        if self.last is not None:
+            f = self._assembled(self.last, m, waiting)
+            inner = w * len(self.last.own)
+            f[inner:, inner:] += m.corner
+            at = np.concatenate([self._places(self.last), at])
+        self.root_places: Index = at
+        """Place of each column of the root."""
+        kept = np.zeros(0, dtype=np.intp) if kept is None else kept
+        place = np.full(len(pivots), -1, dtype=np.intp)
+        place[at] = np.arange(len(at))
+        self.root = Root(f, place[kept], self.scale[kept])
+        """The root."""
+        pivots[at] = self.root.pivots
         self.pivots = pivots
-        """Pivots relative to the diagonal of the matrix, (n w + k,)."""
+        """Pivots relative to the diagonal of the matrix, (n w + k,); infinite at kept places."""
         self.diagonal = diagonal
         """Diagonal of the matrix, (n w + k,)."""
+
+    def _places(self, front: Front) -> Index:
+        """Return the places of the columns that a front eliminates."""
+        w = self.pattern.width
+        return np.asarray((w * front.own[:, None] + np.arange(w)).ravel(), dtype=np.intp)
 
     def _assembled(self, front: Front, m: BlockMatrix, waiting: dict[int, Array]) -> Array:
         """Return the lower triangle of a front with what its children leave."""
@@ -160,70 +189,97 @@ class Fronts:
                     f[t : t + b - a, t2 : t2 + b2 - a2] += rest[a:b, a2:b2]
         return f
 
-    def solve(self, y: Array) -> Array:
-        """Return M⁻¹ y for y (n w + k, r)."""
+    def _forward(self, y: Array) -> Array:
+        """Eliminate the columns below the root from a right side (n w + k, r)."""
         n, w = self.pattern.n, self.pattern.width
         r = y.shape[1]
         x = y * self.scale[:, None]
         nodes, border = x[: n * w].reshape(n, w, r), x[n * w :]
-        for front, own, across in zip(self.fronts, self.own, self.across, strict=True):
+        for front, own, across in zip(self._below, self.own, self.across, strict=True):
             k = len(front.own)
-            part = _lower(own, nodes[front.own].reshape(w * k, r))
+            part = lower(own, nodes[front.own].reshape(w * k, r))
             moved = across @ part
             end = w * len(front.border)
             nodes[front.border] -= moved[:end].reshape(len(front.border), w, r)
             border -= moved[end:]
             nodes[front.own] = part.reshape(k, w, r)
-        border[:] = _lower(self.corner, _lower(self.corner, border), transposed=True)
+        return np.asarray(x)
+
+    def remaining(self, y: Array) -> Array:
+        """Return what the elimination of y (n w + k, r) leaves at the kept places, (m, r)."""
+        return self.root.remaining(self._forward(y)[self.root_places])
+
+    def solve(self, y: Array, kept: Array | None = None) -> Array:
+        """Return M⁻¹ y for y (n w + k, r).
+
+        Args:
+            y: right sides.
+            kept: solution at the kept places, (m, r); none: it follows from their covariances.
+        """
+        n, w = self.pattern.n, self.pattern.width
+        r = y.shape[1]
+        x = self._forward(y)
+        x[self.root_places] = self.root.solve(x[self.root_places], kept)
+        nodes, border = x[: n * w].reshape(n, w, r), x[n * w :]
         for front, own, across in zip(
-            reversed(self.fronts), reversed(self.own), reversed(self.across), strict=True
+            reversed(self._below), reversed(self.own), reversed(self.across), strict=True
         ):
             k, end = len(front.own), w * len(front.border)
             later = np.concatenate([nodes[front.border].reshape(end, r), border])
             part = nodes[front.own].reshape(w * k, r) - across.T @ later
-            nodes[front.own] = _lower(own, part, transposed=True).reshape(k, w, r)
+            nodes[front.own] = lower(own, part, transposed=True).reshape(k, w, r)
         return np.asarray(x * self.scale[:, None])
 
     def inverse(self) -> BlockMatrix:
         """Return the inverse at the blocks of the pattern."""
         n, w, side = self.pattern.n, self.pattern.width, self.pattern.side
+        z = self.root.inverse()
+        inner = len(z) - side
         out = BlockMatrix(
             self.pattern,
             np.empty((n, w, w)),
             np.empty((len(self.pattern.first), w, w)),
             np.empty((n, w, side)),
-            _inverse(self.corner),
+            z[inner:, inner:],
         )
         joint: dict[int, Array] = {}
+        if self.last is not None:
+            self._spread(self.last, z, out, joint)
         for front, own, across in zip(
-            reversed(self.fronts), reversed(self.own), reversed(self.across), strict=True
+            reversed(self._below), reversed(self.own), reversed(self.across), strict=True
         ):
             p, k = front.size, w * len(front.own)
             z = np.empty((w * p + side,) * 2, order="F")
-            z[k:, k:] = joint.pop(id(front)) if front is not self.fronts[-1] else out.corner
-            inverse = _inverse(own)
+            z[k:, k:] = joint.pop(id(front))
+            inverse = inverse_of(own)
             if len(across) and k:
                 t = blas.dtrsm(1.0, own, across, side=1, lower=1)
                 between = blas.dsymm(-1.0, np.asfortranarray(z[k:, k:]), t, lower=1)
                 inverse -= t.T @ between
                 z[k:, :k], z[:k, k:] = between, between.T
             z[:k, :k] = inverse
-            blocks = _blocks(z, p, w)
-            d = np.arange(len(front.own))
-            out.diagonal[front.own] = blocks[d, :, d, :]
-            found = blocks[front.rows, :, front.columns, :]
-            out.pairs[front.blocks] = np.where(
-                front.transposed[:, None, None], found.transpose(0, 2, 1), found
-            )
-            out.side[front.own] = z[w * p :, :k].T.reshape(len(d), w, side)
-            for child in front.children:
-                runs = _runs(child, w, side, p)
-                part = np.empty((w * len(child.border) + side,) * 2, order="F")
-                for a, b, to in runs:
-                    for a2, b2, to2 in runs:
-                        part[a:b, a2:b2] = z[to : to + b - a, to2 : to2 + b2 - a2]
-                joint[id(child)] = part
+            self._spread(front, z, out, joint)
         return out.scaled(self.scale)
+
+    def _spread(self, front: Front, z: Array, out: BlockMatrix, joint: dict[int, Array]) -> None:
+        """Put the inverse of a front into the blocks of the pattern, and before its children."""
+        w, side, p = self.pattern.width, self.pattern.side, front.size
+        k = w * len(front.own)
+        blocks = _blocks(z, p, w)
+        d = np.arange(len(front.own))
+        out.diagonal[front.own] = blocks[d, :, d, :]
+        found = blocks[front.rows, :, front.columns, :]
+        out.pairs[front.blocks] = np.where(
+            front.transposed[:, None, None], found.transpose(0, 2, 1), found
+        )
+        out.side[front.own] = z[w * p :, :k].T.reshape(len(d), w, side)
+        for child in front.children:
+            runs = _runs(child, w, side, p)
+            part = np.empty((w * len(child.border) + side,) * 2, order="F")
+            for a, b, to in runs:
+                for a2, b2, to2 in runs:
+                    part[a:b, a2:b2] = z[to : to + b - a, to2 : to2 + b2 - a2]
+            joint[id(child)] = part
 
 
 def _blocks(f: Array, p: int, w: int) -> Array:
@@ -237,25 +293,3 @@ def _runs(child: Front, w: int, side: int, size: int) -> list[tuple[int, int, in
     end = w * len(child.border)
     runs = [(w * a, w * b, w * t) for a, b, t in child.in_parent]
     return [*runs, (end, end + side, w * size)]
-
-
-def _cholesky(a: Array) -> Array:
-    if not len(a):
-        return np.zeros((0, 0), order="F")
-    root, info = lapack.dpotrf(a, lower=1, clean=1)
-    if info != 0:
-        raise SingularError(f"pivot {info} of the cameras' normal equations")
-    return np.asarray(root)
-
-
-def _inverse(root: Array) -> Array:
-    """Return L⁻ᵀL⁻¹."""
-    if not len(root):
-        return np.zeros((0, 0), order="F")
-    inverse, _ = lapack.dpotri(root, lower=1)
-    return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
-
-
-def _lower(root: Array, b: Array, *, transposed: bool = False) -> Array:
-    """Return L⁻¹ b, or L⁻ᵀ b; BLAS takes no empty arrays."""
-    return lower_solve(root, b, transposed=transposed) if b.size else b

@@ -18,9 +18,8 @@ from ..graph.variables import State, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index, Mask
 from .datum import places_of
-from .dissection import Front, Pattern, dissect
 from .elimination import Layers
-from .fronts import BlockMatrix
+from .places import Places
 
 WIDEST = 8
 """Largest number of columns of the node of a point: its coordinates, and some unknowns at it."""
@@ -36,11 +35,12 @@ class Camera:
     """Its columns of the border: the parameters that are free in any calibration of its block."""
 
 
-class Nodes:
+class Nodes(Places):
     """The places of unknowns in the reduced system."""
 
     def __init__(self, equations: Equations, layers: Layers) -> None:
         """Give every unknown of the third layer a place."""
+        super().__init__(layers.unknowns.n_columns)
         self.layers = layers
         self._nodes: list[Index] = []
         self._positions: list[Index] = []
@@ -54,22 +54,7 @@ class Nodes:
             np.concatenate([np.zeros(0, dtype=np.intp), *x])
             for x in (self._nodes, self._positions, self._columns)
         )
-        self.width = max(int(position.max(initial=-1)) + 1, 1)
-        """Number of columns of a node."""
-        columns = np.full((self.n, self.width), -1, dtype=np.intp)
-        columns[node, position] = column
-        border = np.concatenate(self._border)
-        self.side = len(border)
-        """Number of columns of the border."""
-        self.columns: Index = np.concatenate([columns.ravel(), border])
-        """Unknown at each place of the reduced system, −1 for held components and padding."""
-        self.place_of: Index = np.full(layers.unknowns.n_columns, -1, dtype=np.intp)
-        """Place of each unknown in the reduced system, −1 for others."""
-        on = self.columns >= 0
-        self.place_of[self.columns[on]] = np.flatnonzero(on)
-        self.held: Mask = ~on
-        """Places that are held or padding."""
-        self._structure: tuple[Index, Pattern, list[Front]] | None = None
+        self._settle(node, position, column, np.concatenate(self._border), layers.kept)
         lost = np.flatnonzero(layers.cameras & layers.unknowns.free & (self.place_of < 0))
         if len(lost):
             kind, name, component = layers.unknowns.describe(int(lost[0]))
@@ -108,7 +93,6 @@ class Nodes:
         self.camera_of: dict[int, int] = {}
         """Place of each shared calibration in ``cameras``."""
         self.n = len(self.photos)
-        """Number of nodes."""
         at = 0
         for node, f in enumerate(self.photos.tolist()):
             own = _free_columns(free, int(pose.offset[f]), np.arange(6))
@@ -206,46 +190,6 @@ class Nodes:
         """Return the projection centres and points of the nodes, (n, 3) metres."""
         centres = state["pose"][self.photos, 9:]
         return np.concatenate([centres, *(state["point"][p] for p in self._stands)])
-
-    # -- the reduced system -----------------------------------------------------------------------
-
-    def structure(self, pairs: Index, positions: Array) -> tuple[Pattern, list[Front]]:
-        """Return the blocks of the reduced system and its fronts; they are made once.
-
-        Args:
-            pairs: pairs of nodes with a block, the first one smaller, n a + b each, (p,).
-            positions: where the nodes are, (n, 3), metres.
-        """
-        codes = np.unique(pairs)
-        if self._structure is None or not np.array_equal(self._structure[0], codes):
-            first, second = np.divmod(codes, max(self.n, 1))
-            pattern = Pattern(self.n, self.width, self.side, first, second)
-            self._structure = (codes, pattern, dissect(pattern, positions))
-        return self._structure[1:]
-
-    def add_diagonal(self, matrix: BlockMatrix, extra: Array) -> None:
-        """Add terms (n_columns,) to the diagonal, in place."""
-        added = np.where(self.held, 0.0, extra[np.maximum(self.columns, 0)])
-        n, w = self.n, self.width
-        i, j = np.arange(w), np.arange(self.side)
-        matrix.diagonal[:, i, i] += added[: n * w].reshape(n, w)
-        matrix.corner[j, j] += added[n * w :]
-
-    def hold(self, matrix: BlockMatrix) -> None:
-        """Give held places a one on the diagonal and zeros elsewhere, in place."""
-        if not self.held.any():
-            return
-        n, w = self.n, self.width
-        free = (~self.held).astype(float)
-        nodes, border = free[: n * w].reshape(n, w), free[n * w :]
-        first, second = matrix.pattern.first, matrix.pattern.second
-        matrix.diagonal *= nodes[:, :, None] * nodes[:, None, :]
-        matrix.pairs *= nodes[first][:, :, None] * nodes[second][:, None, :]
-        matrix.side *= nodes[:, :, None] * border
-        matrix.corner *= border[:, None] * border
-        i, j = np.arange(w), np.arange(self.side)
-        matrix.diagonal[:, i, i] += 1.0 - nodes
-        matrix.corner[j, j] += 1.0 - border
 
 
 def _free_columns(free: Mask, offset: int, components: Index) -> Index:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..types import Array, Index
 from .fronts import BlockMatrix
-from .nodes import Nodes
+from .places import Places
 
 
 @dataclass(frozen=True)
@@ -21,13 +21,13 @@ class Remainder:
     normal: Array
     """Their normal matrix, (m, m)."""
 
-    def touched(self, nodes: Nodes) -> Index:
+    def touched(self, nodes: Places) -> Index:
         """Return the nodes that the columns belong to."""
         place = nodes.place_of[self.columns]
         inside = (place >= 0) & (place < nodes.n * nodes.width)
         return np.unique(place[inside] // nodes.width)
 
-    def add_to(self, nodes: Nodes, matrix: BlockMatrix) -> None:
+    def add_to(self, nodes: Places, matrix: BlockMatrix) -> None:
         """Add the normal matrix to the reduced system."""
         w, inner = nodes.width, nodes.n * nodes.width
         place = nodes.place_of[self.columns]
@@ -52,7 +52,7 @@ class Remainder:
         matrix.corner += whole[w * k :, w * k :]
 
 
-def joined(nodes: Nodes, remainders: Sequence[Remainder]) -> Index:
+def joined(nodes: Places, remainders: Sequence[Remainder]) -> Index:
     """Return the pairs of nodes that remainders join, n a + b each, (k,)."""
     code = [np.zeros(0, dtype=np.intp)]
     for r in remainders:

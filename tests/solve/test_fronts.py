@@ -113,6 +113,44 @@ def test_solution_and_selected_inverse_are_those_of_dense_matrices(shape, width,
     np.testing.assert_allclose(found.at(rows, columns), wanted, rtol=0, atol=1e-16)
 
 
+@pytest.mark.parametrize(("width", "side"), [(6, 5), (3, 0), (1, 3)])
+@pytest.mark.parametrize("shape", SHAPES)
+def test_kept_columns_are_left_as_the_schur_complement(shape, width, side) -> None:
+    positions, reach = shape()
+    pairs = near(positions, reach)
+    pattern = Pattern(len(positions), width, side, pairs[:, 0], pairs[:, 1])
+    m = random_matrix(pattern)
+    whole = dense(m)
+    rng = np.random.default_rng(2)
+    last = rng.choice(pattern.n, size=max(pattern.n // 7, 1), replace=False)
+    of_nodes = (width * last[:, None] + np.arange(width)).ravel()
+    border = pattern.n * width + np.arange(side)
+    kept = rng.permutation(np.concatenate([of_nodes[::2], border[::2]]))
+    others = np.setdiff1d(np.arange(len(whole)), kept)
+    fronts = Fronts(dissect(pattern, positions, last), m, kept)
+    gain = np.linalg.solve(whole[np.ix_(others, others)], whole[np.ix_(others, kept)])
+    left = whole[np.ix_(kept, kept)] - whole[np.ix_(kept, others)] @ gain
+    scale = np.abs(left).max()
+    np.testing.assert_allclose(fronts.root.left, left, rtol=0, atol=1e-13 * scale)
+    y = rng.normal(size=(len(whole), 2))
+    remaining = y[kept] - gain.T @ y[others]
+    np.testing.assert_allclose(fronts.remaining(y), remaining, rtol=0, atol=1e-12)
+    # Other parts add information at the kept columns, and right sides there.
+    more = np.diag(rng.uniform(0.0, scale, size=len(kept)))
+    together = whole.copy()
+    together[np.ix_(kept, kept)] += more
+    inverse = np.linalg.inv(together)
+    x = inverse @ y
+    np.testing.assert_allclose(fronts.solve(y, x[kept]), x, rtol=0, atol=1e-13)
+    with pytest.raises(SingularError, match="junctions"):
+        fronts.inverse()
+    fronts.root.close(np.linalg.inv(left + more))
+    np.testing.assert_allclose(fronts.solve(y), x, rtol=0, atol=1e-13)
+    found = fronts.inverse()
+    stored = dense(BlockMatrix(pattern, *(np.ones_like(b) for b in blocks(found)))) > 0
+    assert np.max(np.abs(dense(found) - inverse)[stored]) < 1e-12 * np.max(inverse)
+
+
 def blocks(m: BlockMatrix) -> tuple[Array, ...]:
     return m.diagonal, m.pairs, m.side, m.corner
 
