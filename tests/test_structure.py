@@ -22,7 +22,7 @@ SOURCE = ROOT / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "types", "version", "shown"),
-    ("units", "rotation", "ellipsoid"),
+    ("units", "rotation", "ellipsoid", "blas"),
     ("frames", "stochastic"),
     ("models",),
     ("network.entities",),
@@ -47,6 +47,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("quality",),
     ("validate",),
     ("io",),
+    ("parts",),
     ("incremental",),
     ("report",),
     ("simulation", "experiment"),
@@ -66,7 +67,7 @@ DECLARED = {"gtsam", "numpy", "scipy"}
 EXTRAS = {
     "rich": ("cli",),
     "matplotlib": ("report", "papers"),
-    "distributed": ("experiment",),
+    "distributed": ("experiment", "parts"),
     "pandas": ("experiment",),
 }
 """Optional; imported when they are needed, and where."""

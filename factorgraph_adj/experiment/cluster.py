@@ -7,8 +7,8 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
+from ..blas import use_one_blas_thread
 from ..errors import InputError
-from .blas import use_one_blas_thread
 from .repetition import Outcome, Task, died, failed, repeat
 from .study import Levels, Trial
 

@@ -17,8 +17,8 @@ from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
+from ..blas import one_thread_for_children, use_one_blas_thread
 from ..errors import InputError, Problem
-from .blas import one_thread_for_children, use_one_blas_thread
 from .repetition import Outcome, Task, died, failed, not_sent, repeat
 from .study import Levels, Trial
 

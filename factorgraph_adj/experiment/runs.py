@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..blas import one_blas_thread
 from ..errors import InputError, Problem
-from .blas import one_blas_thread
 from .cluster import is_client, on_cluster
 from .finished import Done, open_file, record
 from .processes import in_processes

@@ -19,13 +19,13 @@ class ImageIds:
     def __init__(self, network: Network, rows: Index, photo: Index, point: Index) -> None:
         self._photos, self._points = tuple(network.photos), tuple(network.points)
         self._own, self._sources = network.images.ids, network.images.sources
-        self._rows, self._photo, self._point = rows, photo, point
+        self.rows, self._photo, self._point = rows, photo, point
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return len(self.rows)
 
     def __getitem__(self, i: int) -> str:
-        own = self._own.get(int(self._rows[i]))
+        own = self._own.get(int(self.rows[i]))
         return own or f"{self._photos[self._photo[i]]}/{self._points[self._point[i]]}"
 
     def label(self, i: int) -> str:
@@ -36,11 +36,11 @@ class ImageIds:
 
     def source(self, i: int) -> str:
         """Return file and line of image point i; empty if it was not read from a file."""
-        return self._sources.get(int(self._rows[i])) or ""
+        return self._sources.get(int(self.rows[i])) or ""
 
     def positions(self, ids: Sequence[str]) -> Index:
         """Return the rows (n,) of the block with these ids, −1 for ids of no row."""
-        place = {int(row): i for i, row in enumerate(self._rows)} if self._own else {}
+        place = {int(row): i for i, row in enumerate(self.rows)} if self._own else {}
         own = {name: place[row] for row, name in self._own.items() if row in place}
         return find_images(self._photo, self._point, self._photos, self._points, own, ids)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -85,6 +85,50 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
         out.image_mask(keep)
     if lost:
         _drop_points(out, lost)
+    return out
+
+
+def only(
+    network: Network,
+    name: str,
+    observations: Collection[str],
+    images: Mask,
+    unknowns: Mapping[VariableKind, Collection[str]],
+) -> Network:
+    """Return a new network with some observations, and with what they name.
+
+    Args:
+        network: network with the observations.
+        name: name of the new network.
+        observations: ids of observations other than image points.
+        images: whether each row of the image table stays, (n,).
+        unknowns: names of the unknowns that the new network has besides, by kind.
+    """
+    wanted = {kind: set(names) for kind, names in unknowns.items()}
+    out = Network(name, frame=network.frame, datum=network.datum)
+    out.observations = {i: o for i, o in network.observations.items() if i in observations}
+    out.clusters = [group for group in network.clusters if group[0][0] in observations]
+    for o in out.observations.values():
+        wanted["point"].update(o.points())
+        wanted["pose"].update(getattr(o, photo) for photo in o.record.photos)
+        for kind, key in parameters_of(o):
+            wanted[kind].add(parameter_name(key))
+    out.photos = {n: f for n, f in network.photos.items() if n in wanted["pose"]}
+    cameras = {f.camera for f in out.photos.values()} | wanted["calibration"]
+    out.cameras = {n: c for n, c in network.cameras.items() if n in cameras}
+    out.points = {n: p for n, p in network.points.items() if n in wanted["point"]}
+    for kind, table in network.parameters.items():
+        named = wanted.get(kind, set())
+        out.of_kind(kind).update({k: p for k, p in table.items() if parameter_name(k) in named})
+    out._point_number = {n: i for i, n in enumerate(out.points)}
+    out._photo_number = {n: i for i, n in enumerate(out.photos)}
+    out.images = network.images.kept(images)
+    for numbers, old, new in (
+        (out.images.photo, network.photos, out._photo_number),
+        (out.images.point, network.points, out._point_number),
+    ):
+        place = np.array([new.get(n, -1) for n in old], dtype=np.intp)
+        numbers[:] = [place[each] for each in numbers]
     return out
 
 

@@ -287,10 +287,11 @@ def reliability(solution: Solution, *, alpha: float = ALPHA, power: float = POWE
     r = 1.0 - share_diagonal(equations, blocks, clusters)
     extra = sum(len(c.hat) - float(np.trace(c.hat)) for c in found.extra)
     total = float(r.sum()) + extra
-    if not abs(total - solution.redundancy) < TRUSTED:
+    wanted = solution.sum_of_redundancy_numbers
+    if wanted is not None and not abs(total - wanted) < TRUSTED:
         raise AdjustmentError(
             f"no reliability: the redundancy numbers sum to {total:.9g}, the redundancy is "
-            f"{solution.redundancy}: the network is too weak to compute them ({solution.reason})"
+            f"{wanted}: the network is too weak to compute them ({solution.reason})"
         )
     weight = weights(equations)
     lost = weighted_diagonal(equations, blocks, clusters)

@@ -84,6 +84,34 @@ def dissect(pattern: Pattern, positions: Array, last: Index | None = None) -> li
     return fronts
 
 
+def cut(pattern: Pattern, positions: Array, parts: int) -> Index:
+    """Cut nodes into parts between which there are no blocks: the largest part is halved first.
+
+    Args:
+        pattern: the blocks.
+        positions: where the nodes are, (n, 3); any length unit.
+        parts: largest number of parts; there are fewer where no division pays.
+
+    Returns:
+        Number of the part of each node, (n,); −1 for nodes that separate parts.
+    """
+    graph = _Graph.of(pattern)
+    done: list[Index] = []
+    waiting = [np.arange(pattern.n)]
+    while waiting and len(done) + len(waiting) < parts:
+        waiting.sort(key=len)
+        largest = waiting.pop()
+        found = _separate(graph, largest, positions) if len(largest) > 1 else None
+        if found is None:
+            done.append(largest)
+        else:
+            waiting += found[1:]
+    out = np.full(pattern.n, -1, dtype=np.intp)
+    for number, nodes in enumerate([*done, *waiting]):
+        out[nodes] = number
+    return out
+
+
 @dataclass(frozen=True)
 class _Graph:
     """The neighbours of each node."""

@@ -125,7 +125,14 @@ class Factor:
         return Fronts(fronts, matrix, nodes.kept)
 
     def smallest_pivot(self, diagonal: Array, *, tree: float, point: float) -> float:
-        """Return the smallest pivot relative to its diagonal element before the elimination.
+        """Return the smallest of the `relative_pivots`."""
+        out = self.relative_pivots(diagonal, tree=tree, point=point)
+        return float(out[self.free].min()) if self.free.any() else 1.0
+
+    def relative_pivots(self, diagonal: Array, *, tree: float, point: float) -> Array:
+        """Return all pivots relative to their diagonal elements before the elimination.
+
+        Pivots of columns that are not eliminated are infinite.
 
         Args:
             diagonal: diagonal of N with the added terms, (n_columns,).
@@ -143,9 +150,11 @@ class Factor:
         if self.nodes is not None and self.fronts is not None:
             columns = self.nodes.columns
             on = columns >= 0
-            left = self.fronts.pivots * self.fronts.diagonal
+            pivots = self.fronts.pivots
+            with np.errstate(invalid="ignore"):  # a kept column may have no observations
+                left = np.where(np.isinf(pivots), np.inf, pivots * self.fronts.diagonal)
             out[columns[on]] = left[on] / safe[columns[on]]
-        return float(out[free].min()) if free.any() else 1.0
+        return out
 
     def solve(self, y: Array, kept: Array | None = None) -> Array:
         """Return x of (N + diag) x = y for y (n_columns, k); held components are zero.

@@ -111,7 +111,8 @@ def iterate(
         InputError: an observation cannot be computed.
         DatumError: the observations do not determine all unknowns.
     """
-    damping, stop, beyond = Damping(), Stop(tolerance), Extrapolation()
+    damping, beyond = Damping(), Extrapolation()
+    stop: Stop[State] = Stop(tolerance)
     vtpv = np.inf
     for iteration in range(1, max_iterations + 1):
         normal = run.normal_at(run.state)
@@ -149,8 +150,8 @@ def iterate(
 
 
 def _descend(
-    run: Run, normal: NormalEquations, stop: Stop, damping: Damping, *, first: bool
-) -> tuple[Damping, tuple[Attempt, Judgement] | None]:
+    run: Run, normal: NormalEquations, stop: Stop[State], damping: Damping, *, first: bool
+) -> tuple[Damping, tuple[Attempt[State], Judgement] | None]:
     """Damp until a step is accepted; none: no damping leads to an accepted step."""
     while True:
         damped = damping.value > 0.0
@@ -195,7 +196,7 @@ def step_from(run: Run, normal: NormalEquations, damping: float = 0.0) -> Step |
     return Step.of(factor, normal.gradient, damped)
 
 
-def _try(run: Run, step: Step, before: float) -> Attempt:
+def _try(run: Run, step: Step, before: float) -> Attempt[State]:
     """Try a step; where vᵀPv decreases little, points follow the cameras on their own."""
     equations, layers = run.equations, run.solver.layers
     plain = equations.unknowns.retract(run.state, step.movement)
@@ -215,9 +216,9 @@ def _movement(
     run: Run,
     normal: NormalEquations,
     beyond: Extrapolation,
-    attempt: Attempt,
+    attempt: Attempt[State],
     judged: Judgement,
-    stop: Stop,
+    stop: Stop[State],
 ) -> Movement:
     """Return the movement by an accepted step, or by the extrapolation where vᵀPv is lower."""
     assert attempt.state is not None
@@ -251,7 +252,7 @@ def _undamped(run: Run, normal: NormalEquations) -> float:
     return np.inf if step is None else step.bound
 
 
-def _at_smallest_step(run: Run, stop: Stop, iteration: int) -> Ended:
+def _at_smallest_step(run: Run, stop: Stop[State], iteration: int) -> Ended:
     """End at the state after the smallest of the steps that vᵀPv cannot tell from rounding."""
     assert stop.rest.state is not None
     run.state = stop.rest.state
@@ -259,7 +260,7 @@ def _at_smallest_step(run: Run, stop: Stop, iteration: int) -> Ended:
     return Ended(iteration, True, reason, run.vtpv(run.state))
 
 
-def _no_way_on(run: Run, normal: NormalEquations, stop: Stop, iteration: int) -> Ended:
+def _no_way_on(run: Run, normal: NormalEquations, stop: Stop[State], iteration: int) -> Ended:
     """End where no damping leads to a step: at rest if the undamped step is small."""
     vtpv = normal.system.vtpv
     left = _undamped(run, normal)
@@ -272,7 +273,7 @@ def _no_way_on(run: Run, normal: NormalEquations, stop: Stop, iteration: int) ->
     return Ended(iteration, False, reason, vtpv)
 
 
-def _in_vain(run: Run, stop: Stop, iteration: int, vtpv: float) -> Ended:
+def _in_vain(run: Run, stop: Stop[State], iteration: int, vtpv: float) -> Ended:
     """End after many consecutive steps without progress, and name the unknowns that drift."""
     normal = run.normal_at(run.state)
     left = _undamped(run, normal)

@@ -120,6 +120,15 @@ class NormalEquations:
         self._factors = self._sums = None
         return self.factorise(extra, exact=exact)
 
+    def reduced(self, extra: Array) -> Factor:
+        """Factorise N + diag(extra) up to the columns that `Layers.kept` leaves to other parts.
+
+        Raises:
+            SingularError: an unknown of this part is not determined, even if the kept columns are
+                known.
+        """
+        return self._factorise(extra, qr=True)
+
     def for_covariances(self, constraint: Array, datum: FreeDatum | None = None) -> Factor:
         """Factorise N with a minimal datum so that covariances are right.
 

@@ -47,7 +47,7 @@ class Root:
         """Pivots of the eliminated columns, infinite for the others, (n,)."""
         if not len(kept):
             self.own = cholesky(matrix)
-            self.across = self.rest = np.zeros((0, n))
+            self.across, self.rest = np.zeros((0, n)), np.zeros((0, 0))
         else:
             whole = np.tril(matrix) + np.tril(matrix, -1).T
             e = self.eliminated

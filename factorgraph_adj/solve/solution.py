@@ -135,6 +135,11 @@ class Solution(Shown):
         return self.n_observations - self.n_unknowns + self.datum_defect
 
     @property
+    def sum_of_redundancy_numbers(self) -> int | None:
+        """Sum that the redundancy numbers must have; none: other parts of the network decide."""
+        return self.redundancy
+
+    @property
     def sigma0(self) -> float:
         """Standard deviation of unit weight √(vᵀPv/r), a priori 1; NaN without redundancy."""
         return float(np.sqrt(self.vtpv / self.redundancy)) if self.redundancy > 0 else np.nan

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from ..graph.variables import State
 from ..types import Array
+
+S = TypeVar("S")
+"""A state: the values themselves, or what tells where they are."""
 
 
 class Factorised(Protocol):
@@ -46,12 +48,12 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Attempt:
+class Attempt(Generic[S]):
     """A step and the state after it."""
 
     step: Step
     """The step."""
-    state: State | None
+    state: S | None
     """The state after the step; none: the step takes cameras past their points."""
     vtpv: float
     """Value of vᵀPv after the step; infinite where it cannot be computed."""

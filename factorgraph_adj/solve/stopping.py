@@ -9,11 +9,11 @@ taken while they shrink, and the smallest step counts.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Generic
 
 import numpy as np
 
-from ..graph.variables import State
-from .step import Attempt
+from .step import Attempt, S
 
 
 @dataclass(frozen=True)
@@ -92,12 +92,12 @@ class Judgement:
 
 
 @dataclass(frozen=True)
-class Rest:
+class Rest(Generic[S]):
     """The smallest of the steps whose decrease the rounding of vᵀPv hides."""
 
     bound: float = np.inf
     """Bound of the smallest step so far, relative to σ."""
-    state: State | None = field(default=None, repr=False)
+    state: S | None = field(default=None, repr=False)
     """The state after the smallest step; none before the first step."""
     in_vain: int = 0
     """Number of consecutive steps that did not shrink."""
@@ -107,7 +107,7 @@ class Rest:
         """Whether steps do not shrink any more."""
         return self.in_vain >= STOPPING.in_vain
 
-    def with_step(self, bound: float, state: State) -> Rest:
+    def with_step(self, bound: float, state: S) -> Rest[S]:
         """Return the rest after one more step."""
         shrinks = self.state is None or bound < STOPPING.shrinking * self.bound
         in_vain = 0 if shrinks else self.in_vain + 1
@@ -117,7 +117,7 @@ class Rest:
 
 
 @dataclass(frozen=True)
-class Stop:
+class Stop(Generic[S]):
     """Record of the steps so far, which judges the next one; every change returns a new value."""
 
     tolerance: float
@@ -128,10 +128,10 @@ class Stop:
     """Whether the unknowns moved by the last step alone; false: by an extrapolation of several."""
     slow: int = 0
     """Number of consecutive steps without progress."""
-    rest: Rest = field(default_factory=Rest)
+    rest: Rest[S] = field(default_factory=Rest)
     """The smallest of the steps whose decrease the rounding of vᵀPv hides."""
 
-    def judge(self, attempt: Attempt, before: float, *, damped: bool) -> Judgement:
+    def judge(self, attempt: Attempt[S], before: float, *, damped: bool) -> Judgement:
         """Judge a step by the state after it.
 
         Args:
@@ -158,7 +158,7 @@ class Stop:
         """Return whether the step shrinks so slowly that an extrapolation may help."""
         return bound > STOPPING.fast * self.last
 
-    def noted(self, attempt: Attempt, judged: Judgement, before: float) -> Stop:
+    def noted(self, attempt: Attempt[S], judged: Judgement, before: float) -> Stop[S]:
         """Return the record with a step that is to be taken."""
         rest = self.rest
         if attempt.vtpv < before - STOPPING.blind * (1.0 + before):  # vᵀPv can tell again
@@ -168,7 +168,7 @@ class Stop:
             rest = rest.with_step(attempt.step.bound, attempt.state)
         return replace(self, rest=rest)
 
-    def moved(self, bound: float, before: float, after: float, *, plain: bool) -> Stop:
+    def moved(self, bound: float, before: float, after: float, *, plain: bool) -> Stop[S]:
         """Return the record after the unknowns have moved.
 
         Args:

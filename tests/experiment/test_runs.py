@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from factorgraph_adj.blas import _libraries
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.experiment.blas import _libraries
 from factorgraph_adj.experiment.processes import AHEAD
 from factorgraph_adj.experiment.processes import _serve as serve
 from factorgraph_adj.experiment.repetition import DIED, Outcome, Repetition, Task, repeat

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from factorgraph_adj import adjust
-from factorgraph_adj.experiment.blas import _libraries
+from factorgraph_adj.blas import _libraries
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
 
 NORMAL = {"bias": 0.3, "sigma": 2.0}

@@ -1,0 +1,223 @@
+"""The adjustment of a network in parts."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from ..errors import AdjustmentError, InputError, Problem
+from ..solve.batch import MOST_WEIGHINGS
+from ..solve.damping import Damping
+from ..solve.iterate import Ended, Progress
+from ..solve.normal import POOR
+from .folder import Folder
+from .iterate import Point, Whole, iterate
+from .junctions import Junctions, RootPlaces, shared_keys
+from .loaded import Job
+from .messages import At, Begun, Surveyed, packed
+from .part import Source, parts_of
+from .result import PartsSolution, Quality
+from .solution import Totals
+from .tasks import begin, finish, share, survey, weighs_as
+from .workers import Workers, check_client
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+
+def adjust_parts(
+    parts: Sequence[Source],
+    *,
+    client: Client | None = None,
+    folder: str | Path | None = None,
+    name: str = "",
+    variance: Literal["a-priori", "a-posteriori"] = "a-priori",
+    tolerance: float = 1e-5,
+    max_iterations: int = 100,
+    progress: Progress | None = None,
+) -> PartsSolution:
+    """Adjust a network that is given in parts (Helmert blocks), each read by its own process.
+
+    Unknowns of the same kind and name in several parts are the same unknown, a junction. The
+    result is that of the whole network: estimates, covariances, redundancy numbers. A given value
+    of a weighted junction counts once, although several parts may state it.
+
+    Args:
+        parts: project files or folders, or `Part` with a function that returns a network.
+        client: client of a Dask cluster (extra ``cluster``), best with one thread for each worker;
+            none: the parts are read and eliminated one after another in this process, so that a
+            network may be larger than the memory.
+        folder: folder of the run, which all workers reach under this path. States and results
+            are written there; a run that was killed resumes from it. None: a temporary folder of
+            this machine, which disappears with the solution.
+        name: name of the network.
+        variance: whether covariances are scaled by 1 or by σ̂0².
+        tolerance: bound on the last step of every unknown, relative to its own σ.
+        max_iterations: largest number of iterations.
+        progress: called after each iteration.
+
+    Returns:
+        The solution; its ``converged`` and ``reason`` say how the iteration ended.
+
+    Raises:
+        InputError: parts cannot be read, differ in what they hold, weight or estimate, have
+            different frames, or ask for a free network; the folder belongs to another run; errors
+            of all parts at once, each with the name of its part.
+        ApproximationError: points, photos or sets of a part have no approximate values.
+        DatumError: unknowns of a part are not determined by the part and its junctions, or the
+            junctions are not determined by all parts together.
+    """
+    if variance not in ("a-priori", "a-posteriori"):
+        raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
+    if client is not None:
+        check_client(client)
+    temporary = tempfile.TemporaryDirectory(prefix="factorgraph-adj-") if folder is None else None
+    place = Folder(Path(temporary.name if temporary is not None else str(folder)).absolute())
+    place.path.mkdir(parents=True, exist_ok=True)
+    jobs = [Job(part, number, place) for number, part in enumerate(parts_of(parts))]
+    workers = Workers(jobs, client)
+    try:
+        surveyed = workers.all(survey, [()] * len(jobs))
+        signature = _signature(jobs, surveyed)
+        point = _resumed(place, signature)
+        whole, begun = _begun(workers, surveyed)
+        point, ended = _weighed(
+            whole,
+            point,
+            Noted(place, signature),
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            progress=progress,
+        )
+        quality = _quality(whole, begun, At(point.state, point.weights), ended, variance)
+    finally:
+        workers.forget()
+    return PartsSolution(
+        name=name,
+        jobs=tuple(jobs),
+        junctions=whole.junctions,
+        state=point.state,
+        weights=point.weights,
+        begun=tuple(begun),
+        quality=quality,
+        sent=workers.sent,
+        received=workers.received,
+        temporary=temporary,
+    )
+
+
+class Noted:
+    """Writes the progress of a run."""
+
+    def __init__(self, folder: Folder, signature: str) -> None:
+        """Take in where, and of which run."""
+        self._folder, self._signature = folder, signature
+
+    def __call__(self, point: Point) -> None:
+        """Write a point."""
+        d = point.damping
+        self._folder.note(
+            {
+                "signature": self._signature,
+                "state": point.state,
+                "weights": point.weights,
+                "iterations": point.iterations,
+                "last": point.last,
+                "damping": [d.value, d.resume, d.growth],
+            }
+        )
+
+
+def _signature(jobs: Sequence[Job], surveyed: Sequence[Surveyed]) -> str:
+    """Return a digest of all parts."""
+    digest = hashlib.blake2b(digest_size=16)
+    for job, part in zip(jobs, surveyed, strict=True):
+        digest.update(f"{job.part.name}\0{part.frame}\0{part.digest}\0".encode())
+    return digest.hexdigest()
+
+
+def _resumed(folder: Folder, signature: str) -> Point:
+    """Return the point at which a run goes on.
+
+    Raises:
+        InputError: the folder belongs to a run with other parts.
+    """
+    found = folder.progress()
+    if found is None:
+        return Point()
+    if found.get("signature") != signature:
+        what = (
+            "the folder belongs to a run with other parts, or the parts have changed since: give "
+            "an empty folder"
+        )
+        raise InputError(Problem(what, str(folder.path)))
+    return Point(
+        found["state"],
+        found["weights"],
+        found["iterations"],
+        found["last"],
+        Damping(*found["damping"]),
+    )
+
+
+def _begun(workers: Workers, surveyed: Sequence[Surveyed]) -> tuple[Whole, list[Begun]]:
+    """Find the junctions, and let every part begin."""
+    names = [job.part.name for job in workers.jobs]
+    keys = shared_keys(surveyed, names)
+    shared = workers.all(share, [(keys,)] * len(workers.jobs))
+    junctions = Junctions(shared, names)
+    begun = workers.all(begin, [(setup,) for setup in junctions.setups()])
+    return Whole(workers, junctions, RootPlaces(junctions, begun)), begun
+
+
+def _weighed(
+    whole: Whole,
+    point: Point,
+    note: Noted,
+    *,
+    tolerance: float,
+    max_iterations: int,
+    progress: Progress | None,
+) -> tuple[Point, Ended]:
+    """Iterate; repeat with the weights that follow from the new lengths of sights."""
+    for _ in range(MOST_WEIGHINGS):
+        point, ended = iterate(
+            whole,
+            point,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+            note=note,
+            progress=progress,
+        )
+        at = At(point.state, point.weights)
+        if not ended.converged or ended.iterations >= max_iterations:
+            break
+        if all(whole.workers.all(weighs_as, [(at,)] * len(whole.workers.jobs))):
+            break
+        point = replace(point, weights=point.state)
+    return point, ended
+
+
+def _quality(whole: Whole, begun: Sequence[Begun], at: At, ended: Ended, variance: str) -> Quality:
+    """Let every part write its covariances and its reliability."""
+    root, vtpv, smallest = whole.eliminated(at)
+    if smallest < POOR:
+        whole.explain(at)
+        raise AdjustmentError(
+            f"no covariances: a pivot is {smallest:.1g} of its diagonal element, so weakly is an "
+            "unknown determined; adjust the network as a whole, or add observations"
+        )
+    n = sum(b.n_rows for b in begun)
+    u = sum(b.n_unknowns for b in begun) + whole.junctions.n_columns
+    factor = vtpv / (n - u) if variance == "a-posteriori" and n > u else 1.0
+    totals = Totals(vtpv, n - u, factor, ended.converged, ended.reason, ended.iterations)
+    covariances = root.covariances()
+    finished = whole.workers.all(
+        finish,
+        [(at, packed(covariances.of(columns)), totals) for columns in whole.junctions.columns],
+    )
+    return Quality(totals, n, u, tuple(finished))

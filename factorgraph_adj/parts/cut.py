@@ -1,0 +1,269 @@
+"""A network in memory, cut into parts: by nested dissection, or by regions of the user.
+
+Nested dissection separates the parts by few stations and photos, so that the junctions are few.
+Every observation goes to one part, and every part has what its observations touch. Object points
+that only photos see go to the part of a photo; photos that separate parts have some of their image
+points in each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from ..errors import InputError, Problem, known
+from ..graph.equations import Equations, compile_network
+from ..graph.image_blocks import ImageIds
+from ..graph.variables import Unknowns, Variables
+from ..models.variables import VariableKind
+from ..network.network import Network
+from ..network.selection import only
+from ..solve.dissection import Pattern, cut
+from ..solve.elimination import layers_of
+from ..solve.factor import Plan
+from ..solve.nodes import Nodes
+from ..solve.start import Start, start_of
+from ..types import Index, Mask
+from .folder import Folder
+from .part import Part, StoredPart
+
+Regions: TypeAlias = int | Mapping[str, str] | Callable[[str], str]
+"""A number of parts, or the region of each point and photo by its name."""
+
+
+@dataclass(frozen=True)
+class Assigned:
+    """The part of every observation, and of every variable that has a home."""
+
+    names: tuple[str, ...]
+    """Names of the parts."""
+    of_rows: Index
+    """Part of each scalar observation, (n,)."""
+    homes: Mapping[VariableKind, Index]
+    """Part where each variable stands, by kind; −1: none, or several."""
+
+
+def cut_network(network: Network, regions: Regions, folder: Folder) -> list[Part]:
+    """Cut a network into parts, and write them into a folder.
+
+    Args:
+        network: the network.
+        regions: number of parts, or the region of each point and photo.
+        folder: where the parts are written.
+
+    Raises:
+        InputError: nothing to adjust; points or photos without region.
+        ApproximationError: points, photos or sets have no approximate values.
+    """
+    equations = compile_network(network)
+    start = start_of(equations, "given", None)
+    if isinstance(regions, int):
+        assigned = _dissected(equations, start, regions)
+    else:
+        assigned = _by_region(equations, regions)
+    untouched = _untouched(equations)
+    full = np.unique(assigned.of_rows).tolist()
+    parts = []
+    for place, number in enumerate(full):
+        home = {}
+        for kind, flags in untouched.items():
+            at = assigned.homes.get(kind, np.full(len(flags), -1))
+            home[kind] = flags & (at == number if place else ~np.isin(at, full[1:]))
+        name = assigned.names[number]
+        part = _part(equations, assigned.of_rows == number, home, name)
+        own = folder.of_part(place)
+        own.write("network", (part, _carried(start, part)))
+        parts.append(Part(name, StoredPart(own.path / "network.pickle")))
+    return parts
+
+
+# -- which part ----------------------------------------------------------------------------------
+
+
+def _dissected(equations: Equations, start: Start, parts: int) -> Assigned:
+    """Assign by nested dissection."""
+    if parts < 1:
+        raise InputError(f"the number of parts must be at least 1, not {parts}")
+    unknowns = equations.unknowns
+    nothing = np.zeros(unknowns.n_columns, dtype=bool)
+    none = np.zeros(0, dtype=np.intp)
+    layers = layers_of(equations, reduce_points=True, touched=nothing, kept=none)
+    plan = Plan.of(equations, layers)
+    nodes = plan.nodes
+    assert nodes is not None
+    codes = np.concatenate([none, *_pairs(equations, plan, nodes)])
+    first, second = np.divmod(np.unique(codes), max(nodes.n, 1))
+    pattern = Pattern(nodes.n, nodes.width, nodes.side, first, second)
+    part = cut(pattern, nodes.positions(start.state), parts)
+    node = {kind: _nodes(nodes, table) for kind, table in unknowns.tables.items()}
+    homes = {kind: np.where(at >= 0, part[at], -1) for kind, at in node.items()}
+    beside = _beside(pattern, part)
+    of_rows = np.full(equations.n_rows, -1, dtype=np.intp)
+    fallback = np.zeros(equations.n_rows, dtype=np.intp)
+    for block in equations.blocks:
+        own = np.full(block.n, -1, dtype=np.intp)
+        other = np.full(block.n, -1, dtype=np.intp)
+        for kind, index in block.variables:
+            own = np.maximum(own, homes[kind][index])
+            at = node[kind][index]
+            other = np.where((other < 0) & (at >= 0), beside[at], other)
+        of_rows[block.rows] = np.repeat(own, block.dimension)
+        fallback[block.rows] = np.repeat(np.maximum(other, 0), block.dimension)
+    _points_of_photos(equations, layers.reduced, of_rows, fallback)
+    of_rows = np.where(of_rows >= 0, of_rows, fallback)
+    for c in equations.clusters:
+        of_rows[c.rows] = of_rows[c.rows].max()
+    names = tuple(str(number + 1) for number in range(int(part.max(initial=0)) + 1))
+    return Assigned(names, of_rows, homes)
+
+
+def _pairs(equations: Equations, plan: Plan, nodes: Nodes) -> list[Index]:
+    """Return the pairs of nodes that observations join."""
+    out = []
+    if plan.rays is not None:
+        out.append(plan.rays.pair_codes)
+    if plan.rows is not None:
+        out.append(plan.rows.pair_codes)
+    for c in equations.clusters:
+        touched = [np.zeros(0, dtype=np.intp)]
+        for block in equations.blocks:
+            rows = c.rows[(c.rows >= block.rows.start) & (c.rows < block.rows.stop)]
+            on = np.unique((rows - block.first_row) // block.dimension)
+            for kind, index in block.variables:
+                touched.append(_nodes(nodes, equations.unknowns[kind])[index[on]])
+        own = np.unique(np.concatenate(touched))
+        own = own[own >= 0]
+        i, j = np.triu_indices(len(own), 1)
+        out.append(own[i] * nodes.n + own[j])
+    return out
+
+
+def _nodes(nodes: Nodes, table: Variables) -> Index:
+    """Return the node of each variable of a kind; −1: border, held, or in the first layer."""
+    out = np.full(len(table.names), -1, dtype=np.intp)
+    inner = nodes.n * nodes.width
+    for c in range(table.free.shape[1]):
+        on = np.flatnonzero((table.offset >= 0) & (c < table.size))
+        place = nodes.place_of[table.offset[on] + c]
+        has = (place >= 0) & (place < inner)
+        out[on[has]] = place[has] // nodes.width
+    return out
+
+
+def _beside(pattern: Pattern, part: Index) -> Index:
+    """Return the part of each node, or for nodes that separate parts one that is adjacent."""
+    out = part.copy()
+    for a, b in ((pattern.first, pattern.second), (pattern.second, pattern.first)):
+        np.maximum.at(out, a, np.where(part[a] < 0, part[b], -1))
+    return np.maximum(out, 0)
+
+
+def _points_of_photos(equations: Equations, reduced: Mask, of_rows: Index, fallback: Index) -> None:
+    """Give all observations of a point of the first layer one part, in place.
+
+    The photos of such a point are adjacent, so that at most one part has interior ones.
+    """
+    part = np.full(len(reduced), -1, dtype=np.intp)
+    other = np.full(len(reduced), -1, dtype=np.intp)
+    mine = []
+    for block in equations.blocks:
+        for kind, index in block.variables:
+            if kind == "point":
+                on = np.flatnonzero(reduced[index])
+                rows = block.first_row + block.dimension * on
+                np.maximum.at(part, index[on], of_rows[rows])
+                np.maximum.at(other, index[on], fallback[rows])
+                mine.append((block, on, index[on]))
+    part = np.where(part >= 0, part, other)
+    for block, on, points in mine:
+        rows = block.first_row + block.dimension * on[:, None] + np.arange(block.dimension)
+        of_rows[rows] = part[points][:, None]
+
+
+def _by_region(equations: Equations, regions: Mapping[str, str] | Callable[[str], str]) -> Assigned:
+    """Assign by the region of the first point or photo of each observation."""
+    find = regions.get if isinstance(regions, Mapping) else regions
+    unknowns = equations.unknowns
+    placed: dict[VariableKind, list[str | None]] = {
+        "point": [find(name) for name in unknowns["point"].names],
+        "pose": [find(name) for name in unknowns["pose"].names],
+    }
+    lost = [
+        (noun, name)
+        for kind, noun in (("pose", "photo"), ("point", "point"))
+        for name, region in zip(unknowns[kind].names, placed[kind], strict=True)
+        if region is None and (kind == "pose" or not len(unknowns["pose"].names))
+    ]
+    every = sorted({r for found in placed.values() for r in found if r is not None})
+    if lost:
+        what = f"it has no region; known regions: {known(every)}"
+        raise InputError([Problem(what, f"{noun} {name!r}") for noun, name in lost])
+    number = {name: i for i, name in enumerate(every)}
+    homes: dict[VariableKind, Index] = {
+        kind: np.array([-1 if r is None else number[r] for r in found], dtype=np.intp)
+        for kind, found in placed.items()
+    }
+    of_rows = np.zeros(equations.n_rows, dtype=np.intp)
+    for block in equations.blocks:
+        own = np.full(block.n, -1, dtype=np.intp)
+        for kind, index in block.variables:
+            if kind in homes:
+                own = np.where(own >= 0, own, homes[kind][index])
+        of_rows[block.rows] = np.repeat(np.maximum(own, 0), block.dimension)
+    for c in equations.clusters:
+        of_rows[c.rows] = of_rows[c.rows[0]]
+    return Assigned(tuple(every), of_rows, homes)
+
+
+# -- the parts -----------------------------------------------------------------------------------
+
+
+def _untouched(equations: Equations) -> dict[VariableKind, Mask]:
+    """Return the variables that no observation depends on, by kind."""
+    out = {k: np.ones(len(t.names), dtype=bool) for k, t in equations.unknowns.tables.items()}
+    for block in equations.blocks:
+        for kind, index in block.variables:
+            if not block.prior:
+                out[kind][index] = False
+    return out
+
+
+def _part(
+    equations: Equations, mine: Mask, home: Mapping[VariableKind, Mask], name: str
+) -> Network:
+    """Return the network of a part.
+
+    Args:
+        equations: the whole network.
+        mine: whether each scalar observation belongs to the part, (n,).
+        home: whether each variable belongs to the part although nothing observes it, by kind.
+        name: name of the part.
+    """
+    ids: set[str] = set()
+    images = np.zeros(equations.network.n_image_points, dtype=bool)
+    used = {kind: flags.copy() for kind, flags in home.items()}
+    for block in equations.blocks:
+        if block.prior:  # a weighted unknown brings its given value along
+            continue
+        on = np.flatnonzero(mine[block.rows][:: block.dimension])
+        for kind, index in block.variables:
+            used[kind][index[on]] = True
+        if isinstance(block.ids, ImageIds):
+            images[block.ids.rows[on]] = True
+        else:
+            ids.update(block.ids[i] for i in on.tolist())
+    names = {
+        kind: {equations.unknowns[kind].names[i] for i in np.flatnonzero(flags).tolist()}
+        for kind, flags in used.items()
+    }
+    return only(equations.network, name, ids, images, names)
+
+
+def _carried(start: Start, network: Network) -> Start:
+    """Return start values for a part."""
+    found = start.carried_to(Unknowns(network))
+    assert found is not None
+    return found

@@ -1,0 +1,109 @@
+"""The folder of a run in parts: states, results and progress, which a killed run resumes from.
+
+Every file is written beside its place and then moved into it, so that a killed process leaves
+either the old file or the new one.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..types import Array
+
+PROGRESS = "run.json"
+"""File with the progress of the root."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """A folder that the root and all processes of the parts can reach."""
+
+    path: Path
+    """Where it is."""
+
+    def of_part(self, number: int) -> Folder:
+        """Return the folder of a part; it is made if there is none."""
+        inner = Folder(self.path / f"part-{number:04d}")
+        inner.path.mkdir(parents=True, exist_ok=True)
+        return inner
+
+    def write_arrays(self, name: str, arrays: dict[str, Array]) -> None:
+        """Write arrays under a name."""
+        with _beside(self.path / f"{name}.npz") as path, path.open("wb") as stream:
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+
+    def arrays(self, name: str) -> dict[str, Array]:
+        """Return the arrays under a name.
+
+        Raises:
+            InputError: they are not there.
+        """
+        path = self.path / f"{name}.npz"
+        try:
+            with np.load(path) as stored:
+                return {key: stored[key] for key in stored.files}
+        except FileNotFoundError:
+            what = "is missing: every worker must reach the folder of the run under this path"
+            raise InputError(Problem(what, str(path))) from None
+
+    def write(self, name: str, value: object) -> None:
+        """Write an object."""
+        with _beside(self.path / f"{name}.pickle") as path, path.open("wb") as stream:
+            pickle.dump(value, stream, protocol=pickle.HIGHEST_PROTOCOL)
+
+    def read(self, name: str) -> Any:
+        """Return an object that this program has written."""
+        with (self.path / f"{name}.pickle").open("rb") as stream:
+            return pickle.load(stream)
+
+    def forget(self, name: str) -> None:
+        """Remove arrays; nothing happens where there are none."""
+        (self.path / f"{name}.npz").unlink(missing_ok=True)
+
+    # -- progress -----------------------------------------------------------------------------
+
+    def progress(self) -> dict[str, Any] | None:
+        """Return what the root has noted; none: the run has not begun.
+
+        Raises:
+            InputError: the file cannot be read.
+        """
+        path = self.path / PROGRESS
+        if not path.exists():
+            return None
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError:
+            what = "this is not the progress of a run: give an empty folder"
+            raise InputError(Problem(what, str(path))) from None
+        return dict(found)
+
+    def note(self, progress: dict[str, Any]) -> None:
+        """Write the progress of the root."""
+        with _beside(self.path / PROGRESS) as path:
+            path.write_text(json.dumps(progress, indent=1), encoding="utf-8")
+
+
+class _beside:
+    """A path beside another one, which takes its place if nothing fails."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._beside = path.with_name(f".{path.name}.{os.getpid()}")
+
+    def __enter__(self) -> Path:
+        return self._beside
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            os.replace(self._beside, self._path)
+        else:
+            self._beside.unlink(missing_ok=True)

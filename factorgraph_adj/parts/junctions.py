@@ -1,0 +1,211 @@
+"""The junctions of a network in parts: the unknowns that several parts have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..models.variables import UNKNOWNS
+from ..solve.places import Places
+from ..types import Array, Index, Mask
+from .messages import Begun, Setup, Shared, Surveyed, Variable
+
+EQUAL = 1e-9
+"""Largest difference between held or weighted values that parts give for the same unknown."""
+
+
+def shared_keys(surveyed: Sequence[Surveyed], names: Sequence[str]) -> Array:
+    """Return the keys that several parts have, sorted.
+
+    Args:
+        surveyed: what each part has.
+        names: names of the parts.
+
+    Raises:
+        InputError: parts have different frames, or ask for the datum of a free network.
+    """
+    problems = [
+        Problem(
+            "a network in parts needs a given datum: hold or weight some coordinates, and "
+            'remove datum = "free"',
+            f"part {name!r}",
+        )
+        for name, part in zip(names, surveyed, strict=True)
+        if part.free_network
+    ]
+    problems += [
+        Problem(
+            f"its frame {part.frame} differs from {surveyed[0].frame} of part {names[0]!r}: all "
+            "parts must have the same frame",
+            f"part {name!r}",
+        )
+        for name, part in zip(names, surveyed, strict=True)
+        if part.frame != surveyed[0].frame
+    ]
+    if problems:
+        raise InputError(problems)
+    keys, counts = np.unique(np.concatenate([s.keys for s in surveyed]), return_counts=True)
+    return np.asarray(keys[counts > 1])
+
+
+class Junctions:
+    """All junctions, their free components as columns of the root, and who has them."""
+
+    def __init__(self, shared: Sequence[Sequence[Shared]], names: Sequence[str]) -> None:
+        """Compare what the parts say of the unknowns that they have in common.
+
+        Args:
+            shared: the common variables of each part.
+            names: names of the parts.
+
+        Raises:
+            InputError: parts differ in what they hold, weight or estimate; all are named.
+        """
+        owners: dict[Variable, list[tuple[int, Shared]]] = {}
+        for number, of_part in enumerate(shared):
+            for s in of_part:
+                owners.setdefault(s.variable, []).append((number, s))
+        owners = {v: each for v, each in owners.items() if len(each) > 1}
+        problems = []
+        for v, each in owners.items():
+            problems += _differences(v, each, names)
+        if problems:
+            raise InputError(problems)
+        found = sorted(v for v, each in owners.items() if each[0][1].free.any())
+        self.variables: tuple[Variable, ...] = tuple(found)
+        """The junctions."""
+        self.free: list[Mask] = [owners[v][0][1].free for v in found]
+        """Free components of each junction."""
+        self.components = [owners[v][0][1].components for v in found]
+        """Names of the components of each junction."""
+        sizes = np.array([int(f.sum()) for f in self.free], dtype=np.intp)
+        self.first: Index = np.cumsum(sizes) - sizes
+        """First column of each junction."""
+        self.n_columns = int(sizes.sum())
+        """Number of free components of all junctions."""
+        place = {v: i for i, v in enumerate(found)}
+        self.of_part: list[Index] = [
+            np.array(sorted(place[s.variable] for s in p if s.variable in place), dtype=np.intp)
+            for p in shared
+        ]
+        """Numbers of the junctions of each part."""
+        self.columns: list[Index] = [
+            np.concatenate(
+                [np.zeros(0, dtype=np.intp)]
+                + [self.first[i] + np.arange(sizes[i]) for i in of_part.tolist()]
+            )
+            for of_part in self.of_part
+        ]
+        """Columns of each part."""
+        self._owners = owners
+
+    def setups(self) -> list[Setup]:
+        """Return what each part has to know about its junctions.
+
+        A given value of a weighted junction is an observation once, in the first part that gives
+        it. All parts start from the value of the first part that gives one.
+        """
+        start, counts_in = [], []
+        for v in self.variables:
+            each = self._owners[v]
+            given = [s.start for _, s in each if np.isfinite(s.given[: len(s.start)]).all()]
+            start.append(given[0] if given else each[0][1].start)
+            weighted = [n for n, s in each if np.isfinite(s.sigma[s.free]).any()]
+            counts_in.append(min(weighted, default=-1))
+        return [
+            Setup(
+                tuple(self.variables[i] for i in of_part.tolist()),
+                tuple(start[i] for i in of_part.tolist()),
+                tuple(counts_in[i] not in (-1, number) for i in of_part.tolist()),
+            )
+            for number, of_part in enumerate(self.of_part)
+        ]
+
+    def name(self, column: int) -> str:
+        """Return a readable name of a column."""
+        i = int(np.searchsorted(self.first, column, side="right")) - 1
+        component = int(np.flatnonzero(self.free[i])[column - self.first[i]])
+        v = self.variables[i]
+        return f"{UNKNOWNS[v.kind].noun} {v.name!r} {self.components[i][component]}".strip()
+
+    def by_kind(self) -> dict[str, int]:
+        """Return the number of junctions of each kind."""
+        out: dict[str, int] = {}
+        for v in self.variables:
+            out[v.kind] = out.get(v.kind, 0) + 1
+        return out
+
+
+class RootPlaces(Places):
+    """Places of the junctions in the root: one node for each, or the border."""
+
+    def __init__(self, junctions: Junctions, begun: Sequence[Begun]) -> None:
+        """Give every column a place.
+
+        A junction that touches everything in a part, such as a calibration, is in the border.
+        """
+        super().__init__(junctions.n_columns)
+        n = len(junctions.variables)
+        spread = np.zeros(n, dtype=bool)
+        positions = np.zeros((n, 3))
+        for of_part, part in zip(junctions.of_part, begun, strict=True):
+            spread[of_part] |= part.spread
+            positions[of_part] = part.positions
+        on = np.flatnonzero(~spread)
+        self.n = len(on)
+        node = np.cumsum(~spread) - 1
+        sizes = np.diff(np.append(junctions.first, junctions.n_columns))
+        of_column = np.repeat(np.arange(n), sizes)
+        column = np.arange(junctions.n_columns)
+        inner = ~spread[of_column]
+        nothing = np.zeros(0, dtype=np.intp)
+        position = column - junctions.first[of_column] if n else nothing
+        self._settle(
+            node[of_column][inner], position[inner], column[inner], column[~inner], nothing
+        )
+        self.positions: Array = positions[on]
+        """Where the nodes are, (n, 3) metres."""
+
+
+def _differences(
+    v: Variable, each: Sequence[tuple[int, Shared]], names: Sequence[str]
+) -> list[Problem]:
+    """Return in what parts differ about a common unknown."""
+    where = f"{UNKNOWNS[v.kind].noun} {v.name!r}"
+    number, one = each[0]
+    out = []
+    for other_number, other in each[1:]:
+        both = f"in parts {names[number]!r} and {names[other_number]!r}"
+        if one.components != other.components:
+            out.append(Problem(f"it has different components {both}", where))
+        elif not np.array_equal(one.free, other.free):
+            differ = one.components[int(np.flatnonzero(one.free != other.free)[0])]
+            what = f"component {differ} is held in one and estimated in the other"
+            out.append(Problem(f"{what} {both}: state it in the same way in both", where))
+        elif _held_differ(v, one, other):
+            out.append(Problem(f"it is held at different values {both}", where))
+        else:
+            a, b = (np.isfinite(s.sigma) & s.free for s in (one, other))
+            if a.any() and b.any() and not _same_weight(one, other):
+                what = f"its weighted values or standard deviations differ {both}"
+                out.append(Problem(f"{what}: they count once, so state them equally", where))
+    return out
+
+
+def _held_differ(v: Variable, one: Shared, other: Shared) -> bool:
+    """Return whether held values differ."""
+    held = ~UNKNOWNS[v.kind].in_stored_form(one.free[None])[0]
+    k = len(held)
+    a, b = one.given[:k][held], other.given[:k][held]
+    return bool(np.any(np.abs(a - b) > EQUAL))
+
+
+def _same_weight(one: Shared, other: Shared) -> bool:
+    """Return whether two parts give an unknown the same weighted value."""
+    k = min(len(one.given), len(other.given))
+    return bool(
+        np.allclose(one.sigma, other.sigma, rtol=1e-12)
+        and np.allclose(one.given[:k], other.given[:k], rtol=0, atol=EQUAL)
+    )

@@ -1,0 +1,270 @@
+"""A part in the process that adjusts it: its equations, its junctions, its states."""
+
+from __future__ import annotations
+
+import hashlib
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..graph.equations import Equations, compile_network
+from ..graph.variables import State, Unknowns
+from ..models.variables import VariableKind
+from ..solve.elimination import layers_of
+from ..solve.factor import Factor, Plan
+from ..solve.normal import NormalEquations, Solver
+from ..solve.start import start_of
+from ..types import Array, Index, Mask
+from .folder import Folder
+from .messages import At, Begun, Setup, Shared, Surveyed, Variable
+from .part import Part, StoredPart
+
+OLDEST = 12
+"""Number of states that are kept: the iteration may end at one of the last ten."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A part of a run."""
+
+    part: Part
+    """The part."""
+    number: int
+    """Its number, from 0."""
+    folder: Folder
+    """The folder of the run."""
+
+    @property
+    def own(self) -> Folder:
+        """The folder of the part."""
+        return self.folder.of_part(self.number)
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """The eliminated interior of a part at one point of the iteration."""
+
+    at: At
+    """The point of the iteration."""
+    normal: NormalEquations
+    """The linearisation."""
+    added: Array
+    """Terms that damping adds to the diagonal of N, (n_columns,)."""
+    factor: Factor
+    """The factor."""
+
+
+class Loaded:
+    """A part that is in memory."""
+
+    last: Elimination | None = None
+    """The last elimination, which a step follows."""
+    _weighed: tuple[int, Equations, Solver] | None = None
+
+    def __init__(self, job: Job) -> None:
+        """Read and compile a part.
+
+        Raises:
+            InputError: the part cannot be read.
+        """
+        self.job = job
+        given = None
+        if isinstance(job.part.load, StoredPart):
+            self.network, given = job.part.load.read()
+        else:
+            self.network = job.part.load()
+        self._given = given
+        self.whole = compile_network(self.network)
+
+    # -- its variables ------------------------------------------------------------------------
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """The unknowns."""
+        return self.whole.unknowns
+
+    @cached_property
+    def keys(self) -> dict[VariableKind, Array]:
+        """A 64-bit number for each variable, by kind."""
+        return {
+            kind: np.array([key_of(kind, name) for name in table.names], dtype=np.uint64)
+            for kind, table in self.unknowns.tables.items()
+        }
+
+    def surveyed(self) -> Surveyed:
+        """Return what the root has to know to find the junctions."""
+        digest = hashlib.blake2b(digest_size=16)
+        for kind, table in self.unknowns.tables.items():
+            for values in (self.keys[kind], table.values, table.free, table.sigma):
+                digest.update(np.ascontiguousarray(values).tobytes())
+        for block in self.whole.blocks:
+            digest.update(block.kind.encode())
+            for values in (block.observed, block.sigma):
+                digest.update(np.ascontiguousarray(values).tobytes())
+        for cluster in self.whole.clusters:
+            digest.update(np.ascontiguousarray(cluster.whitener).tobytes())
+        keys = np.concatenate([np.zeros(0, dtype=np.uint64), *self.keys.values()])
+        frame = repr(self.network.frame)
+        return Surveyed(keys, frame, self.network.datum == "free", digest.hexdigest())
+
+    @cached_property
+    def started(self) -> State:
+        """Given or approximate values of all variables.
+
+        Raises:
+            ApproximationError: the unknowns that it names have no approximate values.
+        """
+        return start_of(self.whole, "given", self._given).state
+
+    def shared(self, keys: Array) -> list[Shared]:
+        """Return the variables with some keys."""
+        out = []
+        for kind, mine in self.keys.items():
+            table = self.unknowns[kind]
+            for number in np.flatnonzero(np.isin(mine, keys)).tolist():
+                k = int(table.size[number])
+                out.append(
+                    Shared(
+                        Variable(kind, table.names[number]),
+                        self.unknowns.component_names(kind, number),
+                        table.free[number, :k].copy(),
+                        table.sigma[number, :k].copy(),
+                        table.values[number].copy(),
+                        self.started[kind][number].copy(),
+                    )
+                )
+        return out
+
+    # -- its junctions ------------------------------------------------------------------------
+
+    def begin(self, setup: Setup) -> Begun:
+        """Take in the junctions, and write the first state."""
+        self.job.own.write("setup", setup)
+        self.job.own.write_arrays("keys", {str(kind): keys for kind, keys in self.keys.items()})
+        state = {kind: values.copy() for kind, values in self.started.items()}
+        for v, start in zip(setup.variables, setup.start, strict=True):
+            state[v.kind][self.unknowns[v.kind].number[v.name], : len(start)] = start
+        self.write_state(0, state)
+        nodes = self.solver_at(At(0)).plan.nodes
+        assert nodes is not None
+        positions = np.zeros((len(setup.variables), 3))
+        spread = np.zeros(len(setup.variables), dtype=bool)
+        stands = nodes.positions(state)
+        for i, v in enumerate(setup.variables):
+            columns = self.unknowns.columns(v.kind, self.unknowns[v.kind].number[v.name])
+            place = nodes.place_of[columns].max()
+            spread[i] = place >= nodes.n * nodes.width
+            if not spread[i]:
+                positions[i] = stands[place // nodes.width]
+        n = self.unknowns.n_unknowns - len(self.kept)
+        return Begun(self.equations.n_rows, n, positions, spread)
+
+    @cached_property
+    def setup(self) -> Setup:
+        """What the root has told about the junctions."""
+        found = self.job.own.read("setup")
+        assert isinstance(found, Setup)
+        return found
+
+    @cached_property
+    def kept(self) -> Index:
+        """Free columns of the junctions, in the order of the root, (m,)."""
+        columns = [np.zeros(0, dtype=np.intp)]
+        for v in self.setup.variables:
+            own = self.unknowns.columns(v.kind, self.unknowns[v.kind].number[v.name])
+            columns.append(own[self.unknowns.free[own]])
+        return np.concatenate(columns)
+
+    @cached_property
+    def equations(self) -> Equations:
+        """The equations, without given values of junctions that count in another part."""
+        foreign: dict[VariableKind, list[int]] = {}
+        for v, elsewhere in zip(self.setup.variables, self.setup.foreign, strict=True):
+            if elsewhere:
+                foreign.setdefault(v.kind, []).append(self.unknowns[v.kind].number[v.name])
+        blocks, first = [], 0
+        for block in self.whole.blocks:
+            kind, index = block.variables[0]
+            if block.prior and kind in foreign:
+                stays = np.flatnonzero(~np.isin(index, foreign[kind]))
+                if not len(stays):
+                    continue
+                block = block.select(stays)
+            blocks.append(replace(block, first_row=first))
+            first += block.observed.size
+        # Clusters are among the observations before the given values, whose places do not change.
+        return replace(self.whole, blocks=tuple(blocks))
+
+    # -- its states ---------------------------------------------------------------------------
+
+    def write_state(self, number: int, state: State) -> None:
+        """Write a state, and forget one that is no longer needed."""
+        self.job.own.write_arrays(f"state-{number}", {str(k): v for k, v in state.items()})
+        if number > OLDEST:
+            self.job.own.forget(f"state-{number - OLDEST}")
+
+    def state(self, number: int) -> State:
+        """Return a written state."""
+        found = self.job.own.arrays(f"state-{number}")
+        return {kind: found[kind] for kind in self.unknowns.tables}
+
+    def solver_at(self, at: At) -> Solver:
+        """Return the equations with the weights of a point of the iteration, and their plan."""
+        if self._weighed is None or self._weighed[0] != at.weights:
+            equations = self.equations.weighted_at(self.state(at.weights))
+            nothing = np.zeros(self.unknowns.n_columns, dtype=bool)
+            layers = layers_of(equations, reduce_points=True, touched=nothing, kept=self.kept)
+            solver = Solver(equations, Plan.of(equations, layers))
+            self._weighed = (at.weights, equations, solver)
+            self.last = None
+        return self._weighed[2]
+
+    def eliminated(self, at: At) -> Elimination:
+        """Return the eliminated interior at a point of the iteration.
+
+        Raises:
+            SingularError: the interior is not determined, even if the junctions are known.
+            InputError: observations cannot be computed.
+        """
+        if self.last is None or self.last.at != at:
+            before, self.last = self.last, None
+            solver = self.solver_at(at)
+            if before is not None and (before.at.state, before.at.weights) == (
+                at.state,
+                at.weights,
+            ):
+                normal = before.normal
+            else:
+                normal = NormalEquations(solver, self.state(at.state))
+            added = at.damping * normal.diagonal
+            self.last = Elimination(at, normal, added, normal.reduced(added))
+        return self.last
+
+    def with_known_junctions(self, at: At) -> Equations:
+        """Return the equations at a point of the iteration with all junctions held."""
+        held = np.zeros(self.unknowns.n_columns, dtype=bool)
+        held[self.kept] = True
+        return replace(self.solver_at(at).equations, unknowns=_held(self.unknowns, held))
+
+
+def key_of(kind: str, name: str) -> int:
+    """Return a number that differs between any two names, but for a chance of 10⁻⁶ in 5 million."""
+    digest = hashlib.blake2b(f"{kind}\0{name}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "little")
+
+
+def _held(unknowns: Unknowns, columns: Mask) -> Unknowns:
+    """Return unknowns with some columns held."""
+    out = copy(unknowns)
+    out.free = unknowns.free & ~columns
+    tables = {}
+    for kind, table in unknowns.tables.items():
+        every = table.offset[:, None] + np.arange(table.free.shape[1])
+        has = (table.offset >= 0)[:, None] & (np.arange(table.free.shape[1]) < table.size[:, None])
+        gone = has & columns[np.where(has, every, 0)]
+        tables[kind] = replace(table, free=table.free & ~gone)
+    out.tables = tables
+    out.n_unknowns = int(out.free.sum())
+    return out

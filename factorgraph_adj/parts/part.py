@@ -1,0 +1,70 @@
+"""Parts of a network: where a process reads its part from, and what it is called."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
+
+from ..errors import InputError, Problem
+from ..io.readers import read
+from ..network.network import Network
+from ..solve.start import Start
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a network, which is read where it is adjusted."""
+
+    name: str
+    """Name, for messages and results."""
+    load: Callable[[], Network]
+    """Function without arguments that returns the network of the part; it can be pickled."""
+
+
+@dataclass(frozen=True)
+class StoredPart:
+    """A part that `factorgraph_adj.parts.cut` has written."""
+
+    path: Path
+    """A file with the pickled network and its start."""
+
+    def __call__(self) -> Network:
+        """Return the network."""
+        return self.read()[0]
+
+    def read(self) -> tuple[Network, Start | None]:
+        """Return the network, and values to start from."""
+        with self.path.open("rb") as stream:
+            network, start = pickle.load(stream)
+        return network, start
+
+
+Source: TypeAlias = Part | str | Path
+"""A part, or the file or folder of a project."""
+
+
+def parts_of(sources: Sequence[Source]) -> tuple[Part, ...]:
+    """Return parts with their names.
+
+    Raises:
+        InputError: there is no part, or two parts have the same name.
+    """
+    parts = tuple(s if isinstance(s, Part) else _of_file(Path(s)) for s in sources)
+    if not parts:
+        raise InputError("there are no parts: give at least one project, or `Part`")
+    seen: dict[str, int] = {}
+    for number, part in enumerate(parts, start=1):
+        if part.name in seen:
+            what = f"parts {seen[part.name]} and {number} have this name: give one of them another"
+            raise InputError(Problem(what, f"part {part.name!r}"))
+        seen[part.name] = number
+    return parts
+
+
+def _of_file(path: Path) -> Part:
+    named = path.parent if path.name == "project.toml" else path
+    return Part(named.stem if named.is_file() else named.name, partial(read, path.resolve()))

@@ -1,0 +1,237 @@
+"""The solution of a network that was adjusted in parts."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InputError, Problem, known
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..models.variables import UNKNOWNS, VariableKind
+from ..shown import Rows, Shown
+from ..types import Array
+from .junctions import Junctions
+from .loaded import Job, Loaded, key_of
+from .messages import At, Begun, Finished, Tested
+from .solution import Totals
+
+LISTED = 20
+"""Number of observations with the largest tests that a solution lists."""
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Figures of the whole network, and of each part."""
+
+    totals: Totals
+    """Figures of the whole network."""
+    n_observations: int
+    """Number of scalar observations."""
+    n_unknowns: int
+    """Number of free components."""
+    parts: tuple[Finished, ...]
+    """Figures of each part."""
+
+
+@dataclass(frozen=True, eq=False)
+class PartResult:
+    """A part after the adjustment; arrays are in the order of its points or observations."""
+
+    equations: Equations
+    """Observation equations of the part; given values of weighted junctions count in one part."""
+    state: State
+    """Values of all its variables, in stored form."""
+    point_covariances: Array
+    """Covariance of each point, (points, 3, 3) metres²; zero for held ones."""
+    redundancy_numbers: Array
+    """Redundancy number of each scalar observation, (n,)."""
+    w: Array
+    """Test value of Baarda of each scalar observation, (n,)."""
+    mdb: Array
+    """Smallest detectable error of each scalar observation, (n,)."""
+    delta_bar: Array
+    """External reliability of each scalar observation, (n,)."""
+    estimated_errors: Array
+    """Estimated error of each scalar observation if only it is wrong, (n,)."""
+
+    def residuals(self) -> Array:
+        """Return v = computed − observed of every scalar observation, (n,), SI or image units."""
+        return self.equations.residuals(self.state, whitened=False)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PartsSolution(Shown):
+    """An adjusted network in parts; what belongs to a part is read from its folder on request."""
+
+    name: str
+    """Name of the network."""
+    jobs: tuple[Job, ...]
+    """The parts."""
+    junctions: Junctions
+    """The unknowns that several parts have."""
+    state: int
+    """Number of the written state of the solution."""
+    weights: int
+    """Number of the written state whose lengths of sights give the standard deviations."""
+    begun: tuple[Begun, ...]
+    """Sizes of the parts."""
+    quality: Quality
+    """Figures of the whole network and of each part."""
+    sent: int
+    """Bytes of the arrays that were sent to the parts."""
+    received: int
+    """Bytes of the arrays that were received from the parts."""
+    _last: dict[str, PartResult] = field(default_factory=dict, repr=False)
+    temporary: tempfile.TemporaryDirectory[str] | None = field(default=None, repr=False)
+    """The folder of the run, if it disappears with the solution."""
+
+    def headline(self) -> str:
+        """Return the numbers of the adjustment, and how it ended."""
+        ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
+        return (
+            f"PartsSolution of {self.name!r}: {len(self.jobs)} parts, "
+            f"{self.junctions.n_columns} junction components, n {self.n_observations}, "
+            f"u {self.n_unknowns}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}"
+        )
+
+    def first_rows(self) -> Rows:
+        """Return the parts."""
+        return Rows(
+            ("part", "observations", "own unknowns", "junctions", "Σr", "largest |w|"),
+            (
+                (
+                    job.part.name,
+                    b.n_rows,
+                    b.n_unknowns,
+                    len(of_part),
+                    q.redundancy,
+                    max((abs(t.w) for t in q.largest), default=0.0),
+                )
+                for job, b, q, of_part in zip(
+                    self.jobs, self.begun, self.quality.parts, self.junctions.of_part, strict=True
+                )
+            ),
+            len(self.jobs),
+        )
+
+    # -- figures ------------------------------------------------------------------------------
+
+    @property
+    def converged(self) -> bool:
+        """Whether the iteration came to rest."""
+        return self.quality.totals.converged
+
+    @property
+    def reason(self) -> str:
+        """Why the iteration ended."""
+        return self.quality.totals.reason
+
+    @property
+    def iterations(self) -> int:
+        """Number of iterations."""
+        return self.quality.totals.iterations
+
+    @property
+    def vtpv(self) -> float:
+        """Weighted sum vᵀPv."""
+        return self.quality.totals.vtpv
+
+    @property
+    def n_observations(self) -> int:
+        """Number of scalar observations n."""
+        return self.quality.n_observations
+
+    @property
+    def n_unknowns(self) -> int:
+        """Number of free components u."""
+        return self.quality.n_unknowns
+
+    @property
+    def redundancy(self) -> int:
+        """Redundancy r = n − u."""
+        return self.quality.totals.redundancy
+
+    @property
+    def sigma0(self) -> float:
+        """Standard deviation of unit weight √(vᵀPv/r); NaN without redundancy."""
+        return float(np.sqrt(self.vtpv / self.redundancy)) if self.redundancy > 0 else np.nan
+
+    @property
+    def sum_of_redundancy_numbers(self) -> float:
+        """Σr over all observations of all parts; it equals the redundancy up to rounding."""
+        return sum(p.redundancy for p in self.quality.parts)
+
+    @cached_property
+    def largest_tests(self) -> tuple[tuple[str, Tested], ...]:
+        """The observations with the largest |w| in all parts, each with the name of its part."""
+        every = [
+            (job.part.name, t)
+            for job, q in zip(self.jobs, self.quality.parts, strict=True)
+            for t in q.largest
+        ]
+        return tuple(sorted(every, key=lambda entry: -abs(entry[1].w))[:LISTED])
+
+    # -- parts --------------------------------------------------------------------------------
+
+    def part(self, name: str) -> PartResult:
+        """Return the results of a part, which is read again.
+
+        Raises:
+            InputError: no part has this name.
+        """
+        found = {job.part.name: job for job in self.jobs}
+        if name not in found:
+            raise InputError(Problem(f"unknown part; known: {known(found)}", f"part {name!r}"))
+        loaded = Loaded(found[name])
+        folder = found[name].own
+        tests = folder.arrays("reliability")
+        return PartResult(
+            loaded.solver_at(At(self.state, self.weights)).equations,
+            loaded.state(self.state),
+            folder.arrays("points")["covariances"],
+            tests["r"],
+            tests["w"],
+            tests["mdb"],
+            tests["delta_bar"],
+            tests["estimated_errors"],
+        )
+
+    def results(self) -> Iterator[tuple[str, PartResult]]:
+        """Iterate over the names and results of all parts; one part is in memory at a time."""
+        for job in self.jobs:
+            yield job.part.name, self.part(job.part.name)
+
+    def point(self, name: str) -> Array:
+        """Return the adjusted coordinates of a point, (3,) metres.
+
+        Raises:
+            InputError: no part has the point.
+        """
+        result, number = self._found("point", name)
+        return np.array(result.state["point"][number])
+
+    def covariance(self, name: str) -> Array:
+        """Return the covariance of a point, (3, 3) metres²."""
+        result, number = self._found("point", name)
+        return np.array(result.point_covariances[number])
+
+    def _in_memory(self, name: str) -> PartResult:
+        """Return the results of the part that was asked for last, or read them."""
+        last = self._last.get(name)
+        if last is None:
+            self._last.clear()
+            last = self._last[name] = self.part(name)
+        return last
+
+    def _found(self, kind: VariableKind, name: str) -> tuple[PartResult, int]:
+        key = key_of(kind, name)
+        for job in self.jobs:
+            keys = job.own.arrays("keys")[kind]
+            if key in keys:
+                return self._in_memory(job.part.name), int(np.flatnonzero(keys == key)[0])
+        raise InputError(Problem("no part has it", f"{UNKNOWNS[kind].noun} {name!r}"))

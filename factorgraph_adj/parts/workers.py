@@ -1,0 +1,177 @@
+"""Where the tasks of the parts are done: in this process, or by the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+import numpy as np
+
+from ..errors import AdjustmentError, ApproximationError, DatumError, InputError, Problem
+from .loaded import Job
+from .messages import Refused
+from .tasks import forget
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+R = TypeVar("R", covariant=True)
+
+MISSING = "a cluster needs Dask, which is not installed: pip install 'factorgraph_adj[cluster]'"
+
+
+class Task(Protocol[R]):
+    """One of the functions of `factorgraph_adj.parts.tasks`."""
+
+    def __call__(self, job: Job, /, *arguments: Any) -> R | Refused:
+        """Do the task for a part."""
+        ...
+
+
+class Workers:
+    """Does tasks for all parts, and counts the bytes that are sent to and fro."""
+
+    sent = 0
+    """Bytes of the arrays sent to the parts."""
+    received = 0
+    """Bytes of the arrays received from the parts."""
+
+    def __init__(self, jobs: Sequence[Job], client: Client | None) -> None:
+        """Take in the parts; without a client their tasks are done here, one after another."""
+        self.jobs, self._client = tuple(jobs), client
+        self._homes: dict[int, str] = {}
+
+    def each(self, task: Task[R], arguments: Sequence[tuple[Any, ...]]) -> Iterator[tuple[int, R]]:
+        """Do a task for every part; yield the number of each part with its result, in order.
+
+        Args:
+            task: the task.
+            arguments: its arguments for each part.
+
+        Raises:
+            AdjustmentError: the errors of all parts together, after the last part is done.
+        """
+        self.sent += sum(_bytes(a) for a in arguments)
+        refused: list[tuple[str, Refused]] = []
+        for number, result in self._done(task, arguments):
+            if isinstance(result, Refused):
+                refused.append((self.jobs[number].part.name, result))
+                continue
+            self.received += _bytes(result)
+            yield number, result
+        if refused:
+            raise _error(refused)
+
+    def all(self, task: Task[R], arguments: Sequence[tuple[Any, ...]]) -> list[R]:
+        """Do a task for every part; return all results. Raises as `each` does."""
+        return [result for _, result in self.each(task, arguments)]
+
+    def _done(
+        self, task: Task[R], arguments: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, R | Refused]]:
+        if self._client is None:
+            for number, (job, own) in enumerate(zip(self.jobs, arguments, strict=True)):
+                yield number, task(job, *own)
+            return
+        futures = [
+            self._submitted(self._client, task, job, own)
+            for job, own in zip(self.jobs, arguments, strict=True)
+        ]
+        try:
+            for number in range(len(futures)):
+                # A result is taken from the list, or the workers keep it until the last one.
+                yield number, self._result(self._client, futures, number)
+        finally:
+            left = [f for f in futures if f is not None]
+            if left:
+                self._client.cancel(left)
+
+    def _submitted(
+        self, client: Client, task: Task[R], job: Job, arguments: tuple[Any, ...]
+    ) -> Future | None:
+        """Submit a task, if possible to the worker that has read the part already."""
+        alive = sorted(client.scheduler_info(n_workers=-1)["workers"])
+        if alive and self._homes.get(job.number) not in alive:
+            load = dict.fromkeys(alive, 0)
+            for other in self._homes.values():
+                if other in load:
+                    load[other] += 1
+            self._homes[job.number] = min(alive, key=lambda address: load[address])
+        home = self._homes.get(job.number)
+        where = {} if home is None else {"workers": [home], "allow_other_workers": True}
+        future: Future = client.submit(task, job, *arguments, pure=False, **where)
+        return future
+
+    def _result(self, client: Client, futures: list[Future | None], number: int) -> Any:
+        from distributed import KilledWorker
+
+        future = futures[number]
+        assert future is not None
+        try:
+            return future.result()
+        except KilledWorker:
+            where = f"part {self.jobs[number].part.name!r}"
+            raise AdjustmentError(
+                f"{where}: every worker that computed it died: has it more memory than a worker "
+                "may use? Cut the network into more parts, or give the workers more memory"
+            ) from None
+        finally:
+            futures[number] = None
+
+    def forget(self) -> None:
+        """Drop the parts from the memory of all processes."""
+        folder = self.jobs[0].folder.path
+        if self._client is None:
+            forget(folder)
+        else:
+            self._client.run(forget, folder)
+
+
+def check_client(client: object) -> None:
+    """Refuse what is no synchronous client of Dask.
+
+    Raises:
+        InputError: it is none, or Dask is not installed.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(MISSING) from None
+    if not isinstance(client, Client) or client.asynchronous:
+        raise InputError(
+            f"client must be a synchronous distributed.Client of Dask, not {type(client).__name__}"
+        )
+
+
+def _bytes(value: Any) -> int:
+    """Return the bytes of the arrays in a message."""
+    if isinstance(value, np.ndarray):
+        return int(value.nbytes)
+    if is_dataclass(value):
+        return sum(_bytes(getattr(value, f.name)) for f in fields(value))
+    if isinstance(value, tuple | list):
+        return sum(_bytes(v) for v in value)
+    return 0
+
+
+def _error(refused: Sequence[tuple[str, Refused]]) -> AdjustmentError:
+    """Return one error for those of several parts."""
+    kinds = {r.kind for _, r in refused}
+    problems = [
+        Problem(what, f"part {name!r}, {where}" if where else f"part {name!r}")
+        for name, r in refused
+        for where, what in r.lines
+    ]
+    if kinds == {"ApproximationError"}:
+        return ApproximationError(problems)
+    if kinds <= {"InputError", "ApproximationError"}:
+        return InputError(problems)
+    message = "\n".join(str(p) for p in problems)
+    if kinds == {"DatumError"}:
+        unknowns = [u for _, r in refused for u in r.unknowns]
+        names = [name for _, name in unknowns]
+        return DatumError(
+            message, defect=sum(r.defect for _, r in refused), names=names, unknowns=unknowns
+        )
+    return AdjustmentError(message)
