@@ -42,6 +42,10 @@ if TYPE_CHECKING:
         VerticalAngle,
         ZenithAngle,
     )
+    from .parts.adjust import adjust_parts
+    from .parts.network import adjust
+    from .parts.part import Part
+    from .parts.result import PartsSolution
     from .planning.candidates import Candidate
     from .planning.plan import plan
     from .planning.propose import propose
@@ -59,7 +63,6 @@ if TYPE_CHECKING:
     from .quality.variance_components import estimate_variance_components
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
-    from .solve.batch import adjust
     from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
@@ -91,6 +94,8 @@ __all__ = [
     "Observation",
     "ObservationKind",
     "Parameter",
+    "Part",
+    "PartsSolution",
     "Photo",
     "PhotoPosition",
     "Point",
@@ -105,6 +110,7 @@ __all__ = [
     "ZenithAngle",
     "__version__",
     "adjust",
+    "adjust_parts",
     "build_graph",
     "check_points",
     "distance_precision",
@@ -173,7 +179,10 @@ _MODULES = {
     "VerticalAngle": "observations.terrestrial",
     "ZenithAngle": "observations.terrestrial",
     "__version__": "version",
-    "adjust": "solve.batch",
+    "Part": "parts.part",
+    "PartsSolution": "parts.result",
+    "adjust": "parts.network",
+    "adjust_parts": "parts.adjust",
     "build_graph": "graph.build",
     "check_points": "quality.check_points",
     "distance_precision": "quality.relative",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +13,7 @@ from ..solve.batch import MOST_WEIGHINGS
 from ..solve.damping import Damping
 from ..solve.iterate import Ended, Progress
 from ..solve.normal import POOR
-from .folder import Folder
+from .folder import Folder, Scratch
 from .iterate import Point, Whole, iterate
 from .junctions import Junctions, RootPlaces, shared_keys
 from .loaded import Job
@@ -75,8 +74,8 @@ def adjust_parts(
         raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
     if client is not None:
         check_client(client)
-    temporary = tempfile.TemporaryDirectory(prefix="factorgraph-adj-") if folder is None else None
-    place = Folder(Path(temporary.name if temporary is not None else str(folder)).absolute())
+    temporary = Scratch() if folder is None else None
+    place = Folder(Path(temporary.path if temporary is not None else str(folder)).absolute())
     place.path.mkdir(parents=True, exist_ok=True)
     jobs = [Job(part, number, place) for number, part in enumerate(parts_of(parts))]
     workers = Workers(jobs, client)

@@ -199,7 +199,7 @@ def _by_region(equations: Equations, regions: Mapping[str, str] | Callable[[str]
     ]
     every = sorted({r for found in placed.values() for r in found if r is not None})
     if lost:
-        what = f"it has no region; known regions: {known(every)}"
+        what = f"it has no region; known: {known(every)}"
         raise InputError([Problem(what, f"{noun} {name!r}") for noun, name in lost])
     number = {name: i for i, name in enumerate(every)}
     homes: dict[VariableKind, Index] = {

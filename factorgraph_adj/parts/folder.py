@@ -9,6 +9,9 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import shutil
+import tempfile
+import weakref
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,6 +93,15 @@ class Folder:
         """Write the progress of the root."""
         with _beside(self.path / PROGRESS) as path:
             path.write_text(json.dumps(progress, indent=1), encoding="utf-8")
+
+
+class Scratch:
+    """A temporary folder that disappears with this object, at the latest with the process."""
+
+    def __init__(self) -> None:
+        """Make the folder."""
+        self.path = Path(tempfile.mkdtemp(prefix="factorgraph-adj-"))
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
 
 class _beside:

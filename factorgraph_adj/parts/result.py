@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,7 +13,9 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
 from ..shown import Rows, Shown
+from ..solve.estimates import Estimate
 from ..types import Array
+from .folder import Scratch
 from .junctions import Junctions
 from .loaded import Job, Loaded, key_of
 from .messages import At, Begun, Finished, Tested
@@ -46,8 +47,8 @@ class PartResult:
     """Observation equations of the part; given values of weighted junctions count in one part."""
     state: State
     """Values of all its variables, in stored form."""
-    point_covariances: Array
-    """Covariance of each point, (points, 3, 3) metres²; zero for held ones."""
+    covariances: dict[VariableKind, Array]
+    """Covariance of each variable by kind, (n, k, k), SI; zero for held components."""
     redundancy_numbers: Array
     """Redundancy number of each scalar observation, (n,)."""
     w: Array
@@ -87,7 +88,7 @@ class PartsSolution(Shown):
     received: int
     """Bytes of the arrays that were received from the parts."""
     _last: dict[str, PartResult] = field(default_factory=dict, repr=False)
-    temporary: tempfile.TemporaryDirectory[str] | None = field(default=None, repr=False)
+    temporary: Scratch | None = field(default=None, repr=False)
     """The folder of the run, if it disappears with the solution."""
 
     def headline(self) -> str:
@@ -193,7 +194,7 @@ class PartsSolution(Shown):
         return PartResult(
             loaded.solver_at(At(self.state, self.weights)).equations,
             loaded.state(self.state),
-            folder.arrays("points")["covariances"],
+            dict(folder.arrays("covariances")),
             tests["r"],
             tests["w"],
             tests["mdb"],
@@ -218,7 +219,22 @@ class PartsSolution(Shown):
     def covariance(self, name: str) -> Array:
         """Return the covariance of a point, (3, 3) metres²."""
         result, number = self._found("point", name)
-        return np.array(result.point_covariances[number])
+        return np.array(result.covariances["point"][number])
+
+    def unknown(self, kind: VariableKind, name: str) -> Estimate:
+        """Return an unknown of any kind by its name, SI; see `Solution.unknown`."""
+        result, number = self._found(kind, name)
+        unknowns = result.equations.unknowns
+        k = int(unknowns[kind].size[number])
+        covariance = result.covariances[kind][number, :k, :k]
+        sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        safe = np.where(sigmas > 0, sigmas, 1.0)
+        return Estimate(
+            unknowns.component_names(kind, number),
+            unknowns.given(result.state, kind, number),
+            sigmas,
+            covariance / np.outer(safe, safe),
+        )
 
     def _in_memory(self, name: str) -> PartResult:
         """Return the results of the part that was asked for last, or read them."""

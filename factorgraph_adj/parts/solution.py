@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..graph.variables import State
 from ..solve.factor import Factor
 from ..solve.normal import NormalEquations
 from ..solve.solution import Solution
+from ..types import Array
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,22 @@ class PartSolution(Solution):
             totals=totals,
         )
         out.__dict__["factor"] = factor
+        return out
+
+    def every_covariance(self) -> dict[str, Array]:
+        """Return the covariances of all variables, (n, k, k) for each kind, zero where held."""
+        out = {"point": self.point_covariances}
+        for kind, table in self.equations.unknowns.tables.items():
+            if kind == "point":
+                continue
+            k = table.free.shape[1]
+            found = np.zeros((len(table.names), k, k))
+            for size in np.unique(table.size[table.offset >= 0]).tolist():
+                on = np.flatnonzero((table.offset >= 0) & (table.size == size))
+                columns = table.offset[on, None] + np.arange(size)
+                found[on, :size, :size] = self.factor.selected.joint(columns)
+            found *= table.free[:, :, None] & table.free[:, None, :]
+            out[kind] = found * self.variance_factor
         return out
 
     @property

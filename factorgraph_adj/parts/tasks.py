@@ -45,6 +45,11 @@ from .solution import PartSolution, Totals
 
 HELD = 0.4
 """Share of a process's memory up to which it keeps parts that it has read."""
+REMEDY = (
+    "even if all its junctions with other parts are known: give control in this part, or "
+    "observations that tie it to its junctions"
+)
+"""What a user can do about datum defects of a part."""
 LISTED = 20
 """Number of observations with the largest tests that a part reports."""
 
@@ -155,7 +160,7 @@ def explain(part: Loaded, at: At) -> None:
     solver = Solver.of(equations)
     normal = NormalEquations(solver, state)
     defects = find_defects(normal.system, state, normal.diagonal, free=False)
-    error = undetermined(normal.system, normal.diagonal, defects)
+    error = undetermined(normal.system, normal.diagonal, defects, remedy=REMEDY)
     if error is not None:
         raise error
 
@@ -177,7 +182,7 @@ def finish(part: Loaded, at: At, covariances: Array, totals: Totals) -> Finished
     solution = PartSolution.of(e.normal, part.started, e.factor, totals)
     refuse_points_behind(solution.equations, solution.state)
     found = reliability(solution)
-    part.job.own.write_arrays("points", {"covariances": solution.point_covariances})
+    part.job.own.write_arrays("covariances", solution.every_covariance())
     part.job.own.write_arrays(
         "reliability",
         {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
@@ -20,6 +20,11 @@ R = TypeVar("R", covariant=True)
 
 MISSING = "a cluster needs Dask, which is not installed: pip install 'factorgraph_adj[cluster]'"
 
+PATIENCE = 5.0
+"""Seconds after which is asked whether the worker of a task is still there."""
+MOST_DEATHS = 3
+"""Number of workers that may die with a task before it is given up, as with Dask itself."""
+
 
 class Task(Protocol[R]):
     """One of the functions of `factorgraph_adj.parts.tasks`."""
@@ -27,6 +32,17 @@ class Task(Protocol[R]):
     def __call__(self, job: Job, /, *arguments: Any) -> R | Refused:
         """Do the task for a part."""
         ...
+
+
+@dataclass
+class _Call:
+    """A task for a part on the cluster."""
+
+    task: Task[Any]
+    job: Job
+    arguments: tuple[Any, ...]
+    future: Future | None = None
+    home: str | None = None
 
 
 class Workers:
@@ -74,50 +90,62 @@ class Workers:
             for number, (job, own) in enumerate(zip(self.jobs, arguments, strict=True)):
                 yield number, task(job, *own)
             return
-        futures = [
-            self._submitted(self._client, task, job, own)
-            for job, own in zip(self.jobs, arguments, strict=True)
-        ]
+        client = self._client
+        calls = [_Call(task, job, own) for job, own in zip(self.jobs, arguments, strict=True)]
+        for call in calls:
+            self._submit(client, call)
         try:
-            for number in range(len(futures)):
-                # A result is taken from the list, or the workers keep it until the last one.
-                yield number, self._result(self._client, futures, number)
+            for number, call in enumerate(calls):
+                yield number, self._result(client, call)
         finally:
-            left = [f for f in futures if f is not None]
-            if left:
-                self._client.cancel(left)
+            client.cancel([call.future for call in calls if call.future is not None])
 
-    def _submitted(
-        self, client: Client, task: Task[R], job: Job, arguments: tuple[Any, ...]
-    ) -> Future | None:
+    def _submit(self, client: Client, call: _Call) -> None:
         """Submit a task, if possible to the worker that has read the part already."""
+        number = call.job.number
         alive = sorted(client.scheduler_info(n_workers=-1)["workers"])
-        if alive and self._homes.get(job.number) not in alive:
+        if self._homes.get(number) not in alive:
             load = dict.fromkeys(alive, 0)
             for other in self._homes.values():
                 if other in load:
                     load[other] += 1
-            self._homes[job.number] = min(alive, key=lambda address: load[address])
-        home = self._homes.get(job.number)
+            self._homes.pop(number, None)
+            if alive:
+                self._homes[number] = min(alive, key=lambda address: load[address])
+        home = self._homes.get(number)
         where = {} if home is None else {"workers": [home], "allow_other_workers": True}
-        future: Future = client.submit(task, job, *arguments, pure=False, **where)
-        return future
+        call.future = client.submit(call.task, call.job, *call.arguments, pure=False, **where)
+        call.home = home
 
-    def _result(self, client: Client, futures: list[Future | None], number: int) -> Any:
+    def _result(self, client: Client, call: _Call) -> Any:
+        """Return the result of a task; it is submitted again where its worker has died.
+
+        Dask does that by itself, but not for a task whose preferred worker died while no other
+        worker was there.
+        """
         from distributed import KilledWorker
 
-        future = futures[number]
-        assert future is not None
-        try:
-            return future.result()
-        except KilledWorker:
-            where = f"part {self.jobs[number].part.name!r}"
-            raise AdjustmentError(
-                f"{where}: every worker that computed it died: has it more memory than a worker "
-                "may use? Cut the network into more parts, or give the workers more memory"
-            ) from None
-        finally:
-            futures[number] = None
+        for _ in range(MOST_DEATHS + 1):
+            try:
+                while True:
+                    assert call.future is not None
+                    try:
+                        return call.future.result(timeout=PATIENCE)
+                    except TimeoutError:
+                        alive = client.scheduler_info(n_workers=-1)["workers"]
+                        if alive and call.home not in alive:
+                            break
+            except KilledWorker:
+                break
+            finally:
+                lost, call.future = call.future, None  # or the workers keep the result
+            client.cancel([lost])
+            self._submit(client, call)
+        raise AdjustmentError(
+            f"part {call.job.part.name!r}: every worker that computed it died: has it more memory "
+            "than a worker may use? Cut the network into more parts, or give the workers more "
+            "memory"
+        )
 
     def forget(self) -> None:
         """Drop the parts from the memory of all processes."""
@@ -125,7 +153,7 @@ class Workers:
         if self._client is None:
             forget(folder)
         else:
-            self._client.run(forget, folder)
+            self._client.run(forget, folder, wait=False, on_error="ignore")
 
 
 def check_client(client: object) -> None:

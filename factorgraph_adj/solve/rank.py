@@ -40,6 +40,8 @@ MOST_UNOBSERVED = 400
 """Largest number of unknowns without any observation that are listed."""
 CONCERNED = 0.05
 """Share of an unknown in undetermined combinations above which the unknown is named."""
+REMEDY = 'give control (fixed or weighted coordinates), or ask for a free network (datum = "free")'
+"""What a user can do about datum defects."""
 LISTED = 12
 """Largest number of unknowns that a message names."""
 
@@ -141,6 +143,7 @@ def undetermined(
     *,
     free: bool = False,
     known: Array | None = None,
+    remedy: str = REMEDY,
 ) -> DatumError | None:
     """Return an error that names all undetermined unknowns; none: all are determined.
 
@@ -151,6 +154,7 @@ def undetermined(
         free: whether inner constraints fill the datum defects, so that these are no error.
         known: undetermined combinations beside the defects, see `unnoticed`. The search of this
             function may miss them among many weak combinations.
+        remedy: what a user can do about datum defects.
     """
     try:
         z = null_space(system, diagonal)
@@ -182,10 +186,7 @@ def undetermined(
         if len(shares) > LISTED:
             lines.append(f"… and {len(shares) - LISTED} more")
     if n_datum:
-        lines.append(
-            "give control (fixed or weighted coordinates), or ask for a free network "
-            '(datum = "free")'
-        )
+        lines.append(remedy)
     total = n_datum + z.shape[1]
     if total == 0:
         return None

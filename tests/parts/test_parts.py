@@ -1,0 +1,320 @@
+"""Helmert blocks: a network in parts has the result of the whole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.models.variables import UNKNOWNS, VariableKind
+from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import HeightDifference, SlopeDistance
+from factorgraph_adj.parts.cut import Regions, cut_network
+from factorgraph_adj.parts.folder import Folder
+from factorgraph_adj.rotation import log_rotation
+from factorgraph_adj.types import Array
+from tests.benchmarks.grids import simulate_grid, simulate_mixed
+from tests.loaders.dynadjust import read_dynaml
+from tests.networks import shapes, simulated
+from tests.networks.small_block import small_block
+from tests.support.places import data_dir
+
+CLOSE = 1e-9
+"""Difference relative to σ that counts as equal."""
+
+
+def way(kind: VariableKind, a: Array, b: Array) -> Array:
+    """Return the step from one value of a variable in stored form to another."""
+    if not UNKNOWNS[kind].rotates:
+        k = min(len(a), len(b))
+        return a[:k] - b[:k]
+    turn = b[:9].reshape(3, 3).T @ a[:9].reshape(3, 3)
+    return np.concatenate([log_rotation(turn[None])[0], a[9:] - b[9:]])
+
+
+def equal_to_the_whole(
+    network: Network, regions: Regions, folder: Path, tolerance: float = 1e-10
+) -> fga.PartsSolution:
+    """Adjust a network in parts and as a whole, and compare everything."""
+    whole = fga.adjust(network, tolerance=tolerance)
+    rel = fga.reliability(whole)
+    parts = cut_network(network, regions, Folder(folder))
+    found = fga.adjust_parts(parts, folder=folder, tolerance=tolerance)
+    assert found.converged
+    assert (found.n_observations, found.n_unknowns) == (whole.n_observations, whole.n_unknowns)
+    assert found.sigma0 == pytest.approx(whole.sigma0, rel=1e-9)
+    assert found.sum_of_redundancy_numbers == pytest.approx(whole.redundancy, abs=1e-6)
+    residuals = whole.equations.residuals(whole.state, whitened=False)
+    seen = np.zeros(len(rel.redundancy_numbers), dtype=int)
+    for _, part in found.results():
+        mine, theirs = part.equations.unknowns, whole.equations.unknowns
+        for kind, table in mine.tables.items():
+            for number, name in enumerate(table.names):
+                other = theirs[kind].number[name]
+                k = int(table.size[number])
+                covariance = whole.variable_covariance((kind, name))
+                sigma = np.sqrt(np.diag(covariance))
+                safe = np.where(sigma > 0, sigma, 1.0)
+                difference = part.covariances[kind][number, :k, :k] - covariance
+                assert np.abs(difference / np.outer(safe, safe)).max() < CLOSE, (kind, name)
+                moved = way(kind, part.state[kind][number], whole.state[kind][other])[:k]
+                assert np.abs(moved[sigma > 0] / sigma[sigma > 0]).max(initial=0.0) < CLOSE
+                assert (moved[sigma == 0] == 0).all()
+        v = part.residuals()
+        for block in part.equations.blocks:
+            by_id: dict[str, list[int]] = {}
+            for row in range(block.rows.start, block.rows.stop):
+                by_id.setdefault(part.equations.id(row), []).append(row)
+            for ident, rows in by_id.items():
+                (at,) = whole.equations.find([ident])
+                seen[at] += 1
+                np.testing.assert_allclose(
+                    part.redundancy_numbers[rows], rel.redundancy_numbers[at], rtol=0, atol=1e-9
+                )
+                np.testing.assert_allclose(part.w[rows], rel.w[at], rtol=0, atol=1e-7)
+                sigma = whole.equations.sigmas()[at]
+                difference = v[rows] - residuals[at]
+                assert np.abs(difference / sigma).max() < 1e-8
+    assert (seen == 1).all()
+    return found
+
+
+@pytest.mark.parametrize("parts", [1, 2, 5])
+def test_total_stations_cut_by_nested_dissection(tmp_path, parts):
+    found = equal_to_the_whole(simulate_grid(1, points=100).network, parts, tmp_path)
+    assert len(found.jobs) == parts
+
+
+def test_photos_over_total_stations_share_a_calibration_and_points(tmp_path):
+    found = equal_to_the_whole(simulate_mixed(1, points=400, photos=30).network, 3, tmp_path)
+    assert set(found.junctions.by_kind()) >= {"calibration", "pose", "point"}
+
+
+@pytest.mark.parametrize("shape", [shapes.ring, shapes.corridor, shapes.tied, shapes.unordered])
+def test_blocks_that_are_not_strips(tmp_path, shape):
+    found = equal_to_the_whole(shape(1), 3, tmp_path)
+    # No division pays where everything sees everything.
+    assert len(found.jobs) == (1 if shape is shapes.unordered else 3)
+    assert ("pose" in found.junctions.by_kind()) == (len(found.jobs) > 1)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        small_block,
+        simulated.levelling,
+        simulated.gnss,
+        simulated.own_cameras,
+        simulated.weighted_photos,
+        simulated.held_photo,
+    ],
+)
+def test_simulated_networks(tmp_path, make):
+    equal_to_the_whole(make(), 2, tmp_path)
+
+
+@pytest.mark.parametrize("parts", [3, 6])
+def test_the_gnss_network_of_dynadjust(tmp_path, parts):
+    """Clusters of vectors with full covariances: every cluster belongs to one part."""
+    network = read_dynaml(data_dir("dynadjust_gnss"))
+    found = equal_to_the_whole(network, parts, tmp_path, tolerance=1e-8)
+    assert len(found.jobs) == parts
+
+
+def test_regions_of_the_user(tmp_path):
+    network = simulate_grid(3, points=64).network
+    middle = np.median([p.coordinates[0] for p in network.points.values()])
+    east = {
+        p.name: "east" if p.coordinates[0] > middle else "west" for p in network.points.values()
+    }
+    found = equal_to_the_whole(network, east, tmp_path)
+    assert [job.part.name for job in found.jobs] == ["east", "west"]
+    with pytest.raises(fga.InputError, match=r"point '\S+': it has no region; known: west"):
+        cut_network(network, dict.fromkeys(list(network.points)[1:], "west"), Folder(tmp_path))
+
+
+# -- parts that the user has -----------------------------------------------------------------------
+
+
+def part_of(name: str, network: Network) -> fga.Part:
+    return fga.Part(name, partial(Network.copy, network))
+
+
+def levelled(name: str, points: dict[str, str], lines: str, noise: int = 0) -> Network:
+    """Return a levelling network; ``points`` says which are fixed, or weighted with "w"."""
+    heights = {p: 100.0 + 3.7 * i for i, p in enumerate("ABCDEFGH")}
+    rng = np.random.default_rng(len(lines) + noise)
+    network = Network(name)
+    for p, state in points.items():
+        sigma = (np.inf, np.inf, 0.002) if state == "w" else None
+        fixed = "xyz" if state == "fixed" else "xy"
+        network.add_point(p, (0.0, 0.0, heights[p]), fixed=fixed, sigma=sigma)
+    for line in lines.split():
+        a, b = line
+        value = heights[b] - heights[a] + 1e-3 * rng.normal()
+        network.add(HeightDifference(a, b, value, sigma=1e-3, id=f"{name} {line}"))
+    return network
+
+
+def together(name: str, *networks: Network) -> Network:
+    """Return one network with everything of several."""
+    out = Network(name)
+    for network in networks:
+        for point in network.points.values():
+            if point.name not in out.points:
+                fixed = "".join(a for a, f in zip("xyz", point.fixed, strict=True) if f)
+                out.add_point(point.name, point.coordinates, fixed=fixed, sigma=point.sigma)
+        out.add(*network.observations.values())
+    return out
+
+
+def same_heights(found: fga.PartsSolution, whole: fga.Solution, names: str) -> None:
+    for name in names:
+        assert found.point(name)[2] == pytest.approx(whole.point(name)[2], abs=1e-11)
+        variance = whole.covariance(name)[2, 2]
+        assert found.covariance(name)[2, 2] == pytest.approx(variance, rel=1e-9, abs=1e-20)
+
+
+def test_a_part_that_is_singular_by_itself_and_a_junction_that_one_part_determines():
+    # North has no bench mark, and E only a weight of zero there: E is levelled in the south alone.
+    south = levelled("south", {"A": "fixed", "B": "", "C": "", "E": ""}, "AB BC CA CE BE")
+    north = levelled("north", {"B": "", "C": "", "D": "", "E": ""}, "BD DC")
+    north.add(SlopeDistance("B", "D", 8.0, sigma=10.0))
+    south.points["E"] = replace(south.points["E"], coordinates=(5.0, 0.0, 114.8))
+    north.points["E"] = south.points["E"]
+    with pytest.raises(fga.DatumError):
+        fga.adjust(north)
+    found = fga.adjust_parts([part_of("south", south), part_of("north", north)])
+    whole = fga.adjust(together("all", south, north))
+    assert found.vtpv == pytest.approx(whole.vtpv, rel=1e-9)
+    assert found.redundancy == whole.redundancy
+    assert found.sum_of_redundancy_numbers == pytest.approx(whole.redundancy, abs=1e-9)
+    same_heights(found, whole, "ABCDE")
+
+
+def test_a_weighted_junction_counts_once():
+    south = levelled("south", {"A": "w", "B": "w", "C": ""}, "AB BC CA")
+    north = levelled("north", {"B": "w", "C": "", "D": ""}, "BD DC")
+    found = fga.adjust_parts([part_of("south", south), part_of("north", north)])
+    whole = fga.adjust(together("all", south, north))
+    assert (found.n_observations, found.redundancy) == (7, 3)
+    assert found.vtpv == pytest.approx(whole.vtpv, rel=1e-9)
+    same_heights(found, whole, "ABCD")
+    assert fga.adjust_parts([part_of("all", south)]).n_observations == 5
+
+
+def test_everything_that_parts_state_differently_is_named_at_once():
+    south = levelled("south", {"A": "fixed", "B": "", "C": "w", "D": "fixed"}, "AB BC CA CD")
+    north = levelled("north", {"B": "fixed", "C": "w", "D": "fixed"}, "BD DC")
+    north.points["C"] = replace(north.points["C"], sigma=(np.inf, np.inf, 0.003))
+    north.points["D"] = replace(north.points["D"], coordinates=(0.0, 0.0, 111.2))
+    with pytest.raises(fga.InputError) as error:
+        fga.adjust_parts([part_of("south", south), part_of("north", north)])
+    assert str(error.value).splitlines() == [
+        "point 'B': component z is held in one and estimated in the other in parts 'south' and "
+        "'north': state it in the same way in both",
+        "point 'C': its weighted values or standard deviations differ in parts 'south' and "
+        "'north': they count once, so state them equally",
+        "point 'D': it is held at different values in parts 'south' and 'north'",
+    ]
+
+
+def test_frames_and_free_networks_are_refused():
+    south = levelled("south", {"A": "fixed", "B": ""}, "AB")
+    north = levelled("north", {"A": "fixed", "B": ""}, "AB")
+    north.frame = fga.LocalFrame(axes="ne")
+    with pytest.raises(fga.InputError, match=r"part 'north': its frame .* differs from .*'south'"):
+        fga.adjust_parts([part_of("south", south), part_of("north", north)])
+    north.frame, north.datum = south.frame, "free"
+    with pytest.raises(fga.InputError, match="part 'north': a network in parts needs a given"):
+        fga.adjust_parts([part_of("south", south), part_of("north", north)])
+
+
+def test_names_of_parts_differ():
+    south = levelled("south", {"A": "fixed", "B": ""}, "AB")
+    with pytest.raises(fga.InputError, match="part 'a': parts 1 and 2 have this name"):
+        fga.adjust_parts([part_of("a", south), part_of("a", south)])
+    with pytest.raises(fga.InputError, match="there are no parts"):
+        fga.adjust_parts([])
+
+
+def test_errors_of_all_parts_come_together(tmp_path):
+    for name in ("one", "two"):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "project.toml").write_text(f'name = "{name}"\nwhat = 1\n')
+    with pytest.raises(fga.InputError) as error:
+        fga.adjust_parts([tmp_path / "one", tmp_path / "two" / "project.toml"])
+    assert "part 'one'" in str(error.value)
+    assert "part 'two'" in str(error.value)
+
+
+def test_undetermined_unknowns_are_named_with_their_part():
+    south = levelled("south", {"A": "fixed", "B": "", "C": ""}, "AB BC")
+    north = levelled("north", {"B": "", "C": "", "D": "", "E": ""}, "BC DE")
+    with pytest.raises(fga.DatumError, match=r"part 'north': .*\n.*of the part with D, E") as error:
+        fga.adjust_parts([part_of("south", south), part_of("north", north)])
+    assert "'south'" not in str(error.value)
+
+
+def test_junctions_that_no_part_determines_are_named():
+    south = levelled("south", {"A": "", "B": "", "C": ""}, "AB BC CA")
+    north = levelled("north", {"B": "", "C": "", "D": ""}, "BD DC")
+    with pytest.raises(fga.DatumError, match=r"1 combination of their junctions (.|\n)*'B' z"):
+        fga.adjust_parts([part_of("south", south), part_of("north", north)])
+
+
+# -- interruption -------------------------------------------------------------------------------
+
+
+class Stopped(Exception):
+    """Stands for what kills a run."""
+
+
+def stop(iteration: int, *_: float) -> None:
+    if iteration == 2:
+        raise Stopped
+
+
+def test_a_killed_run_resumes_with_the_same_result_to_the_last_bit(tmp_path):
+    network = simulate_mixed(1, points=400, photos=30).network
+    folders = [Folder(tmp_path / name) for name in ("whole", "killed")]
+    whole, killed = (cut_network(network, 3, folder) for folder in folders)
+    straight = fga.adjust_parts(whole, folder=folders[0].path)
+    with pytest.raises(Stopped):
+        fga.adjust_parts(killed, folder=folders[1].path, progress=stop)
+    iterations: list[int] = []
+    resumed = fga.adjust_parts(
+        killed, folder=folders[1].path, progress=lambda i, *_: iterations.append(i)
+    )
+    assert iterations == list(range(3, straight.iterations + 1))
+    assert resumed.vtpv == straight.vtpv
+    for (_, a), (_, b) in zip(straight.results(), resumed.results(), strict=True):
+        for kind in a.state:
+            np.testing.assert_array_equal(a.state[kind], b.state[kind])
+        np.testing.assert_array_equal(a.redundancy_numbers, b.redundancy_numbers)
+
+
+def test_a_folder_of_another_run_is_refused(tmp_path):
+    south = levelled("south", {"A": "fixed", "B": ""}, "AB BA")
+    fga.adjust_parts([part_of("south", south)], folder=tmp_path)
+    other = levelled("south", {"A": "fixed", "B": ""}, "AB")
+    with pytest.raises(fga.InputError, match="the folder belongs to a run with other parts"):
+        fga.adjust_parts([part_of("south", other)], folder=tmp_path)
+    fga.adjust_parts([part_of("south", south)], folder=tmp_path)
+    (tmp_path / "run.json").write_text("{")
+    with pytest.raises(fga.InputError, match="not the progress of a run"):
+        fga.adjust_parts([part_of("south", south)], folder=tmp_path)
+
+
+def test_a_temporary_folder_disappears_with_the_solution():
+    south = levelled("south", {"A": "fixed", "B": ""}, "AB")
+    found = fga.adjust_parts([part_of("south", south)])
+    path = found.jobs[0].folder.path
+    assert path.exists()
+    del found
+    assert not path.exists()
