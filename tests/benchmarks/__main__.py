@@ -6,6 +6,8 @@ both      a simulated block of 200 photos and 200 000 image points against pycol
 growth    simulated aerial blocks of 10 000 to 1 000 000 image points with 70/40 and 80/60 per cent
           overlap, and the exponents with which time and memory grow
 grids     simulated terrestrial networks of 100 to 10 000 points, and their exponents
+tied      2 000 photos that 300 total stations tie together, against independent solutions of
+          sparse normal equations (three minutes)
 soak      20 000 arrivals and removals, nonsense among them, on an incremental adjustment; any
           other number: python -m tests.support.soak EVENTS
 latency   one arriving observation in such networks, and in photos over them, against the batch
@@ -52,6 +54,8 @@ from .worker import LADYBUG, ROMA, Measured
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 BOTH = 200_000
 """Image points of the simulated block that pycolmap is given too."""
+TIED = (2_000, 300)
+"""Photos and total stations of the tied block."""
 EVENTS = 20_000
 LONGEST = 1800
 """Seconds after which a run is given up."""
@@ -178,6 +182,25 @@ def growth(cores: set[int], largest: int) -> None:
     for overlap in OVERLAPS:
         print(f"  overlap {overlap}")
         table(cores, f"aerial {overlap}", [n for n in GROWTH if n <= largest], "image points")
+
+
+def tied(cores: set[int]) -> None:
+    """Print what photos and total stations take, and how far they are from other solutions."""
+    found = launch(cores, "tied", *map(str, TIED))
+    if found is None:
+        return
+    m = Measured(**found["measured"])
+    print(
+        f"  {TIED[0]} photos, {TIED[1]} stations: {m.observations} scalar observations, "
+        f"{m.unknowns} unknowns\n"
+        f"  adjustment {m.seconds:.2f} s ({m.cpu:.2f} s CPU), {m.iterations} iterations, {m.how}\n"
+        f"  quality {m.quality:.2f} s; {m.megabytes:.0f} MB, {m.quality_megabytes:.0f} MB with it; "
+        f"Σr − r {m.sum_r:.1e}\n"
+        f"  {found['fronts']} fronts, the largest of {found['largest_front']} nodes of "
+        f"{found['width']} columns\n"
+        f"  independent solutions: covariances differ by {found['covariances']:.1e} of their σσ, "
+        f"redundancy numbers by {found['redundancy_numbers']:.1e}"
+    )
 
 
 def latency(cores: set[int]) -> None:
@@ -327,6 +350,7 @@ def main() -> None:
         "grids": lambda cores, _: table(
             cores, "grid", [n for n in GRIDS if n <= options.largest], "points"
         ),
+        "tied": lambda cores, _: tied(cores),
         "soak": lambda cores, _: soak(cores),
         "runs": lambda cores, _: study.benchmark(cores),
         "latency": lambda cores, _: latency(cores),

@@ -18,7 +18,7 @@ from factorgraph_adj.approximate import approximate
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.quality.reliability import reliability
+from factorgraph_adj.quality.reliability import Reliability, reliability
 from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
 from factorgraph_adj.solve.batch import adjust
 
@@ -75,7 +75,12 @@ def roma() -> Network:
 
 
 def ours(make: Callable[[], Network]) -> Measured:
-    """Time `adjust`."""
+    """Time `adjust` and the quality."""
+    return adjusted(make)[0]
+
+
+def adjusted(make: Callable[[], Network]) -> tuple[Measured, Reliability]:
+    """Time `adjust` and the quality; return the reliability with its solution too."""
     adjust(simulate_aerial_block(0, image_points=2000, points_per_photo=200).network)
     idle = _peak()
     begin = perf_counter()
@@ -90,7 +95,7 @@ def ours(make: Callable[[], Network]) -> Measured:
     parts = found.e1, found.e2, found.e12, found.tau, solution.point_covariances
     assert all(len(p) for p in parts)
     quality, quality_cpu = perf_counter() - begin, process_time() - again
-    return Measured(
+    measured = Measured(
         seconds,
         cpu,
         solution.iterations,
@@ -107,6 +112,7 @@ def ours(make: Callable[[], Network]) -> Measured:
         _peak(),
         float(found.redundancy_numbers.sum()) - solution.redundancy,
     )
+    return measured, found
 
 
 def theirs(make: Callable[[], Network], *, principal_point: bool) -> Measured:
