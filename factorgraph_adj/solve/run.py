@@ -14,6 +14,7 @@ from ..graph.variables import State
 from ..types import Array, Mask
 from .datum import Defect, FreeDatum
 from .extra import Extra
+from .extrapolation import NONE_TAKEN, Extrapolated
 from .normal import NormalEquations, Solver
 
 
@@ -44,6 +45,8 @@ class Run:
     no undamped step."""
     drifting: tuple[tuple[str, str], ...] = ()
     """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
+    extrapolated: Extrapolated = NONE_TAKEN
+    """The extrapolations that were taken."""
 
     @classmethod
     def at(
