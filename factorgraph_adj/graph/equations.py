@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..errors import InputError, Problem
+from ..models.base import Linearised
 from ..network.network import Network
 from ..types import Array, Index
 from .blocks import Block
@@ -49,8 +50,31 @@ class Equations:
             if block.lens is not None
         }
 
-    def residuals(self, state: State, *, whitened: bool = True) -> Array:
+    def evaluated(self, state: State) -> dict[int, Linearised]:
+        """Return residuals and partials of every block outside `rays`, by its place.
+
+        Raises:
+            InputError: observations cannot be computed at ``state``; the error names them.
+        """
+        return {
+            place: block.evaluate(self.network.frame, state)
+            for place, block in enumerate(self.blocks)
+            if place not in self.rays
+        }
+
+    def residuals(
+        self,
+        state: State,
+        *,
+        whitened: bool = True,
+        evaluated: Mapping[int, Linearised] | None = None,
+    ) -> Array:
         """Return v (n_rows,), whitened or in units of the observations.
+
+        Args:
+            state: values of all variables.
+            whitened: whether residuals are divided by their standard deviations.
+            evaluated: what `evaluated` returns for ``state``; none: it is computed.
 
         Raises:
             InputError: observations cannot be computed at ``state``; the error names them.
@@ -61,7 +85,10 @@ class Equations:
             if place in self.rays:
                 out[block.rows] = self.rays[place].residuals(state, whitened=whitened).ravel()
                 continue
-            v = block.evaluate(self.network.frame, state, jacobians=False).residual
+            if evaluated is None:
+                v = block.evaluate(self.network.frame, state, jacobians=False).residual
+            else:
+                v = evaluated[place].residual
             out[block.rows] = (block.whiten(v) if whitened else v).ravel()
             if self.clusters:
                 raw[block.rows] = v.ravel()

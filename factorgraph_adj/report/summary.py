@@ -31,6 +31,7 @@ def summary(report: Report) -> dict[str, Any]:
         "converged": s.converged,
         "reason": s.reason,
         "iterations": s.iterations,
+        **({"extrapolated": asdict(s.extrapolated)} if s.extrapolated.count else {}),
         "n_observations": s.n_observations,
         "n_unknowns": s.n_unknowns,
         "datum": "given" if s.datum is None else "free",

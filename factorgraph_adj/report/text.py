@@ -140,6 +140,7 @@ def _result(report: Report) -> list[str]:
         f"  redundancy n − u + d  {s.redundancy}",
         f"  datum                 {_datum(report)}",
         f"  iterations            {s.iterations}, {ended}: {s.reason}",
+        *([f"  extrapolations        {s.extrapolated}"] if s.extrapolated.count else []),
         f"  vᵀPv                  {s.vtpv:.6g}",
     ]
     if test.redundancy <= 0:

@@ -1,9 +1,9 @@
 """Simulated aerial block of any size, for experiments and for the growth of time and memory.
 
-Vertical photos 150 m above a terrain with 20 m of relief, 70 % overlap along and 40 % across,
-every second strip flown backwards; points are seen in five to six photos on average. The
-datum comes from GNSS positions of the photos and four control points; the camera is
-self-calibrated.
+Vertical photos 150 m above a terrain with 20 m of relief, 70 % overlap along and 40 % across
+unless another overlap is asked for, every second strip flown backwards; with this overlap points
+are seen in five to six photos on average. The datum comes from GNSS positions of the photos and
+four control points; the camera is self-calibrated.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ RELIEF = 10.0
 SENSOR = (36.0, 24.0)
 """Width of the sensor across and along the strip, mm."""
 OVERLAP = (0.4, 0.7)
-"""Overlap of the photos across and along the strip."""
+"""Overlap of the photos across and along the strip, where no other one is asked for."""
 CAMERA = "camera"
 CALIBRATION = {"c": 35.1, "x0": 0.04, "y0": -0.03, "k1": -6e-5, "k2": 2e-8, "p1": 3e-6, "p2": 2e-6}
 """True calibration, mm; all of it is free."""
@@ -41,7 +41,11 @@ SIGMA_CONTROL = (0.01, 0.01, 0.01)
 
 
 def simulate_aerial_block(
-    seed: Seed, *, image_points: int = 10_000, points_per_photo: int = 1000
+    seed: Seed,
+    *,
+    image_points: int = 10_000,
+    points_per_photo: int = 1000,
+    overlap: tuple[float, float] = OVERLAP,
 ) -> SimulatedNetwork:
     """Simulate the measurements of an aerial block.
 
@@ -49,6 +53,7 @@ def simulate_aerial_block(
         seed: seed of measuring errors and approximate values.
         image_points: approximate number of image points, with 2 coordinates each.
         points_per_photo: approximate number of image points in one photo.
+        overlap: overlap of the photos across and along the strip, as parts of a photo.
 
     Returns:
         The network with approximate values (errors of 1 m for points, 1 m and 1° for photos; only
@@ -62,7 +67,7 @@ def simulate_aerial_block(
         )
     c = CALIBRATION["c"]
     footprint = HEIGHT / c * np.array(SENSOR)
-    base = footprint * (1 - np.array(OVERLAP))
+    base = footprint * (1 - np.array(overlap))
     # The block is as square as possible; the strips run along Y.
     strips = max(1, round(np.sqrt(photos * base[1] / base[0])))
     in_strip = [len(part) for part in np.array_split(np.arange(photos), strips)]

@@ -15,6 +15,7 @@ from ..network.network import DatumChoice, Network
 from ..types import Array
 from .datum import FreeDatum
 from .determine import refuse_unnoticed
+from .extrapolation import NONE_TAKEN
 from .free_network import carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
 from .memory import refuse_too_large
@@ -111,6 +112,7 @@ def adjust(
         weights=None if weights is None else np.array(weights, dtype=float),
         extra=run.extra.at(run.equations, run.state),
         drifting=run.drifting,
+        extrapolated=run.extrapolated,
         linearised=run.at_solution,
     )
 
@@ -127,11 +129,12 @@ def _minimise(
     progress: Progress | None,
 ) -> tuple[Run, Ended]:
     """Iterate to the minimum of vᵀPv; repeat with the weights that follow from the new lengths."""
-    state, iterations = start.state, 0
+    state, iterations, extrapolated = start.state, 0, NONE_TAKEN
     weighed = equations.weighted_at(state)
     for _ in range(MOST_WEIGHINGS):
         equations = weighed if weights is None else weighed.reweighted(weights)
         run = Run.at(equations, state, start.origin, free=free, factors=factors)
+        run.extrapolated = extrapolated
         if not iterations:
             refuse_too_large(run.solver.plan, equations, state)
         most = max_iterations - iterations
@@ -139,6 +142,7 @@ def _minimise(
             run, tolerance=tolerance, max_iterations=most, earlier=iterations, progress=progress
         )
         iterations, state = iterations + ended.iterations, run.state
+        extrapolated = run.extrapolated
         before, weighed = weighed, weighed.weighted_at(state)
         if not ended.converged or iterations >= max_iterations or weighed.weighs_as(before):
             break

@@ -10,11 +10,17 @@ With the steps fₖ, and the movement dₖ of the unknowns after fₖ, the next 
 
 (Anderson 1965; Walker & Ni 2011, eq. 2.1 and 2.2), in the metric of the normal equations, which
 does not depend on units: ‖f‖²_N = |A f|².
+
+An extrapolation is taken only where vᵀPv is lower after it than after the step alone. Three limits
+bound how long they go on: only steps below `StoppingRule.still` are extrapolated, each of them that
+brings no progress counts twice towards `StoppingRule.patience`, and every one is an iteration of
+``max_iterations``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,6 +30,31 @@ MEMORY = 6
 """Number of differences of steps that are kept."""
 RCOND = 1e-8
 """Relative singular value of the matrix of differences of steps below which it counts as zero."""
+
+
+@dataclass(frozen=True)
+class Extrapolated:
+    """The extrapolations that an adjustment has taken, and what they gained."""
+
+    count: int = 0
+    """Number of iterations that moved the unknowns by an extrapolation of steps."""
+    gained: float = 0.0
+    """Sum over these iterations of vᵀPv after the step alone less vᵀPv after the extrapolation."""
+
+    def with_one(self, gained: float) -> Extrapolated:
+        """Return the record with one more; a difference that is rounding gains nothing."""
+        return Extrapolated(self.count + 1, self.gained + max(gained, 0.0))
+
+    def __str__(self) -> str:
+        """Return what was gained as a sentence; empty where none was taken."""
+        if not self.count:
+            return ""
+        what = "1 extrapolation" if self.count == 1 else f"{self.count} extrapolations"
+        return f"{what} of steps lowered vᵀPv by {self.gained:.3g} more than the steps alone"
+
+
+NONE_TAKEN = Extrapolated()
+"""The record of an adjustment before its first extrapolation."""
 
 
 class Extrapolation:

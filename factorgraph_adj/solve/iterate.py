@@ -238,6 +238,7 @@ def _movement(
         better = there < attempt.vtpv or (judged.small and no_higher(there, attempt.vtpv))
         if further is not None and better:
             beyond.moved(movement)
+            run.extrapolated = run.extrapolated.with_one(attempt.vtpv - there)
             return Movement(further, there, False)
     beyond.moved(step.movement)
     return by_step

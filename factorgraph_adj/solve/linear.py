@@ -7,7 +7,7 @@ and is applied where rows are used.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
+from ..models.base import Linearised
 from ..models.variables import VariableKind
 from ..types import Array, Index
 from .linear_block import LinearBlock
@@ -36,8 +37,20 @@ class ExtraRows:
 class LinearSystem:
     """Whitened residuals v and partials A of all observations at one state."""
 
-    def __init__(self, equations: Equations, state: State, extra: Sequence[ExtraRows] = ()) -> None:
+    def __init__(
+        self,
+        equations: Equations,
+        state: State,
+        extra: Sequence[ExtraRows] = (),
+        evaluated: Mapping[int, Linearised] | None = None,
+    ) -> None:
         """Linearise all observations at ``state``.
+
+        Args:
+            equations: the network.
+            state: values of all variables.
+            extra: rows of factors that the user added, at ``state``.
+            evaluated: what `Equations.evaluated` returns for ``state``; none: it is computed.
 
         Raises:
             InputError: observations cannot be computed at ``state``; the error names them.
@@ -56,8 +69,9 @@ class LinearSystem:
                 v[block.rows] = rays.residual().ravel()
                 continue
             clustered = equations.in_cluster.get(place)
-            linear, residual = LinearBlock.at(block, frame, self.unknowns, state, clustered)
-            self.blocks.append(linear)
+            found = block.evaluate(frame, state) if evaluated is None else evaluated[place]
+            residual, jacobians = found
+            self.blocks.append(LinearBlock.of(block, jacobians, self.unknowns, clustered))
             v[block.rows] = block.whiten(residual).ravel()
             if raw is not None:
                 raw[block.rows] = residual.ravel()

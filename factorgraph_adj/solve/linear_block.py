@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from ..frames import Frame
 from ..graph.blocks import Block
-from ..graph.variables import State, Unknowns, Variables
+from ..graph.variables import Unknowns, Variables
 from ..models.variables import VariableKind
 from ..types import Array, Index
 
@@ -27,22 +26,21 @@ class LinearBlock:
     """Partials by each variable, (n, d, k), whitened outside clusters; empty for constants."""
 
     @classmethod
-    def at(
-        cls, block: Block, frame: Frame, unknowns: Unknowns, state: State, clustered: Index | None
-    ) -> tuple[LinearBlock, Array]:
-        """Linearise a block at a state; return it and the residuals (n, d), not whitened.
+    def of(
+        cls,
+        block: Block,
+        jacobians: Sequence[Array],
+        unknowns: Unknowns,
+        clustered: Index | None,
+    ) -> LinearBlock:
+        """Return a block from its partials.
 
         Args:
             block: the observations.
-            frame: the frame of the network.
+            jacobians: partials by each variable, (n, d, k), not whitened.
             unknowns: the unknowns of the network.
-            state: values of its variables.
             clustered: numbers of the observations in clusters, whose rows stay as they are.
-
-        Raises:
-            InputError: observations cannot be computed; the error names them.
         """
-        residual, jacobians = block.evaluate(frame, state)
         offsets, whitened = [], []
         for (kind, index), jacobian in zip(block.variables, jacobians, strict=True):
             table = unknowns[kind]
@@ -56,7 +54,7 @@ class LinearBlock:
                 a[clustered] = jacobian[clustered]
             _mask(a, table, index)
             whitened.append(a)
-        return cls(block, tuple(offsets), tuple(whitened)), residual
+        return cls(block, tuple(offsets), tuple(whitened))
 
     def only(self, kinds: Collection[VariableKind]) -> LinearBlock:
         """Return the block with the other kinds of variables held."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..graph.equations import Equations
 from ..graph.variables import State
+from ..models.base import Linearised
 from ..types import Array
 from .datum import FreeDatum
 from .elimination import Layers, layers_of
@@ -69,10 +70,16 @@ class Solver:
 class NormalEquations:
     """The normal matrix N and the right side at one state."""
 
-    def __init__(self, solver: Solver, state: State, extra: Sequence[ExtraRows] = ()) -> None:
-        """Linearise at ``state``."""
+    def __init__(
+        self,
+        solver: Solver,
+        state: State,
+        extra: Sequence[ExtraRows] = (),
+        evaluated: Mapping[int, Linearised] | None = None,
+    ) -> None:
+        """Linearise at ``state``; the arguments are those of `LinearSystem`."""
         self.solver, self.state = solver, state
-        self.system = LinearSystem(solver.equations, state, extra)
+        self.system = LinearSystem(solver.equations, state, extra, evaluated)
         self.gradient = self.system.gradient()
         self.diagonal = self.system.diagonal()
         self._factors: TreeFactors | None = None

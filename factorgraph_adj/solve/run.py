@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -11,9 +11,11 @@ import numpy as np
 from ..errors import InputError
 from ..graph.equations import Equations
 from ..graph.variables import State
+from ..models.base import Linearised
 from ..types import Array, Mask
 from .datum import Defect, FreeDatum
 from .extra import Extra
+from .extrapolation import NONE_TAKEN, Extrapolated
 from .normal import NormalEquations, Solver
 
 
@@ -44,6 +46,11 @@ class Run:
     no undamped step."""
     drifting: tuple[tuple[str, str], ...] = ()
     """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
+    last: tuple[State, Mapping[int, Linearised]] | None = None
+    """The state of the last vᵀPv and what `Equations.evaluated` returned for it, until a state is
+    linearised: the evaluation of an accepted step is the next linearisation."""
+    extrapolated: Extrapolated = NONE_TAKEN
+    """The extrapolations that were taken."""
 
     @classmethod
     def at(
@@ -71,14 +78,20 @@ class Run:
 
     def normal_at(self, state: State) -> NormalEquations:
         """Return the normal equations at any state."""
-        return NormalEquations(self.solver, state, self.extra.at(self.equations, state).rows)
+        last, self.last = self.last, None
+        evaluated = last[1] if last is not None and last[0] is state else None
+        extra = self.extra.at(self.equations, state).rows
+        return NormalEquations(self.solver, state, extra, evaluated)
 
     def vtpv(self, state: State) -> float:
         """Return vᵀPv; infinite where an observation cannot be computed."""
         try:
-            v = self.equations.residuals(state)
+            self.last = None
+            evaluated = self.equations.evaluated(state)
+            v = self.equations.residuals(state, evaluated=evaluated)
         except InputError:
             return np.inf
+        self.last = state, evaluated
         extra = self.extra.at(self.equations, state).rows
         value = float(v @ v) + sum(float(e.residual @ e.residual) for e in extra)
         return value if np.isfinite(value) else np.inf

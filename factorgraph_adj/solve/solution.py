@@ -18,6 +18,7 @@ from ..types import Array, Index
 from .datum import Defect, FreeDatum
 from .estimates import CalibrationEstimate, Estimate, PoseEstimate
 from .extra import Extra
+from .extrapolation import NONE_TAKEN, Extrapolated
 from .factor import Factor
 from .normal import NormalEquations, Solver
 from .observation_table import ObservationTable
@@ -70,6 +71,8 @@ class Solution(Shown):
     """Factors that the user added, linearised at the solution."""
     drifting: tuple[tuple[str, str], ...] = ()
     """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
+    extrapolated: Extrapolated = NONE_TAKEN
+    """The extrapolations of steps that the iteration took; as text it says what they gained."""
     reference: ReferenceDatum | None = None
     """Datum points that covariances refer to instead of a given datum, see `s_transform`."""
     linearised: NormalEquations | None = field(default=None, repr=False)

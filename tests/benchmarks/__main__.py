@@ -1,9 +1,13 @@
-"""Run benchmarks: ``python -m tests.benchmarks [NAME …] [--cores N] [--rounds N]``.
+"""Run benchmarks: ``python -m tests.benchmarks [NAME …] [--cores N] [--rounds N] [--largest N]``.
 
 roma      Roma against pycolmap (extra ``bench``), alternating, and our memory
 ladybug   Ladybug 49 of Bundle Adjustment in the Large against pycolmap
-growth    simulated aerial blocks of 10 000 to 1 000 000 image points
-grids     simulated terrestrial networks of 100 to 10 000 points
+both      a simulated block of 200 photos and 200 000 image points against pycolmap
+growth    simulated aerial blocks of 10 000 to 1 000 000 image points with 70/40 and 80/60 per cent
+          overlap, and the exponents with which time and memory grow
+grids     simulated terrestrial networks of 100 to 10 000 points, and their exponents
+tied      2 000 photos that 300 total stations tie together, against independent solutions of
+          sparse normal equations (three minutes)
 soak      20 000 arrivals and removals, nonsense among them, on an incremental adjustment; any
           other number: python -m tests.support.soak EVENTS
 latency   one arriving observation in such networks, and in photos over them, against the batch
@@ -42,12 +46,16 @@ from tests.support.places import ROOT
 
 from . import record as records
 from . import runs as study
+from .blocks import OVERLAPS
+from .growth import GRIDS, GROWTH, exponent
 from .latency import Latency
 from .worker import LADYBUG, ROMA, Measured
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-GROWTH = (10_000, 30_000, 100_000, 300_000, 1_000_000)
-GRIDS = (100, 1_024, 10_000)
+BOTH = 200_000
+"""Image points of the simulated block that pycolmap is given too."""
+TIED = (2_000, 300)
+"""Photos and total stations of the tied block."""
 EVENTS = 20_000
 LONGEST = 1800
 """Seconds after which a run is given up."""
@@ -89,9 +97,11 @@ def launch(
     return found
 
 
-def against_colmap(cores: set[int], rounds: int, job: str, data: Path) -> None:
+def against_colmap(
+    cores: set[int], rounds: int, job: str, *, data: Path | None = None, size: int = 0
+) -> None:
     """Alternate between us and pycolmap; print every run, medians and ratio."""
-    if not data.exists():
+    if data is not None and not data.exists():
         print(f"  skipped: {data} is not there (set FACTORGRAPH_ADJ_DATA)")
         return
     jobs = [job]
@@ -102,7 +112,7 @@ def against_colmap(cores: set[int], rounds: int, job: str, data: Path) -> None:
     taken: dict[str, list[Measured]] = {j: [] for j in jobs}
     for _ in range(rounds):
         for j in jobs:
-            if (measured := run(cores, j)) is not None:
+            if (measured := run(cores, j, size)) is not None:
                 taken[j].append(measured)
     print(
         f"  {'':16}{'s':>8}{'CPU s':>8}{'quality':>9}{'together':>10}{'iter.':>7}{'√vᵀPv':>11}"
@@ -137,20 +147,60 @@ def _together(runs: Sequence[Measured]) -> float:
 
 
 def table(cores: set[int], job: str, sizes: Sequence[int], what: str) -> None:
-    """Print one line for each size."""
+    """Print one line for each size, and the exponents of growth."""
     print(
         f"  {what:>12}{'scalar obs.':>13}{'unknowns':>10}{'made s':>9}{'iter.':>7}{'s/iter.':>9}"
         f"{'total s':>9}{'CPU s':>9}{'MB':>7}{'σ̂0':>8}{'quality s':>11}{'MB':>7}{'Σr − r':>10}"
     )
+    measured: dict[int, Measured] = {}
     for size in sizes:
         m = run(cores, job, size)
         if m is not None:
+            measured[size] = m
             print(
                 f"  {size:12d}{m.observations:13d}{m.unknowns:10d}{m.prepared:9.2f}"
                 f"{m.iterations:7d}{m.seconds / m.iterations:9.3f}{m.seconds:9.2f}"
                 f"{m.cpu:9.2f}{m.megabytes:7.0f}{m.sigma0:8.4f}{m.quality:11.2f}"
-                f"{m.quality_megabytes:7.0f}{m.sum_r:10.1e}"
+                f"{m.quality_megabytes:7.0f}{m.sum_r:10.1e}",
+                flush=True,
             )
+    if len(measured) >= 2:
+        rows: dict[str, Callable[[Measured], float]] = {
+            "CPU s/iteration": lambda m: m.cpu / m.iterations,
+            "CPU s of quality": lambda m: m.quality_cpu,
+            "MB beyond the idle process": lambda m: m.quality_megabytes - m.idle,
+        }
+        found = (
+            f"{name} {exponent(list(measured), [figure(m) for m in measured.values()]):.2f}"
+            for name, figure in rows.items()
+        )
+        print(f"  exponents of growth with {what}: {', '.join(found)}")
+
+
+def growth(cores: set[int], largest: int) -> None:
+    """Print a table for each overlap."""
+    for overlap in OVERLAPS:
+        print(f"  overlap {overlap}")
+        table(cores, f"aerial {overlap}", [n for n in GROWTH if n <= largest], "image points")
+
+
+def tied(cores: set[int]) -> None:
+    """Print what photos and total stations take, and how far they are from other solutions."""
+    found = launch(cores, "tied", *map(str, TIED))
+    if found is None:
+        return
+    m = Measured(**found["measured"])
+    print(
+        f"  {TIED[0]} photos, {TIED[1]} stations: {m.observations} scalar observations, "
+        f"{m.unknowns} unknowns\n"
+        f"  adjustment {m.seconds:.2f} s ({m.cpu:.2f} s CPU), {m.iterations} iterations, {m.how}\n"
+        f"  quality {m.quality:.2f} s; {m.megabytes:.0f} MB, {m.quality_megabytes:.0f} MB with it; "
+        f"Σr − r {m.sum_r:.1e}\n"
+        f"  {found['fronts']} fronts, the largest of {found['largest_front']} nodes of "
+        f"{found['width']} columns\n"
+        f"  independent solutions: covariances differ by {found['covariances']:.1e} of their σσ, "
+        f"redundancy numbers by {found['redundancy_numbers']:.1e}"
+    )
 
 
 def latency(cores: set[int]) -> None:
@@ -293,10 +343,14 @@ def _measured(
 def main() -> None:
     """Run what the command line asks for."""
     benchmarks: dict[str, Callable[[set[int], int], None]] = {
-        "roma": lambda cores, rounds: against_colmap(cores, rounds, "roma", ROMA),
-        "ladybug": lambda cores, rounds: against_colmap(cores, rounds, "ladybug", LADYBUG),
-        "growth": lambda cores, _: table(cores, "aerial", GROWTH, "image points"),
-        "grids": lambda cores, _: table(cores, "grid", GRIDS, "points"),
+        "roma": lambda cores, rounds: against_colmap(cores, rounds, "roma", data=ROMA),
+        "ladybug": lambda cores, rounds: against_colmap(cores, rounds, "ladybug", data=LADYBUG),
+        "both": lambda cores, rounds: against_colmap(cores, rounds, "both", size=BOTH),
+        "growth": lambda cores, _: growth(cores, options.largest),
+        "grids": lambda cores, _: table(
+            cores, "grid", [n for n in GRIDS if n <= options.largest], "points"
+        ),
+        "tied": lambda cores, _: tied(cores),
         "soak": lambda cores, _: soak(cores),
         "runs": lambda cores, _: study.benchmark(cores),
         "latency": lambda cores, _: latency(cores),
@@ -312,6 +366,9 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(benchmarks))
     parser.add_argument("--cores", type=int, help="how many cores; all that are free by default")
     parser.add_argument("--rounds", type=int, default=5, help="runs of each program")
+    parser.add_argument(
+        "--largest", type=int, default=max(GROWTH), help="largest size of growth and grids"
+    )
     options = parser.parse_args()
     unknown = [n for n in options.names if n not in benchmarks]
     if unknown:

@@ -76,7 +76,7 @@ def _aerial(size: int) -> Work:
     return Work(
         f"aerial {size}",
         lambda: simulate_aerial_block(1, image_points=size).network,
-        ("aerial", str(size)),
+        ("aerial 70/40", str(size)),
     )
 
 

@@ -18,13 +18,14 @@ from factorgraph_adj.approximate import approximate
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.quality.reliability import reliability
+from factorgraph_adj.quality.reliability import Reliability, reliability
 from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
 from factorgraph_adj.solve.batch import adjust
 
 from ..loaders.dbat import read_roma
 from ..support.places import DATA
 from . import colmap
+from .blocks import OVERLAPS, simulate_photos_alone
 from .grids import simulate_grid
 
 ROMA = DATA / "dbat_roma"
@@ -45,6 +46,8 @@ class Measured:
     """Why it ended."""
     megabytes: float
     """Peak resident memory of the process."""
+    idle: float = 0.0
+    """The same before the network is made."""
     prepared: float = 0.0
     """Seconds for reading or simulating the network."""
     observations: int = 0
@@ -72,8 +75,14 @@ def roma() -> Network:
 
 
 def ours(make: Callable[[], Network]) -> Measured:
-    """Time `adjust`."""
+    """Time `adjust` and the quality."""
+    return adjusted(make)[0]
+
+
+def adjusted(make: Callable[[], Network]) -> tuple[Measured, Reliability]:
+    """Time `adjust` and the quality; return the reliability with its solution too."""
     adjust(simulate_aerial_block(0, image_points=2000, points_per_photo=200).network)
+    idle = _peak()
     begin = perf_counter()
     network = make()
     prepared = perf_counter() - begin
@@ -86,13 +95,14 @@ def ours(make: Callable[[], Network]) -> Measured:
     parts = found.e1, found.e2, found.e12, found.tau, solution.point_covariances
     assert all(len(p) for p in parts)
     quality, quality_cpu = perf_counter() - begin, process_time() - again
-    return Measured(
+    measured = Measured(
         seconds,
         cpu,
         solution.iterations,
         solution.vtpv,
         solution.reason,
         peak,
+        idle,
         prepared,
         solution.n_observations,
         solution.n_unknowns,
@@ -102,6 +112,7 @@ def ours(make: Callable[[], Network]) -> Measured:
         _peak(),
         float(found.redundancy_numbers.sum()) - solution.redundancy,
     )
+    return measured, found
 
 
 def theirs(make: Callable[[], Network], *, principal_point: bool) -> Measured:
@@ -125,21 +136,35 @@ def _peak() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
+def aerial(overlap: str) -> Callable[[int], Measured]:
+    """Return the job of a simulated aerial block of a number of image points."""
+    return lambda size: ours(
+        lambda: simulate_aerial_block(1, image_points=size, overlap=OVERLAPS[overlap]).network
+    )
+
+
+def both(size: int) -> Network:
+    """Return the simulated block that pycolmap is given too."""
+    return simulate_photos_alone(1, image_points=size)
+
+
+JOBS: dict[str, Callable[[int], Measured]] = {
+    "roma": lambda _: ours(roma),
+    "roma-colmap": lambda _: theirs(roma, principal_point=True),
+    "ladybug": lambda _: ours(lambda: read_bal(LADYBUG)),
+    "ladybug-colmap": lambda _: theirs(lambda: read_bal(LADYBUG), principal_point=False),
+    "both": lambda size: ours(lambda: both(size)),
+    "both-colmap": lambda size: theirs(lambda: both(size), principal_point=False),
+    "grid": lambda size: ours(lambda: simulate_grid(1, points=size).network),
+} | {f"aerial {overlap}": aerial(overlap) for overlap in OVERLAPS}
+"""What is measured, by name; the argument is the size of simulated networks."""
+
+
 def main(job: str, size: int = 0) -> Measured:
     """Run one job."""
-    if job == "roma":
-        return ours(roma)
-    if job == "roma-colmap":
-        return theirs(roma, principal_point=True)
-    if job == "ladybug":
-        return ours(lambda: read_bal(LADYBUG))
-    if job == "ladybug-colmap":
-        return theirs(lambda: read_bal(LADYBUG), principal_point=False)
-    if job == "aerial":
-        return ours(lambda: simulate_aerial_block(1, image_points=size).network)
-    if job == "grid":
-        return ours(lambda: simulate_grid(1, points=size).network)
-    raise SystemExit(f"unknown job {job!r}")
+    if job not in JOBS:
+        raise SystemExit(f"unknown job {job!r}; known: {', '.join(JOBS)}")
+    return JOBS[job](size)
 
 
 if __name__ == "__main__":

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.graph.blocks import Block
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.graph.variables import State
+from factorgraph_adj.models.base import Linearised
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import HeightDifference, ImagePoint
 from factorgraph_adj.solve.damping import DAMPING, Damping
@@ -30,6 +33,7 @@ from factorgraph_adj.solve.stopping import (
     no_worse,
 )
 from factorgraph_adj.types import Array
+from tests.benchmarks.grids import simulate_grid
 from tests.networks.small_block import small_block
 
 SOMEWHERE: State = {"point": np.zeros((1, 3))}
@@ -414,3 +418,40 @@ def test_the_reason_counts_the_iterations_of_all_weights() -> None:
     run = begun(network)
     ended = iterate(run, tolerance=1e-30, max_iterations=1, earlier=7)
     assert "not at rest after 8 iterations" in ended.reason
+
+
+# -- one evaluation for each state -----------------------------------------------------------------
+
+
+def test_the_evaluation_of_an_accepted_step_is_the_next_linearisation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each block without rays is evaluated at the start and after each step, and no more."""
+    run = begun(simulate_grid(1, points=100).network)
+    evaluated: list[str] = []
+    plain = Block.evaluate
+
+    def evaluate(block: Block, *arguments: Any, **named: Any) -> Linearised:
+        evaluated.append(block.kind)
+        return plain(block, *arguments, **named)
+
+    monkeypatch.setattr(Block, "evaluate", evaluate)
+    ended = iterate(run, tolerance=1e-5, max_iterations=50)
+    assert ended.converged
+    kinds = [block.kind for block in run.equations.blocks]
+    assert sorted(evaluated) == sorted(kinds * (ended.iterations + 1))
+
+
+def test_a_linearisation_from_an_evaluation_is_that_of_its_state() -> None:
+    """To the last bit; the evaluation of another state is not used, and none is used twice."""
+    network = small_block()
+    run, other = begun(network), begun(network)
+    moved = {kind: values + 1e-4 * (kind == "point") for kind, values in run.state.items()}
+    for state in (run.state, moved):
+        run.vtpv(moved)
+        found, wanted = run.normal_at(state), other.normal_at(state)
+        assert run.last is None
+        np.testing.assert_array_equal(found.system.residual, wanted.system.residual)
+        for a, b in zip(found.system.blocks, wanted.system.blocks, strict=True):
+            for x, y in zip(a.a, b.a, strict=True):
+                np.testing.assert_array_equal(x, y)
