@@ -78,8 +78,7 @@ def adjust_parts(
     place = Folder(Path(temporary.path if temporary is not None else str(folder)).absolute())
     place.path.mkdir(parents=True, exist_ok=True)
     jobs = [Job(part, number, place) for number, part in enumerate(parts_of(parts))]
-    workers = Workers(jobs, client)
-    try:
+    with Workers(jobs, client) as workers:
         surveyed = workers.all(survey, [()] * len(jobs))
         signature = _signature(jobs, surveyed)
         point = _resumed(place, signature)
@@ -93,8 +92,6 @@ def adjust_parts(
             progress=progress,
         )
         quality = _quality(whole, begun, At(point.state, point.weights), ended, variance)
-    finally:
-        workers.forget()
     return PartsSolution(
         name=name,
         jobs=tuple(jobs),

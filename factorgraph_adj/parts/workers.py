@@ -147,13 +147,17 @@ class Workers:
             "memory"
         )
 
-    def forget(self) -> None:
-        """Drop the parts from the memory of all processes."""
+    def __enter__(self) -> Workers:
+        """Begin."""
+        return self
+
+    def __exit__(self, kind: object, *_: object) -> None:
+        """Drop the parts from memory; workers of a failed run may hang, and drop them later."""
         folder = self.jobs[0].folder.path
         if self._client is None:
             forget(folder)
-        else:
-            self._client.run(forget, folder, wait=False, on_error="ignore")
+        elif kind is None:
+            self._client.run(forget, folder, on_error="ignore")
 
 
 def check_client(client: object) -> None:
