@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+from uuid import uuid4
 
 from ..errors import AdjustmentError, InputError, Problem
 from ..solve.batch import MOST_WEIGHINGS
@@ -21,7 +22,7 @@ from .messages import At, Begun, Surveyed, packed
 from .part import Source, parts_of
 from .result import PartsSolution, Quality
 from .solution import Totals
-from .tasks import begin, finish, share, survey, weighs_as
+from .tasks import JUNCTIONS, begin, finish, share, survey, weighs_as
 from .workers import Workers, check_client
 
 if TYPE_CHECKING:
@@ -77,7 +78,8 @@ def adjust_parts(
     temporary = Scratch() if folder is None else None
     place = Folder(Path(temporary.path if temporary is not None else str(folder)).absolute())
     place.path.mkdir(parents=True, exist_ok=True)
-    jobs = [Job(part, number, place) for number, part in enumerate(parts_of(parts))]
+    run = uuid4().hex
+    jobs = [Job(part, number, place, run) for number, part in enumerate(parts_of(parts))]
     with Workers(jobs, client) as workers:
         surveyed = workers.all(survey, [()] * len(jobs))
         signature = _signature(jobs, surveyed)
@@ -212,8 +214,9 @@ def _quality(whole: Whole, begun: Sequence[Begun], at: At, ended: Ended, varianc
     factor = vtpv / (n - u) if variance == "a-posteriori" and n > u else 1.0
     totals = Totals(vtpv, n - u, factor, ended.converged, ended.reason, ended.iterations)
     covariances = root.covariances()
-    finished = whole.workers.all(
-        finish,
-        [(at, packed(covariances.of(columns)), totals) for columns in whole.junctions.columns],
-    )
+    for job, columns in zip(whole.workers.jobs, whole.junctions.columns, strict=True):
+        mine = packed(covariances.of(columns))
+        job.own.write_arrays(JUNCTIONS, {"covariances": mine})
+        whole.workers.sent += mine.nbytes
+    finished = whole.workers.all(finish, [(at, totals)] * len(whole.workers.jobs))
     return Quality(totals, n, u, tuple(finished))

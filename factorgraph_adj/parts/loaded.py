@@ -35,6 +35,8 @@ class Job:
     """Its number, from 0."""
     folder: Folder
     """The folder of the run."""
+    run: str
+    """Name of the call of `adjust_parts`; processes keep parts of one call only for it."""
 
     @property
     def own(self) -> Folder:

@@ -10,7 +10,6 @@ import gc
 from collections import OrderedDict
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from threading import RLock
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -53,10 +52,13 @@ REMEDY = (
 LISTED = 20
 """Number of observations with the largest tests that a part reports."""
 
+JUNCTIONS = "junctions"
+"""Name of the arrays of the covariances of the junctions."""
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
-_loaded: OrderedDict[tuple[Path, int], Loaded] = OrderedDict()
+_loaded: OrderedDict[tuple[str, int], Loaded] = OrderedDict()
 _lock = RLock()
 
 
@@ -166,19 +168,20 @@ def explain(part: Loaded, at: At) -> None:
 
 
 @_task
-def finish(part: Loaded, at: At, covariances: Array, totals: Totals) -> Finished:
-    """Write estimates, covariances and reliability of a part to its folder.
+def finish(part: Loaded, at: At, totals: Totals) -> Finished:
+    """Write covariances and reliability of a part to its folder.
+
+    The covariances of its junctions for σ0 = 1 are in the folder; they are too large for a task.
 
     Args:
         part: the part.
         at: the solution.
-        covariances: lower triangle of the covariances of the junctions, for σ0 = 1.
         totals: figures of the whole network.
     """
     e = part.eliminated(at)
     fronts = e.factor.fronts
     assert fronts is not None
-    fronts.root.close(unpacked(covariances))
+    fronts.root.close(unpacked(part.job.own.arrays(JUNCTIONS)["covariances"]))
     solution = PartSolution.of(e.normal, part.started, e.factor, totals)
     refuse_points_behind(solution.equations, solution.state)
     found = reliability(solution)
@@ -215,10 +218,9 @@ def finish(part: Loaded, at: At, covariances: Array, totals: Totals) -> Finished
 
 def _part(job: Job) -> Loaded:
     """Return a part, from memory if it is there; older ones make room for it."""
-    key = job.folder.path, job.number
+    key = job.run, job.number
     found = _loaded.pop(key, None)
-    if found is None or found.job.part != job.part:
-        found = None
+    if found is None:
         limit = _limit()
         while _loaded and _resident() > HELD * limit:
             _loaded.popitem(last=False)
@@ -228,10 +230,10 @@ def _part(job: Job) -> Loaded:
     return found
 
 
-def forget(folder: Path) -> None:
+def forget(run: str) -> None:
     """Drop all parts of a run from the memory of this process."""
     with _lock:
-        for key in [k for k in _loaded if k[0] == folder]:
+        for key in [k for k in _loaded if k[0] == run]:
             del _loaded[key]
         gc.collect()
 

@@ -153,11 +153,11 @@ class Workers:
 
     def __exit__(self, kind: object, *_: object) -> None:
         """Drop the parts from memory; workers of a failed run may hang, and drop them later."""
-        folder = self.jobs[0].folder.path
+        run = self.jobs[0].run
         if self._client is None:
-            forget(folder)
+            forget(run)
         elif kind is None:
-            self._client.run(forget, folder, on_error="ignore")
+            self._client.run(forget, run, on_error="ignore")
 
 
 def check_client(client: object) -> None:
