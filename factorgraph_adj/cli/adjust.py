@@ -24,13 +24,14 @@ from ..solve.solution import Solution
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
 from .messages import iteration, progress
-from .options import add_adjustment, add_project, count, probability
+from .options import PROJECT_HELP, add_adjustment, add_project, count, probability
+from .parts import add_parts, adjust_in_parts, in_parts
 
 
 def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the commands."""
     run = commands.add_parser("adjust", help="adjust a project and print the protocol")
-    add_project(run)
+    run.add_argument("project", metavar="PROJECT", nargs="+", help=PROJECT_HELP)
     run.add_argument("--out", metavar="DIR", help="write protocol, solution.json and CSV tables")
     run.add_argument(
         "--rows",
@@ -47,6 +48,7 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         help="error ellipses of points and ellipsoids of projection centres, such as 0.95",
     )
     add_adjustment(run)
+    add_parts(run)
     run.set_defaults(run=_adjust)
     plot = commands.add_parser("plot", help="adjust a project and draw it")
     add_project(plot)
@@ -137,6 +139,9 @@ def _snoops(options: argparse.Namespace) -> bool:
 
 
 def _adjust(options: argparse.Namespace) -> int:
+    if in_parts(options):
+        return adjust_in_parts(options)
+    (options.project,) = options.project
     found = _solve(options)
     report = Report(
         found.solution,

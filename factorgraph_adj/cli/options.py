@@ -9,10 +9,13 @@ from ..io.readers import READERS
 from ..quality.observation_groups import Rule
 from ..quality.robust import ESTIMATORS
 
+PROJECT_HELP = f"a file: {READERS}; or a folder"
+"""Help of the argument for a project."""
+
 
 def add_project(parser: argparse.ArgumentParser) -> None:
     """Add the argument for the project."""
-    parser.add_argument("project", metavar="PROJECT", help=f"a file: {READERS}; or a folder")
+    parser.add_argument("project", metavar="PROJECT", help=PROJECT_HELP)
 
 
 def add_adjustment(parser: argparse.ArgumentParser) -> None:

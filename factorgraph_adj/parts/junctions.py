@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..models.variables import UNKNOWNS
+from ..models.variables import UNKNOWNS, VariableKind
 from ..solve.places import Places
 from ..types import Array, Index, Mask
 from .messages import Begun, Setup, Shared, Surveyed, Variable
@@ -130,9 +130,9 @@ class Junctions:
         v = self.variables[i]
         return f"{UNKNOWNS[v.kind].noun} {v.name!r} {self.components[i][component]}".strip()
 
-    def by_kind(self) -> dict[str, int]:
+    def by_kind(self) -> dict[VariableKind, int]:
         """Return the number of junctions of each kind."""
-        out: dict[str, int] = {}
+        out: dict[VariableKind, int] = {}
         for v in self.variables:
             out[v.kind] = out.get(v.kind, 0) + 1
         return out

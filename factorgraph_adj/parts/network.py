@@ -133,8 +133,33 @@ def adjust(
             "a network in parts needs a given datum: hold or weight some coordinates, and say "
             'datum="given"'
         )
+    return adjust_cut(
+        network,
+        regions,
+        client=client,
+        folder=folder,
+        variance=variance,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        progress=progress,
+    )
+
+
+def adjust_cut(
+    network: Network,
+    regions: Regions | None,
+    *,
+    client: Client | None,
+    folder: str | Path | None,
+    variance: Literal["a-priori", "a-posteriori"],
+    tolerance: float = 1e-5,
+    max_iterations: int = 100,
+    progress: Progress | None = None,
+) -> PartsSolution:
+    """Cut a network into parts and adjust them, see `adjust`; without a client in this process."""
     if regions is None:
-        regions = FOR_EACH_WORKER * max(len(client.scheduler_info(n_workers=-1)["workers"]), 1)
+        workers = 1 if client is None else len(client.scheduler_info(n_workers=-1)["workers"])
+        regions = FOR_EACH_WORKER * max(workers, 1)
     temporary = Scratch() if folder is None else None
     place = Path(temporary.path if temporary is not None else str(folder)).absolute()
     place.mkdir(parents=True, exist_ok=True)

@@ -42,8 +42,11 @@ from .messages import (
 )
 from .solution import PartSolution, Totals
 
-HELD = 0.4
-"""Share of a process's memory up to which it keeps parts that it has read."""
+HELD = 0.25
+"""Share of a process's memory above which a process drops parts before it reads another one."""
+FULL = 0.5
+"""Share of a process's memory above which a process drops all its parts after a task: Dask gives
+no tasks to a worker with more than 0.8."""
 REMEDY = (
     "even if all its junctions with other parts are known: give control in this part, or "
     "observations that tie it to its junctions"
@@ -73,6 +76,9 @@ def _task(
                 return function(_part(job), *args, **kwargs)
             except AdjustmentError as error:
                 return _refused(error)
+            finally:
+                if _resident() > FULL * _limit():
+                    _drop_all()
 
     run.__name__ = run.__qualname__ = function.__name__
     run.__doc__ = function.__doc__
@@ -228,6 +234,11 @@ def _part(job: Job) -> Loaded:
         found = Loaded(job)
     _loaded[key] = found
     return found
+
+
+def _drop_all() -> None:
+    _loaded.clear()
+    gc.collect()
 
 
 def forget(run: str) -> None:

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from ..errors import InputError
 from .distributions import chi2_quantile
 from .levels import ALPHA_OF_MODEL
 
-if TYPE_CHECKING:
-    from ..solve.solution import Solution
+
+class Adjusted(Protocol):
+    """An adjustment, of a whole network or in parts."""
+
+    @property
+    def vtpv(self) -> float:
+        """Weighted sum vᵀPv."""
+        ...
+
+    @property
+    def redundancy(self) -> int:
+        """Redundancy."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -39,7 +50,7 @@ class GlobalTest:
         return self.redundancy <= 0 or self.lower <= self.sigma0 <= self.upper
 
 
-def global_test(solution: Solution, *, alpha: float = ALPHA_OF_MODEL) -> GlobalTest:
+def global_test(solution: Adjusted, *, alpha: float = ALPHA_OF_MODEL) -> GlobalTest:
     """Test the standard deviation of unit weight of a solution.
 
     The test accepts if χ²_{α/2, r} ≤ vᵀPv ≤ χ²_{1 − α/2, r}. The bounds are given for

@@ -1,0 +1,143 @@
+"""The command ``factorgraph-adj adjust`` for a network in parts."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from ..errors import InputError, Problem
+from ..io.readers import READERS
+from ..parts.adjust import adjust_parts
+from ..parts.network import adjust_cut
+from ..parts.result import PartsSolution
+from ..parts.workers import MISSING
+from ..quality.unit_weight import global_test
+from ..report.parts import parts_protocol, write_parts
+from .check import refuse_problems
+from .exit_codes import DOUBTFUL, FINE
+from .messages import iteration, progress
+from .options import count
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+WHOLE_ONLY = ("snoop", "robust", "variance_components", "ellipses", "rows")
+"""Options of a network that is adjusted as a whole."""
+MOST_ITERATIONS = 100
+"""Largest number of iterations, where no option says another."""
+CONNECTED = "10s"
+"""Time after which a scheduler that does not answer is given up."""
+
+
+def add_parts(parser: argparse.ArgumentParser) -> None:
+    """Add the options of an adjustment in parts."""
+    parts = parser.add_argument_group("in parts (several projects are parts of one network)")
+    parts.add_argument("--parts", type=count, metavar="N", help="cut one project into N parts")
+    parts.add_argument(
+        "--cluster", metavar="ADDRESS", help="of the scheduler of a Dask cluster, tcp://host:8786"
+    )
+    parts.add_argument(
+        "--folder",
+        metavar="DIR",
+        help="folder of the run, which all workers reach; a killed run resumes from it",
+    )
+
+
+def in_parts(options: argparse.Namespace) -> bool:
+    """Return whether the network is adjusted in parts."""
+    given = (options.parts, options.cluster, options.folder)
+    return len(options.project) > 1 or any(value is not None for value in given)
+
+
+def adjust_in_parts(options: argparse.Namespace) -> int:
+    """Adjust a network in parts, print its protocol, and return the exit code.
+
+    Raises:
+        InputError: options contradict each other, or a part has problems.
+    """
+    refused = [name for name in WHOLE_ONLY if getattr(options, name)]
+    problems = [
+        Problem(f"--{name.replace('_', '-')} is for a network that is adjusted as a whole")
+        for name in refused
+    ]
+    if options.parts is not None and len(options.project) > 1:
+        problems.append(Problem("--parts cuts one project; several projects are parts already"))
+    if options.datum == "free":
+        problems.append(Problem("--datum free: a network in parts needs a given datum"))
+    if problems:
+        raise InputError(problems)
+    with _client(options.cluster) as client:
+        solution = _solution(options, client)
+    if options.out is not None:
+        write_parts(solution, options.out)
+    if not options.quiet:
+        print(parts_protocol(solution), end="", flush=True)
+    return _verdict(solution)
+
+
+def _solution(options: argparse.Namespace, client: Client | None) -> PartsSolution:
+    """Read, cut and adjust."""
+    if len(options.project) > 1:
+        with progress("network in parts") as show:
+            return adjust_parts(
+                options.project,
+                client=client,
+                folder=options.folder,
+                variance=options.variance or "a-priori",
+                max_iterations=options.max_iterations or MOST_ITERATIONS,
+                progress=show and (lambda *figures: show(iteration(*figures))),
+            )
+    project = READERS.load(options.project[0])
+    refuse_problems(project)
+    with progress(project.network.name) as show:
+        return adjust_cut(
+            project.network,
+            options.parts,
+            client=client,
+            folder=options.folder,
+            variance=options.variance or project.options.variance,
+            max_iterations=options.max_iterations or project.options.max_iterations,
+            progress=show and (lambda *figures: show(iteration(*figures))),
+        )
+
+
+@contextmanager
+def _client(address: str | None) -> Iterator[Client | None]:
+    """Connect to a cluster; none: this process computes.
+
+    Raises:
+        InputError: Dask is not installed, or there is no scheduler at the address.
+    """
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(MISSING) from None
+    try:
+        client = Client(address, timeout=CONNECTED)
+    except (OSError, ValueError) as error:
+        what = f"no scheduler of a Dask cluster answers ({error}); valid: tcp://host:8786"
+        raise InputError(Problem(what, f"--cluster {address}")) from None
+    with client:
+        yield client
+
+
+def _verdict(solution: PartsSolution) -> int:
+    """Print doubts about the result on stderr, and return the exit code."""
+    test = global_test(solution)
+    if not solution.converged:
+        print(f"not converged: {solution.reason}", file=sys.stderr)
+        return DOUBTFUL
+    if not test.accepted:
+        print(
+            f"global test failed: σ̂0 = {test.sigma0:.4f}, accepted from {test.lower:.4f} "
+            f"to {test.upper:.4f}",
+            file=sys.stderr,
+        )
+        return DOUBTFUL
+    return FINE
