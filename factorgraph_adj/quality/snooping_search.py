@@ -1,4 +1,9 @@
-"""The search of data snooping: its state and its rounds."""
+"""The search of data snooping: its state and its rounds.
+
+A round withdraws observations: their weights become negligible, and the equations are adjusted with
+the structure that they have (`readjust`). Before anything is put back, and at the end, the network
+without the observations is adjusted anew.
+"""
 
 from __future__ import annotations
 
@@ -12,29 +17,62 @@ from ..errors import AdjustmentError, InputError
 from ..graph.equations import compile_network
 from ..network.network import Network
 from ..network.selection import without
-from ..solve.batch import adjust
+from ..solve.batch import adjust, readjust
 from ..solve.solution import Solution
-from ..types import Array
+from ..types import Array, Index
 from .candidates import Choice, Outlier, Units, choose
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
 from .prediction import Prediction, Predictor
 from .rejections import PointSetAside, Rejected, Round, Snooping, Test, Unresolved
 from .reliability import critical_tau, reliability
 
+NEGLIGIBLE = 1e-20
+"""Factor on the weight of a withdrawn observation: below the rounding of all others, yet a point
+without other observations keeps its place."""
+
+
+class CannotSettle(Exception):
+    """The network cannot be adjusted without the observations that rounds have withdrawn."""
+
 
 class SnoopingSearch:
     """State of a search."""
 
     def __init__(
-        self, solution: Solution, test: Test, alpha: float, power: float, options: dict[str, Any]
+        self,
+        solution: Solution,
+        test: Test,
+        alpha: float,
+        power: float,
+        options: dict[str, Any],
+        *,
+        withdrawing: bool = True,
     ) -> None:
+        """Begin with an adjusted network.
+
+        Args:
+            solution: the adjustment of the whole network.
+            test: the test that decides.
+            alpha: probability α0 of a false alarm of one test.
+            power: power of the tests.
+            options: options of every adjustment.
+            withdrawing: whether rounds withdraw observations; false: every round adjusts the
+                network without them anew.
+        """
         self.network = solution.network
         self.start = solution.start["point"]
-        self.equations = compile_network(self.network)
+        self.equations = solution.equations
+        if solution.weights is not None:
+            self.equations = compile_network(self.network)
         self.test: Test = test
         self.alpha, self.power, self.options = alpha, power, options
         self.solution = solution
         self.reliability = reliability(solution, alpha=alpha, power=power)
+        self.withdrawing = withdrawing
+        self.weights: Array | None = None
+        """Factors on the weights of the present solution; none: no observation is withdrawn."""
+        self.withdrawn = 0
+        """Redundancy that the withdrawn observations have taken along."""
         self.aside: dict[str, Rejected] = {}
         self.points: dict[str, PointSetAside] = {}
         self.readmitted: list[str] = []
@@ -44,6 +82,7 @@ class SnoopingSearch:
         self.coordinates: dict[str, Array] = {}
         """Coordinates of each removed point at its removal, (3,) metres."""
         self.rounds: list[Round] = []
+        self._predicted: tuple[Solution, Prediction | None] | None = None
 
     def begin(self, values: Array, progress: Callable[[Round], None] | None) -> None:
         """Set aside the outliers of a robust adjustment, by test values (n,) for σ0 = 1."""
@@ -67,8 +106,12 @@ class SnoopingSearch:
     def run(self, share: float, max_rounds: int, progress: Callable[[Round], None] | None) -> str:
         """Run rounds until nothing changes; return the reason why the search ended."""
         for number in range(1, max_rounds + 1):
-            sigma0, size, critical = self.solution.sigma0, self._largest(self.values), self.critical
-            gone = self._reject(share, number)
+            choice = self._choice(share)
+            if self.weights is not None and not choice.chosen:
+                self._settle()
+                choice = self._choice(share)
+            sigma0, size, critical = self.sigma0, self._largest(self.values), self.critical
+            gone = self._reject(choice, share, number)
             back = 0 if gone else self._readmit()
             suspects = int((size > critical).sum())
             self._note(Round(number, sigma0, float(size.max()), suspects, gone, back), progress)
@@ -81,18 +124,34 @@ class SnoopingSearch:
                 if not self.reliability.controlled.any():
                     return "no test: no observation is controlled by others"
                 return "no test value is above the critical value, nothing set aside fits again"
+        self._settle()
         return f"stopped after {max_rounds} rounds"
 
     @property
+    def redundancy(self) -> int:
+        """Redundancy without the withdrawn observations."""
+        return self.solution.redundancy - self.withdrawn
+
+    @property
+    def sigma0(self) -> float:
+        """Standard deviation of unit weight without the withdrawn observations."""
+        f = self.redundancy
+        return float(np.sqrt(self.solution.vtpv / f)) if f > 0 else np.nan
+
+    @property
     def values(self) -> Array:
-        """The test values that decide, (n,)."""
-        return self.reliability.w if self.test == "baarda" else self.reliability.tau
+        """The test values that decide, (n,): w, or τ = w/σ̂0; NaN where vᵀPv vanishes."""
+        w = self.reliability.w
+        if self.test == "baarda":
+            return w
+        return w / self.sigma0 if self.sigma0 > 0 else np.full(len(w), np.nan)
 
     @property
     def critical(self) -> float:
         """Critical value of the test values."""
-        rel = self.reliability
-        return rel.critical_w if self.test == "baarda" else rel.critical_tau
+        if self.test == "baarda":
+            return self.reliability.critical_w
+        return critical_tau(self.alpha, self.redundancy)
 
     def _largest(self, values: Array) -> Array:
         return Units.of(self.solution.equations).largest(values)
@@ -104,19 +163,20 @@ class SnoopingSearch:
 
     # -- setting aside --------------------------------------------------------------------------
 
-    def _reject(self, share: float, number: int) -> int:
+    def _reject(self, choice: Choice, share: float, number: int) -> int:
         """Set aside the worst observations; return their number."""
-        while chosen := self._choice(share).chosen:
+        while chosen := choice.chosen:
             gone = self._set_aside(chosen, number) or self._set_aside(chosen[:1], number)
             if gone:
                 return gone
+            choice = self._choice(share)
         return 0
 
     def _choice(self, share: float) -> Choice:
         return choose(
             self.reliability,
             self.values,
-            scale=1.0 if self.test == "baarda" else self.solution.sigma0,
+            scale=1.0 if self.test == "baarda" else self.sigma0,
             critical=self.critical,
             share=share,
             stuck=self._units(self.stuck),
@@ -127,7 +187,9 @@ class SnoopingSearch:
         aside = {r.id: r for c in chosen if c.point is None for r in [self._rejected(c, number)]}
         lost = {p.name: p for c in chosen if c.point is not None for p in [self._point(c, number)]}
         points = [*self.points, *lost]
-        failure = self._adjust([*self.aside, *aside], points)
+        failure = None
+        if not self._withdraw(chosen):
+            failure = self._adjust([*self.aside, *aside], points)
         if failure is None:
             self.aside |= aside
             self.points |= lost
@@ -136,6 +198,47 @@ class SnoopingSearch:
             ident = self.solution.equations.id(chosen[0].row)
             self.stuck[ident] = f"without it the adjustment fails: {failure}"
         return 0
+
+    def _withdraw(self, chosen: Sequence[Outlier]) -> bool:
+        """Adjust with negligible weights of the chosen outliers; return whether that is possible.
+
+        It is not for a member of a cluster: the weights of the other members depend on it.
+        """
+        equations = self.solution.equations
+        units = Units.of(equations)
+        points = [c.point for c in chosen if c.point is not None]
+        rows = np.concatenate(
+            [units.rows(c.unit) for c in chosen if c.point is None]
+            + [rays[:, None] + np.arange(2) for p in points for rays in [self._rays(p)]],
+            axis=None,
+        )
+        joint = [c.rows for c in equations.clusters]
+        if not self.withdrawing or (joint and np.isin(rows, np.concatenate(joint)).any()):
+            return False
+        weights = np.ones(equations.n_rows) if self.weights is None else self.weights.copy()
+        rows = rows[weights[rows] == 1.0]
+        weights[rows] = NEGLIGIBLE
+        try:
+            solution = readjust(self.solution, weights, datum=self.options["datum"])
+            if not solution.converged:
+                return False
+            rel = reliability(solution, alpha=self.alpha, power=self.power)
+        except AdjustmentError:
+            return False
+        self.solution, self.reliability, self.weights = solution, rel, weights
+        self.withdrawn += len(rows) - 3 * len(points)
+        return True
+
+    def _settle(self) -> None:
+        """Adjust the network anew without the observations that are withdrawn.
+
+        Raises:
+            CannotSettle: the adjustment fails.
+        """
+        if self.weights is not None:
+            failure = self._adjust(self.aside, self.points)
+            if failure is not None:
+                raise CannotSettle from failure
 
     def _adjust(self, ids: Iterable[str], points: Iterable[str]) -> AdjustmentError | None:
         """Adjust without observations and points; after a failure keep the state and return it."""
@@ -148,6 +251,7 @@ class SnoopingSearch:
         except AdjustmentError as error:
             return error
         self.solution, self.reliability = solution, rel
+        self.weights, self.withdrawn = None, 0
         return None
 
     def _units(self, ids: Collection[str]) -> list[int]:
@@ -174,14 +278,21 @@ class SnoopingSearch:
             tuple((label(row), rho) for row, rho in c.inseparable),
         )
 
+    def _rays(self, point: int) -> Index:
+        """Return the first row of every ray to a point, (k,)."""
+        return np.concatenate(
+            [
+                block.first_row + 2 * np.flatnonzero(block.variables[2][1] == point)
+                for block in self.solution.equations.blocks
+                if block.kind == "image"
+            ]
+        )
+
     def _point(self, c: Outlier, number: int) -> PointSetAside:
         equations = self.solution.equations
-        rays: list[str] = []
-        for block in equations.blocks:
-            if block.kind == "image":
-                at = np.flatnonzero(block.variables[2][1] == c.point)
-                rays += [block.ids[int(i)] for i in at]
         assert c.point is not None
+        ids = [equations.id(int(row)) for row in self._rays(c.point)]
+        rays = [ident for ident in ids if ident not in self.aside]
         name = equations.unknowns["point"].names[c.point]
         self.coordinates[name] = self.solution.point(name)
         return PointSetAside(
@@ -227,12 +338,13 @@ class SnoopingSearch:
 
     def _fitting(self) -> list[str]:
         """Return the removed observations whose predicted test value passes the test."""
-        prediction = self._predicted([i for i in self.aside if i not in self.readmitted])
+        prediction = self._prediction()
         if prediction is None:
             return []
         test, critical = self._if_put_back(prediction)
-        largest = np.maximum.reduceat(np.abs(test), prediction.first)
-        return [i for i, ok in zip(prediction.ids, largest <= critical, strict=True) if ok]
+        fits = np.maximum.reduceat(np.abs(test), prediction.first) <= critical
+        fitting = [i for i, ok in zip(prediction.ids, fits, strict=True) if ok]
+        return [i for i in fitting if i not in self.readmitted]
 
     def _fitting_points(self) -> list[str]:
         """Return the removed points whose rays intersect: T² of the intersection passes."""
@@ -255,9 +367,15 @@ class SnoopingSearch:
                 out.append(name)
         return out
 
-    def _predicted(self, ids: Sequence[str]) -> Prediction | None:
+    def _prediction(self) -> Prediction | None:
+        """Return the prediction of the observations set aside; a solution makes it once."""
+        if self._predicted is None or self._predicted[0] is not self.solution:
+            self._predicted = self.solution, self._predict()
+        return self._predicted[1]
+
+    def _predict(self) -> Prediction | None:
         """Predict the observations set aside that the solution determines."""
-        found = [rows for rows in self.equations.find(ids) if len(rows)]
+        found = [rows for rows in self.equations.find(list(self.aside)) if len(rows)]
         if not found:
             return None
         predictor = Predictor(self.equations, self.solution)
@@ -296,7 +414,7 @@ class SnoopingSearch:
         )
 
     def _with_final_errors(self) -> tuple[Rejected, ...]:
-        prediction = self._predicted(list(self.aside))
+        prediction = self._prediction()
         if prediction is None:
             return tuple(self.aside.values())
         test, _ = self._if_put_back(prediction)
