@@ -1,8 +1,13 @@
 """The search of data snooping: its state and its rounds.
 
-A round withdraws observations: their weights become negligible, and the equations are adjusted with
-the structure that they have (`readjust`). Before anything is put back, and at the end, the network
-without the observations is adjusted anew.
+A round takes observations out of the present solution in one of three ways:
+
+1. Few rows leave by a low-rank update of the factor (`UpdatedTests`), as long as what the linear
+   model leaves out cannot change the choice of the next round.
+2. The weights of more rows become negligible, and the equations are adjusted with the structure
+   that they have (`readjust`).
+3. Before anything is put back, at the end, and for members of clusters, the network without the
+   observations is adjusted anew.
 """
 
 from __future__ import annotations
@@ -24,11 +29,21 @@ from .candidates import Choice, Outlier, Units, choose
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
 from .prediction import Prediction, Predictor
 from .rejections import PointSetAside, Rejected, Round, Snooping, Test, Unresolved
-from .reliability import critical_tau, reliability
+from .reliability import Reliability, critical_tau, reliability
+from .updated_tests import UpdatedTests
 
 NEGLIGIBLE = 1e-20
 """Factor on the weight of a withdrawn observation: below the rounding of all others, yet a point
 without other observations keeps its place."""
+
+
+MOST_UPDATED = 64
+"""Largest number of rows that leave by an update: with as many right sides, solution and products
+cost less than half of what weights cost in Roma, and a tenth in a grid of 10 000 points."""
+MOST_LEFT_OUT = 0.01
+"""Largest length of what the linear model leaves out of the whitened residuals in an update. Test
+values change by about this length, so that the margin of a choice, which is relative to test values
+of 3 and more, must exceed the length too."""
 
 
 class CannotSettle(Exception):
@@ -71,8 +86,10 @@ class SnoopingSearch:
         self.withdrawing = withdrawing
         self.weights: Array | None = None
         """Factors on the weights of the present solution; none: no observation is withdrawn."""
+        self.updated: UpdatedTests | None = None
+        """Update of the present solution; none: no observation has left it."""
         self.withdrawn = 0
-        """Redundancy that the withdrawn observations have taken along."""
+        """Redundancy that withdrawn observations, and those of the update, have taken along."""
         self.aside: dict[str, Rejected] = {}
         self.points: dict[str, PointSetAside] = {}
         self.readmitted: list[str] = []
@@ -107,7 +124,11 @@ class SnoopingSearch:
         """Run rounds until nothing changes; return the reason why the search ended."""
         for number in range(1, max_rounds + 1):
             choice = self._choice(share)
-            if self.weights is not None and not choice.chosen:
+            if choice.chosen and self._doubtful(choice):
+                if not self._withdraw(()):
+                    raise CannotSettle
+                choice = self._choice(share)
+            if self._unsettled and not choice.chosen:
                 self._settle()
                 choice = self._choice(share)
             sigma0, size, critical = self.sigma0, self._largest(self.values), self.critical
@@ -128,6 +149,20 @@ class SnoopingSearch:
         return f"stopped after {max_rounds} rounds"
 
     @property
+    def tested(self) -> Reliability | UpdatedTests:
+        """Test values of the present solution."""
+        return self.reliability if self.updated is None else self.updated
+
+    @property
+    def _unsettled(self) -> bool:
+        """Whether observations are out of the solution that are in its network."""
+        return self.weights is not None or self.updated is not None
+
+    def _doubtful(self, choice: Choice) -> bool:
+        """Return whether an adjustment might choose otherwise than the update."""
+        return self.updated is not None and choice.margin <= self.updated.left_out
+
+    @property
     def redundancy(self) -> int:
         """Redundancy without the withdrawn observations."""
         return self.solution.redundancy - self.withdrawn
@@ -136,12 +171,13 @@ class SnoopingSearch:
     def sigma0(self) -> float:
         """Standard deviation of unit weight without the withdrawn observations."""
         f = self.redundancy
-        return float(np.sqrt(self.solution.vtpv / f)) if f > 0 else np.nan
+        vtpv = self.solution.vtpv if self.updated is None else self.updated.vtpv
+        return float(np.sqrt(vtpv / f)) if f > 0 else np.nan
 
     @property
     def values(self) -> Array:
         """The test values that decide, (n,): w, or τ = w/σ̂0; NaN where vᵀPv vanishes."""
-        w = self.reliability.w
+        w = self.tested.w
         if self.test == "baarda":
             return w
         return w / self.sigma0 if self.sigma0 > 0 else np.full(len(w), np.nan)
@@ -174,12 +210,13 @@ class SnoopingSearch:
 
     def _choice(self, share: float) -> Choice:
         return choose(
-            self.reliability,
+            self.tested,
             self.values,
             scale=1.0 if self.test == "baarda" else self.sigma0,
             critical=self.critical,
             share=share,
             stuck=self._units(self.stuck),
+            gone=() if self.updated is None else self._units_of(self.updated.gone),
         )
 
     def _set_aside(self, chosen: Sequence[Outlier], number: int) -> int:
@@ -188,7 +225,7 @@ class SnoopingSearch:
         lost = {p.name: p for c in chosen if c.point is not None for p in [self._point(c, number)]}
         points = [*self.points, *lost]
         failure = None
-        if not self._withdraw(chosen):
+        if not self._take_out(chosen) and not self._withdraw(chosen):
             failure = self._adjust([*self.aside, *aside], points)
         if failure is None:
             self.aside |= aside
@@ -199,23 +236,54 @@ class SnoopingSearch:
             self.stuck[ident] = f"without it the adjustment fails: {failure}"
         return 0
 
-    def _withdraw(self, chosen: Sequence[Outlier]) -> bool:
-        """Adjust with negligible weights of the chosen outliers; return whether that is possible.
+    def _rows(self, chosen: Sequence[Outlier]) -> Index | None:
+        """Return the rows of outliers, (k,), with all rays of points that are set aside.
 
-        It is not for a member of a cluster: the weights of the other members depend on it.
+        None for members of clusters: the weights of the other members depend on them.
         """
-        equations = self.solution.equations
-        units = Units.of(equations)
-        points = [c.point for c in chosen if c.point is not None]
-        rows = np.concatenate(
-            [units.rows(c.unit) for c in chosen if c.point is None]
-            + [rays[:, None] + np.arange(2) for p in points for rays in [self._rays(p)]],
-            axis=None,
-        )
-        joint = [c.rows for c in equations.clusters]
-        if not self.withdrawing or (joint and np.isin(rows, np.concatenate(joint)).any()):
+        equations, units = self.solution.equations, Units.of(self.solution.equations)
+        rows = [np.zeros(0, dtype=np.intp)]
+        rows += [units.rows(c.unit) for c in chosen if c.point is None]
+        for c in chosen:
+            if c.point is not None:
+                rows.append((self._rays(c.point)[:, None] + np.arange(2)).ravel())
+        out = np.concatenate(rows)
+        joint = np.concatenate([np.zeros(0, dtype=np.intp), *(c.rows for c in equations.clusters)])
+        return None if np.isin(out, joint).any() else out
+
+    def _take_out(self, chosen: Sequence[Outlier]) -> bool:
+        """Update the test values for outliers that leave; return whether that is possible."""
+        own = self.solution.weights is None or self.weights is not None
+        rows = self._rows(chosen)
+        if (
+            not self.withdrawing
+            or not own
+            or rows is None
+            or any(c.point is not None for c in chosen)
+        ):
+            return False
+        before = UpdatedTests.of(self.reliability) if self.updated is None else self.updated
+        if len(before.gone) + len(rows) > MOST_UPDATED:
+            return False
+        after = before.without(rows)
+        if after is None or after.left_out > MOST_LEFT_OUT:
+            return False
+        self.updated = after
+        self.withdrawn += len(rows)
+        return True
+
+    def _withdraw(self, chosen: Sequence[Outlier]) -> bool:
+        """Adjust with negligible weights of outliers, and of what has left by an update.
+
+        Returns:
+            Whether that is possible.
+        """
+        rows, equations = self._rows(chosen), self.solution.equations
+        if not self.withdrawing or rows is None:
             return False
         weights = np.ones(equations.n_rows) if self.weights is None else self.weights.copy()
+        if self.updated is not None:
+            weights[self.updated.gone] = NEGLIGIBLE
         rows = rows[weights[rows] == 1.0]
         weights[rows] = NEGLIGIBLE
         try:
@@ -226,7 +294,8 @@ class SnoopingSearch:
         except AdjustmentError:
             return False
         self.solution, self.reliability, self.weights = solution, rel, weights
-        self.withdrawn += len(rows) - 3 * len(points)
+        self.updated = None
+        self.withdrawn += len(rows) - 3 * sum(c.point is not None for c in chosen)
         return True
 
     def _settle(self) -> None:
@@ -235,7 +304,7 @@ class SnoopingSearch:
         Raises:
             CannotSettle: the adjustment fails.
         """
-        if self.weights is not None:
+        if self._unsettled:
             failure = self._adjust(self.aside, self.points)
             if failure is not None:
                 raise CannotSettle from failure
@@ -251,14 +320,18 @@ class SnoopingSearch:
         except AdjustmentError as error:
             return error
         self.solution, self.reliability = solution, rel
-        self.weights, self.withdrawn = None, 0
+        self.weights, self.updated, self.withdrawn = None, None, 0
         return None
 
     def _units(self, ids: Collection[str]) -> list[int]:
         """Return the numbers of the observations with these ids in the solution."""
-        number = self.solution.equations.observation_of_row
         found = self.solution.equations.find(list(ids))
-        return [int(number[rows[0]]) for rows in found if len(rows)]
+        return self._units_of(np.array([rows[0] for rows in found if len(rows)], dtype=np.intp))
+
+    def _units_of(self, rows: Index) -> list[int]:
+        """Return the numbers of the observations with these rows."""
+        number = self.solution.equations.observation_of_row
+        return [int(n) for n in number[rows]]
 
     def _rejected(self, c: Outlier, number: int) -> Rejected:
         equations = self.solution.equations
@@ -270,7 +343,7 @@ class SnoopingSearch:
             label(c.row),
             record.component,
             c.test,
-            float(self.reliability.estimated_errors[c.row]),
+            float(self.tested.estimated_errors[c.row]),
             number,
             np.nan,
             np.nan,
