@@ -1,10 +1,10 @@
 """Data snooping: gross errors are found and set aside, and the network is adjusted again.
 
-A round adjusts the network, tests every observation (Baarda's w, or Pope's τ if σ0 is unknown),
-and sets aside the worst observations by the rule of `candidates`. After a round without a new gross
-error, the observations set aside are predicted from the clean solution. An observation that fits is
-put back, at most once, and the search continues until nothing changes. An observation is set aside
-with all its components, by their largest test value.
+A round tests every observation (Baarda's w, or Pope's τ if σ0 is unknown), and sets aside the worst
+observations by the rule of `candidates`. After a round without a new gross error, the network is
+adjusted without the observations set aside, and these are predicted from the clean solution. An
+observation that fits is put back, at most once, and the search continues until nothing changes. An
+observation is set aside with all its components, by their largest test value.
 """
 
 from __future__ import annotations

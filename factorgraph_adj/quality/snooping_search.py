@@ -1,13 +1,7 @@
 """The search of data snooping: its state and its rounds.
 
-A round takes observations out of the present solution in one of three ways:
-
-1. Few rows leave by a low-rank update of the factor (`UpdatedTests`), as long as what the linear
-   model leaves out cannot change the choice of the next round.
-2. The weights of more rows become negligible, and the equations are adjusted with the structure
-   that they have (`readjust`).
-3. Before anything is put back, at the end, and for members of clusters, the network without the
-   observations is adjusted anew.
+A round takes observations out of the present solution (`Present`). Before anything is put back, at
+the end, and for members of clusters, the network without the observations is adjusted anew.
 """
 
 from __future__ import annotations
@@ -22,28 +16,15 @@ from ..errors import AdjustmentError, InputError
 from ..graph.equations import compile_network
 from ..network.network import Network
 from ..network.selection import without
-from ..solve.batch import adjust, readjust
+from ..solve.batch import adjust
 from ..solve.solution import Solution
-from ..types import Array, Index
+from ..types import Array
 from .candidates import Choice, Outlier, Units, choose
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
 from .prediction import Prediction, Predictor
+from .present import Present
 from .rejections import PointSetAside, Rejected, Round, Snooping, Test, Unresolved
 from .reliability import Reliability, critical_tau, reliability
-from .updated_tests import UpdatedTests
-
-NEGLIGIBLE = 1e-20
-"""Factor on the weight of a withdrawn observation: below the rounding of all others, yet a point
-without other observations keeps its place."""
-
-
-MOST_UPDATED = 64
-"""Largest number of rows that leave by an update: with as many right sides, solution and products
-cost less than half of what weights cost in Roma, and a tenth in a grid of 10 000 points."""
-MOST_LEFT_OUT = 0.01
-"""Largest length of what the linear model leaves out of the whitened residuals in an update. Test
-values change by about this length, so that the margin of a choice, which is relative to test values
-of 3 and more, must exceed the length too."""
 
 
 class CannotSettle(Exception):
@@ -81,15 +62,8 @@ class SnoopingSearch:
             self.equations = compile_network(self.network)
         self.test: Test = test
         self.alpha, self.power, self.options = alpha, power, options
-        self.solution = solution
-        self.reliability = reliability(solution, alpha=alpha, power=power)
+        self.present = Present(reliability(solution, alpha=alpha, power=power), test)
         self.withdrawing = withdrawing
-        self.weights: Array | None = None
-        """Factors on the weights of the present solution; none: no observation is withdrawn."""
-        self.updated: UpdatedTests | None = None
-        """Update of the present solution; none: no observation has left it."""
-        self.withdrawn = 0
-        """Redundancy that withdrawn observations, and those of the update, have taken along."""
         self.aside: dict[str, Rejected] = {}
         self.points: dict[str, PointSetAside] = {}
         self.readmitted: list[str] = []
@@ -101,13 +75,23 @@ class SnoopingSearch:
         self.rounds: list[Round] = []
         self._predicted: tuple[Solution, Prediction | None] | None = None
 
+    @property
+    def solution(self) -> Solution:
+        """The present solution."""
+        return self.present.solution
+
+    @property
+    def reliability(self) -> Reliability:
+        """Reliability of the present solution."""
+        return self.present.reliability
+
     def begin(self, values: Array, progress: Callable[[Round], None] | None) -> None:
         """Set aside the outliers of a robust adjustment, by test values (n,) for σ0 = 1."""
         critical = normal_quantile(1.0 - self.alpha / 2.0)
         chosen = choose(
             self.reliability, values, scale=1.0, critical=critical, share=0.0, every=True
         ).chosen
-        sigma0, size = self.solution.sigma0, self._largest(values)
+        sigma0, size = self.solution.sigma0, Units.of(self.solution.equations).largest(values)
         gone = 0
         while chosen and not gone:
             gone = self._set_aside(chosen, 0)
@@ -124,14 +108,15 @@ class SnoopingSearch:
         """Run rounds until nothing changes; return the reason why the search ended."""
         for number in range(1, max_rounds + 1):
             choice = self._choice(share)
-            if choice.chosen and self._doubtful(choice):
+            if choice.chosen and self.present.doubtful(choice):
                 if not self._withdraw(()):
                     raise CannotSettle
                 choice = self._choice(share)
-            if self._unsettled and not choice.chosen:
+            if self.present.unsettled and not choice.chosen:
                 self._settle()
                 choice = self._choice(share)
-            sigma0, size, critical = self.sigma0, self._largest(self.values), self.critical
+            here = self.present
+            sigma0, size, critical = here.sigma0, here.largest, here.critical
             gone = self._reject(choice, share, number)
             back = 0 if gone else self._readmit()
             suspects = int((size > critical).sum())
@@ -147,50 +132,6 @@ class SnoopingSearch:
                 return "no test value is above the critical value, nothing set aside fits again"
         self._settle()
         return f"stopped after {max_rounds} rounds"
-
-    @property
-    def tested(self) -> Reliability | UpdatedTests:
-        """Test values of the present solution."""
-        return self.reliability if self.updated is None else self.updated
-
-    @property
-    def _unsettled(self) -> bool:
-        """Whether observations are out of the solution that are in its network."""
-        return self.weights is not None or self.updated is not None
-
-    def _doubtful(self, choice: Choice) -> bool:
-        """Return whether an adjustment might choose otherwise than the update."""
-        return self.updated is not None and choice.margin <= self.updated.left_out
-
-    @property
-    def redundancy(self) -> int:
-        """Redundancy without the withdrawn observations."""
-        return self.solution.redundancy - self.withdrawn
-
-    @property
-    def sigma0(self) -> float:
-        """Standard deviation of unit weight without the withdrawn observations."""
-        f = self.redundancy
-        vtpv = self.solution.vtpv if self.updated is None else self.updated.vtpv
-        return float(np.sqrt(vtpv / f)) if f > 0 else np.nan
-
-    @property
-    def values(self) -> Array:
-        """The test values that decide, (n,): w, or τ = w/σ̂0; NaN where vᵀPv vanishes."""
-        w = self.tested.w
-        if self.test == "baarda":
-            return w
-        return w / self.sigma0 if self.sigma0 > 0 else np.full(len(w), np.nan)
-
-    @property
-    def critical(self) -> float:
-        """Critical value of the test values."""
-        if self.test == "baarda":
-            return self.reliability.critical_w
-        return critical_tau(self.alpha, self.redundancy)
-
-    def _largest(self, values: Array) -> Array:
-        return Units.of(self.solution.equations).largest(values)
 
     def _note(self, done: Round, progress: Callable[[Round], None] | None) -> None:
         self.rounds.append(done)
@@ -209,15 +150,7 @@ class SnoopingSearch:
         return 0
 
     def _choice(self, share: float) -> Choice:
-        return choose(
-            self.tested,
-            self.values,
-            scale=1.0 if self.test == "baarda" else self.sigma0,
-            critical=self.critical,
-            share=share,
-            stuck=self._units(self.stuck),
-            gone=() if self.updated is None else self._units_of(self.updated.gone),
-        )
+        return self.present.choice(share, self.stuck)
 
     def _set_aside(self, chosen: Sequence[Outlier], number: int) -> int:
         """Adjust without the chosen outliers; return the number removed, 0 after a failure."""
@@ -236,67 +169,19 @@ class SnoopingSearch:
             self.stuck[ident] = f"without it the adjustment fails: {failure}"
         return 0
 
-    def _rows(self, chosen: Sequence[Outlier]) -> Index | None:
-        """Return the rows of outliers, (k,), with all rays of points that are set aside.
-
-        None for members of clusters: the weights of the other members depend on them.
-        """
-        equations, units = self.solution.equations, Units.of(self.solution.equations)
-        rows = [np.zeros(0, dtype=np.intp)]
-        rows += [units.rows(c.unit) for c in chosen if c.point is None]
-        for c in chosen:
-            if c.point is not None:
-                rows.append((self._rays(c.point)[:, None] + np.arange(2)).ravel())
-        out = np.concatenate(rows)
-        joint = np.concatenate([np.zeros(0, dtype=np.intp), *(c.rows for c in equations.clusters)])
-        return None if np.isin(out, joint).any() else out
-
     def _take_out(self, chosen: Sequence[Outlier]) -> bool:
         """Update the test values for outliers that leave; return whether that is possible."""
-        own = self.solution.weights is None or self.weights is not None
-        rows = self._rows(chosen)
-        if (
-            not self.withdrawing
-            or not own
-            or rows is None
-            or any(c.point is not None for c in chosen)
-        ):
-            return False
-        before = UpdatedTests.of(self.reliability) if self.updated is None else self.updated
-        if len(before.gone) + len(rows) > MOST_UPDATED:
-            return False
-        after = before.without(rows)
-        if after is None or after.left_out > MOST_LEFT_OUT:
-            return False
-        self.updated = after
-        self.withdrawn += len(rows)
-        return True
+        found = self.present.updated_without(chosen) if self.withdrawing else None
+        self.present = self.present if found is None else found
+        return found is not None
 
     def _withdraw(self, chosen: Sequence[Outlier]) -> bool:
-        """Adjust with negligible weights of outliers, and of what has left by an update.
-
-        Returns:
-            Whether that is possible.
-        """
-        rows, equations = self._rows(chosen), self.solution.equations
-        if not self.withdrawing or rows is None:
-            return False
-        weights = np.ones(equations.n_rows) if self.weights is None else self.weights.copy()
-        if self.updated is not None:
-            weights[self.updated.gone] = NEGLIGIBLE
-        rows = rows[weights[rows] == 1.0]
-        weights[rows] = NEGLIGIBLE
-        try:
-            solution = readjust(self.solution, weights, datum=self.options["datum"])
-            if not solution.converged:
-                return False
-            rel = reliability(solution, alpha=self.alpha, power=self.power)
-        except AdjustmentError:
-            return False
-        self.solution, self.reliability, self.weights = solution, rel, weights
-        self.updated = None
-        self.withdrawn += len(rows) - 3 * sum(c.point is not None for c in chosen)
-        return True
+        """Withdraw outliers, and what has left by an update; return whether that is possible."""
+        found = None
+        if self.withdrawing:
+            found = self.present.reweighted_without(chosen, self.options["datum"])
+        self.present = self.present if found is None else found
+        return found is not None
 
     def _settle(self) -> None:
         """Adjust the network anew without the observations that are withdrawn.
@@ -304,7 +189,7 @@ class SnoopingSearch:
         Raises:
             CannotSettle: the adjustment fails.
         """
-        if self._unsettled:
+        if self.present.unsettled:
             failure = self._adjust(self.aside, self.points)
             if failure is not None:
                 raise CannotSettle from failure
@@ -319,19 +204,8 @@ class SnoopingSearch:
             rel = reliability(solution, alpha=self.alpha, power=self.power)
         except AdjustmentError as error:
             return error
-        self.solution, self.reliability = solution, rel
-        self.weights, self.updated, self.withdrawn = None, None, 0
+        self.present = Present(rel, self.test)
         return None
-
-    def _units(self, ids: Collection[str]) -> list[int]:
-        """Return the numbers of the observations with these ids in the solution."""
-        found = self.solution.equations.find(list(ids))
-        return self._units_of(np.array([rows[0] for rows in found if len(rows)], dtype=np.intp))
-
-    def _units_of(self, rows: Index) -> list[int]:
-        """Return the numbers of the observations with these rows."""
-        number = self.solution.equations.observation_of_row
-        return [int(n) for n in number[rows]]
 
     def _rejected(self, c: Outlier, number: int) -> Rejected:
         equations = self.solution.equations
@@ -343,7 +217,7 @@ class SnoopingSearch:
             label(c.row),
             record.component,
             c.test,
-            float(self.tested.estimated_errors[c.row]),
+            float(self.present.tested.estimated_errors[c.row]),
             number,
             np.nan,
             np.nan,
@@ -351,20 +225,10 @@ class SnoopingSearch:
             tuple((label(row), rho) for row, rho in c.inseparable),
         )
 
-    def _rays(self, point: int) -> Index:
-        """Return the first row of every ray to a point, (k,)."""
-        return np.concatenate(
-            [
-                block.first_row + 2 * np.flatnonzero(block.variables[2][1] == point)
-                for block in self.solution.equations.blocks
-                if block.kind == "image"
-            ]
-        )
-
     def _point(self, c: Outlier, number: int) -> PointSetAside:
         equations = self.solution.equations
         assert c.point is not None
-        ids = [equations.id(int(row)) for row in self._rays(c.point)]
+        ids = [equations.id(int(row)) for row in self.present.rays(c.point)]
         rays = [ident for ident in ids if ident not in self.aside]
         name = equations.unknowns["point"].names[c.point]
         self.coordinates[name] = self.solution.point(name)
@@ -463,7 +327,7 @@ class SnoopingSearch:
         For Pope's test vᵀPv increases by T², and the redundancy by the number of components.
         """
         if self.test == "baarda":
-            return prediction.w, np.full(len(prediction.first), self.critical)
+            return prediction.w, np.full(len(prediction.first), self.present.critical)
         f = self.solution.redundancy + prediction.size
         sigma0 = np.sqrt((self.solution.vtpv + prediction.t2) / f)
         critical = np.array([critical_tau(self.alpha, int(k)) for k in f])
@@ -481,7 +345,7 @@ class SnoopingSearch:
             tuple(self.points.values()),
             self._unresolved(),
             tuple(self.rounds),
-            self.critical,
+            self.present.critical,
             self.test,
             reason,
         )
@@ -505,15 +369,15 @@ class SnoopingSearch:
     def _unresolved(self) -> tuple[Unresolved, ...]:
         """Return the observations above the critical value at the end, the largest first."""
         units = Units.of(self.solution.equations)
-        size = units.largest(self.values)
+        size = units.largest(self.present.values)
         order = np.argsort(-size, kind="stable")
-        above = order[size[order] > self.critical].tolist()
+        above = order[size[order] > self.present.critical].tolist()
         last = self._choice(share=1.0) if above else Choice((), ())
         blocked = {c.unit for c in last.blocked}
         out = []
         for unit in above:
             rows = units.rows(unit)
-            row = int(rows[np.argmax(np.nan_to_num(np.abs(self.values[rows])))])
+            row = int(rows[np.argmax(np.nan_to_num(np.abs(self.present.values[rows])))])
             record = self.solution.observations[row]
             reason = self.stuck.get(record.id)
             if unit in blocked:
@@ -528,7 +392,7 @@ class SnoopingSearch:
                     record.kind,
                     self.solution.equations.label(row),
                     record.component,
-                    float(self.values[row]),
+                    float(self.present.values[row]),
                     float(self.reliability.estimated_errors[row]),
                     reason,
                 )

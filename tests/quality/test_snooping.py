@@ -14,10 +14,11 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.network.selection import without
 from factorgraph_adj.observations import HeightDifference, ImagePoint
 from factorgraph_adj.quality.candidates import Units, choose
+from factorgraph_adj.quality.present import MOST_LEFT_OUT
 from factorgraph_adj.quality.rejections import Round, Snooping
 from factorgraph_adj.quality.reliability import critical_tau, reliability
 from factorgraph_adj.quality.snooping import snoop
-from factorgraph_adj.quality.snooping_search import MOST_LEFT_OUT, CannotSettle, SnoopingSearch
+from factorgraph_adj.quality.snooping_search import CannotSettle, SnoopingSearch
 from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
 from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
@@ -590,7 +591,7 @@ def test_a_search_that_cannot_settle_begins_again(monkeypatch: pytest.MonkeyPatc
     expected = snoop(network)
 
     def refused(self: SnoopingSearch) -> None:
-        if self._unsettled:
+        if self.present.unsettled:
             raise CannotSettle
 
     monkeypatch.setattr(SnoopingSearch, "_settle", refused)
