@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem
@@ -13,7 +11,7 @@ from ..io.readers import READERS
 from ..parts.adjust import adjust_parts
 from ..parts.network import adjust_cut
 from ..parts.result import PartsSolution
-from ..parts.workers import MISSING
+from ..parts.workers import connected
 from ..quality.unit_weight import global_test
 from ..report.parts import parts_protocol, write_parts
 from .check import refuse_problems
@@ -28,8 +26,6 @@ WHOLE_ONLY = ("snoop", "robust", "variance_components", "ellipses", "rows")
 """Options of a network that is adjusted as a whole."""
 MOST_ITERATIONS = 100
 """Largest number of iterations, where no option says another."""
-CONNECTED = "10s"
-"""Time after which a scheduler that does not answer is given up."""
 
 
 def add_parts(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +65,7 @@ def adjust_in_parts(options: argparse.Namespace) -> int:
         problems.append(Problem("--datum free: a network in parts needs a given datum"))
     if problems:
         raise InputError(problems)
-    with _client(options.cluster) as client:
+    with connected(options.cluster) as client:
         solution = _solution(options, client)
     if options.out is not None:
         write_parts(solution, options.out)
@@ -102,29 +98,6 @@ def _solution(options: argparse.Namespace, client: Client | None) -> PartsSoluti
             max_iterations=options.max_iterations or project.options.max_iterations,
             progress=show and (lambda *figures: show(iteration(*figures))),
         )
-
-
-@contextmanager
-def _client(address: str | None) -> Iterator[Client | None]:
-    """Connect to a cluster; none: this process computes.
-
-    Raises:
-        InputError: Dask is not installed, or there is no scheduler at the address.
-    """
-    if address is None:
-        yield None
-        return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError(MISSING) from None
-    try:
-        client = Client(address, timeout=CONNECTED)
-    except (OSError, ValueError) as error:
-        what = f"no scheduler of a Dask cluster answers ({error}); valid: tcp://host:8786"
-        raise InputError(Problem(what, f"--cluster {address}")) from None
-    with client:
-        yield client
 
 
 def _verdict(solution: PartsSolution) -> int:

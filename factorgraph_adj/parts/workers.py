@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -20,6 +21,8 @@ R = TypeVar("R", covariant=True)
 
 MISSING = "a cluster needs Dask, which is not installed: pip install 'factorgraph_adj[cluster]'"
 
+CONNECTED = "10s"
+"""Time after which a scheduler that does not answer is given up."""
 PATIENCE = 5.0
 """Seconds after which is asked whether the worker of a task is still there."""
 MOST_DEATHS = 3
@@ -158,6 +161,29 @@ class Workers:
             forget(run)
         elif kind is None:
             self._client.run(forget, run, on_error="ignore")
+
+
+@contextmanager
+def connected(address: str | None) -> Iterator[Client | None]:
+    """Connect to a cluster; without an address there is none, and this process computes.
+
+    Raises:
+        InputError: Dask is not installed, or there is no scheduler at the address.
+    """
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(MISSING) from None
+    try:
+        client = Client(address, timeout=CONNECTED)
+    except (OSError, ValueError) as error:
+        what = f"no scheduler of a Dask cluster answers ({error}); valid: tcp://host:8786"
+        raise InputError(Problem(what, f"cluster {address}")) from None
+    with client:
+        yield client
 
 
 def check_client(client: object) -> None:

@@ -24,13 +24,15 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from ..graph.equations import Equations
+from ..solve.solution import Solution
 from ..solve.update import Update
 from ..types import Array, Index, Mask
-from .reliability import UNCONTROLLED, Reliability
+from .reliability import UNCONTROLLED
 
 MOST_CORRELATION = 0.5
 """Correlation of two test values above which the smaller one waits for the next round."""
@@ -40,8 +42,11 @@ MOST_ROWS = 400
 """Maximum number of rows (components of observations) examined in one round, largest first."""
 MOST_ROWS_AT_ONCE = 3000
 """Maximum number of rows examined in a round that sets all outliers aside at once (``every``)."""
-SPACE = 20_000_000
-"""Maximum number of elements of the correlation matrix that are computed at once."""
+UNSURE = 100.0
+"""Factor by which an eigenvalue must differ from `UNCONTROLLED` for a choice with a margin."""
+SPACE = 2_500_000
+"""Maximum number of elements of the correlation matrix that are computed at once; with eight times
+as many the time doubles, as they do not stay in the cache."""
 FLAT = 1e-10
 """Ratio of the smallest to the largest eigenvalue of a point's normal matrix up to which its rays
 leave the point undetermined."""
@@ -99,10 +104,36 @@ class Choice:
     """Observations set aside, the largest first."""
     blocked: tuple[Outlier, ...]
     """Observations above the critical value that some unknown needs to be determined."""
+    margin: float = np.inf
+    """Smallest relative change of a test value, a correlation or a limit that may change the
+    choice."""
+
+
+class Tested(Protocol):
+    """Test values of a linear model: a `Reliability`, or an update of one."""
+
+    @property
+    def solution(self) -> Solution:
+        """The solution to whose rows the test values belong."""
+        ...
+
+    @property
+    def w(self) -> Array:
+        """Test values of Baarda, (n,)."""
+        ...
+
+    @property
+    def controlled(self) -> Mask:
+        """Whether a row has a test value, (n,)."""
+        ...
+
+    def correlations_with(self, rows: Index) -> Array:
+        """Return the correlations of all test values with those of ``rows``, (n, k)."""
+        ...
 
 
 def choose(
-    rel: Reliability,
+    rel: Tested,
     test: Array,
     *,
     scale: float,
@@ -110,11 +141,12 @@ def choose(
     share: float,
     stuck: Collection[int] = (),
     every: bool = False,
+    gone: Collection[int] = (),
 ) -> Choice:
     """Choose the observations to set aside.
 
     Args:
-        rel: reliability of the solution.
+        rel: the test values and their correlations.
         test: the test values that decide, (n,); NaN for rows without a test value.
         scale: ``rel.w`` / test.
         critical: critical value of ``test``.
@@ -122,26 +154,33 @@ def choose(
         stuck: blocked observations; they stay, but explain others as if they were set aside.
         every: set aside every observation above the critical value, as long as the rest determines
             all unknowns: conditions 2 and 3 are left out.
+        gone: observations of the solution that an update has taken out.
     """
     most_rows = MOST_ROWS_AT_ONCE if every else MOST_ROWS
     units = Units.of(rel.solution.equations)
     size = units.largest(test)
     kept = [unit for unit in stuck if size[unit] > critical]
+    margin = _margin(size[list(stuck)], critical)
     size[list(stuck)] = 0.0
     order = np.argsort(-size, kind="stable")
     order = order[(size[order] > critical) & (size[order] >= share * size[order[0]])]
     # Blocked observations were removed above: the share refers to the largest one that can go.
     candidates = order[np.cumsum(units.size[order]) <= max(most_rows, int(units.size.max()))]
+    ordered = np.sort(size)
+    margin = min(margin, _margin(ordered[-1:], critical))
+    margin = min(margin, _margin(ordered[:-1], max(critical, share * float(ordered[-1]))))
     if not len(candidates):
-        return Choice((), ())
+        return Choice((), (), margin)
+    if len(candidates) < len(order):
+        margin = min(margin, _margin(size[order[len(candidates) :]], size[candidates[-1]]))
     looked_at = np.concatenate([np.array(kept, dtype=np.intp), candidates])
-    search = _OutlierSearch(rel, units, looked_at, test, scale)
+    search = _OutlierSearch(rel, units, looked_at, test, scale, gone)
     for unit in kept:
         search.explain_by(unit)
     for unit in candidates.tolist():
         if every or search.stands_out(unit, critical):
             search.consider(unit)
-    chosen, blocked = search.chosen, search.blocked
+    chosen, blocked, margin = search.chosen, search.blocked, min(margin, search.margin)
     if not chosen and blocked and len(candidates) < int(np.sum(size > critical)):
         others = choose(
             rel,
@@ -151,16 +190,28 @@ def choose(
             share=share,
             stuck=[*stuck, *(b.unit for b in blocked)],
             every=every,
+            gone=gone,
         )
-        return Choice(others.chosen, (*blocked, *others.blocked))
-    return Choice(tuple(chosen), tuple(blocked))
+        return Choice(others.chosen, (*blocked, *others.blocked), min(margin, others.margin))
+    return Choice(tuple(chosen), tuple(blocked), margin)
+
+
+def _margin(values: Array, limit: float) -> float:
+    """Return how near any of the values comes to a limit, relative to it."""
+    return float(np.abs(values / limit - 1.0).min(initial=np.inf)) if limit > 0 else np.inf
 
 
 class _OutlierSearch:
     """The linear model, from which one candidate after the other is removed."""
 
     def __init__(
-        self, rel: Reliability, units: Units, candidates: Index, test: Array, scale: float
+        self,
+        rel: Tested,
+        units: Units,
+        candidates: Index,
+        test: Array,
+        scale: float,
+        before: Collection[int] = (),
     ) -> None:
         self.rel, self.units, self.test = rel, units, test
         self.rows = np.concatenate([units.rows(int(u)) for u in candidates])
@@ -169,6 +220,9 @@ class _OutlierSearch:
         self.left = self.rho.copy()
         self.w = np.nan_to_num(rel.w[self.rows]) / scale
         self.gone: list[int] = []
+        self.before = frozenset(before)
+        """Observations that have gone in earlier rounds."""
+        self.margin = np.inf
         self.only_images = _only_images(rel.solution.equations)
         self.lost_points: set[int] = set()
         self.chosen: list[Outlier] = []
@@ -177,12 +231,22 @@ class _OutlierSearch:
     def stands_out(self, unit: int, critical: float) -> bool:
         """Return whether a unit meets conditions 2 and 3."""
         at = self._at(unit)
-        rho = np.abs(self.rho[at][:, self.gone])
-        if np.nanmax(rho, initial=0.0) > MOST_CORRELATION:
+        rho = np.nan_to_num(np.abs(self.rho[at][:, self.gone]))
+        self._decided(rho.max(axis=0, initial=0.0), MOST_CORRELATION)
+        alike = np.any(rho > MOST_CORRELATION, axis=0)
+        if alike.any():
+            # The larger of two that are alike goes first.
+            size = np.nan_to_num(np.abs(self.test[self.rows]))
+            self._decided(size[self.gone][alike], float(size[at].max()))
             return False
         left = np.diag(self.left)[at]
         still = np.abs(self.w[at]) / np.sqrt(np.where(left > UNCONTROLLED, left, np.inf))
+        self._decided(np.nan_to_num(still).max(keepdims=True), critical)
         return bool(np.nanmax(still, initial=0.0) > critical)
+
+    def _decided(self, values: Array, limit: float) -> None:
+        """Note how near values came to a limit."""
+        self.margin = min(self.margin, _margin(values, limit))
 
     def explain_by(self, unit: int) -> None:
         """Treat a unit that stays as removed, so that it explains other test values."""
@@ -198,7 +262,12 @@ class _OutlierSearch:
         if point is not None and point in self.lost_points:
             return
         block = self.left[np.ix_(at, at)]
-        whole = bool(np.isfinite(block).all()) and np.linalg.eigvalsh(block)[0] > UNCONTROLLED
+        whole = bool(np.isfinite(block).all())
+        if whole:
+            least = float(np.linalg.eigvalsh(block)[0])
+            whole = least > UNCONTROLLED
+            if UNCONTROLLED / UNSURE < least < UNCONTROLLED * UNSURE:
+                self.margin = 0.0
         if not whole:
             if point is not None and not self._determined(point, row):
                 self.lost_points.add(point)
@@ -227,7 +296,7 @@ class _OutlierSearch:
         """Return whether the remaining rays of a point, without ``row``, determine it."""
         solution = self.rel.solution
         number = self.units.number
-        gone = {int(number[r]) for r in self.rows[self.gone]} | {int(number[row])}
+        gone = {int(number[r]) for r in self.rows[self.gone]} | {int(number[row])} | self.before
         normal = np.zeros((3, 3))
         for lb in solution.normal().system.blocks:
             if lb.block.kind != "image":
@@ -240,7 +309,7 @@ class _OutlierSearch:
 
 
 def _correlations(
-    rel: Reliability, rows: Index, units: Units
+    rel: Tested, rows: Index, units: Units
 ) -> tuple[Array, list[tuple[tuple[int, float], ...]]]:
     """Return the correlations (k, k) of test values, and the inseparable rows of each row.
 

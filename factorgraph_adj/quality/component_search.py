@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..types import Array, Mask
+from .conjugate_gradients import conjugate_gradients
 from .distributions import chi2_upper_quantile
 from .group_redundancy import GroupRedundancy
 
@@ -31,9 +32,24 @@ NEAR = 0.5
 CURVED = 0.25
 """Smallest curvature of the likelihood, relative to its expectation, with which a Newton step is
 taken."""
+SOLVED = 1e-3
+"""Residual of the equations of a Newton step, relative to their right side, at which they count as
+solved: the next step corrects the rest."""
 TOO_FAR = 0.5
 """Reverse slope of the likelihood at the end of a step, relative to the slope at its beginning,
 above which the next steps are halved."""
+
+
+class Proposal(NamedTuple):
+    """A change of the variances of all groups."""
+
+    change: Array
+    """Δ, relative to the variances, (k,)."""
+    newton: bool
+    """Whether Δ is a Newton step; false: by Helmert's equations."""
+    bound: float
+    """Bound √(ΔᵀSΔ/2) on the change of any component, relative to its own σ: Cauchy-Schwarz for
+    cov(ln f²) = 2 S⁻¹."""
 
 
 class ComponentSearch:
@@ -110,18 +126,16 @@ class ComponentSearch:
         m = np.maximum(r * r / np.maximum(np.diag(at.information), np.finfo(float).tiny), 1.0)
         return np.asarray((r > VANISHED) & (at.squares / r > chi2_upper_quantile(UNLIKELY, m) / m))
 
-    def bound(self, at: GroupRedundancy) -> float:
-        """Return a bound on the remaining change of any component, relative to its own σ.
-
-        The bound is √(ΔᵀSΔ/2) with the change Δ of ln f²: Cauchy-Schwarz for cov(ln f²) = 2 S⁻¹.
-        """
-        change = self._newton(at)
+    def proposal(self, at: GroupRedundancy) -> Proposal:
+        """Return the next change of the variances: by Newton near the end, else by Helmert."""
+        change, newton = self._newton(at), True
         if change is None:
-            change = self._helmert(at)
-        return float(np.sqrt(max(float(change @ at.information @ change), 0.0) / 2.0))
+            change, newton = self._helmert(at), False
+        bound = np.sqrt(max(float(change @ at.information @ change), 0.0) / 2.0)
+        return Proposal(change, newton, float(bound))
 
-    def step(self, at: GroupRedundancy) -> None:
-        """Move the components: by Newton near the end, else by Helmert, within limits."""
+    def step(self, at: GroupRedundancy, proposal: Proposal) -> None:
+        """Move the components as proposed, within limits."""
         misfit = self._misfit(at)
         if self._slope > 0:
             # q − r is the slope of twice the likelihood: it tells whether a step went too far.
@@ -130,13 +144,12 @@ class ComponentSearch:
                 self._share /= 2.0
             elif ahead > 0:
                 self._share = min(1.0, 2.0 * self._share)
-        change = self._newton(at)
-        if change is not None:
-            self._way = np.log1p(change)
+        if proposal.newton:
+            self._way = np.log1p(proposal.change)
         else:
             quotient = at.squares / np.maximum(at.redundancy, VANISHED)
             most = np.maximum(STRIDE, quotient)
-            f = np.clip(1.0 + self._helmert(at), 1.0 / STRIDE, most)
+            f = np.clip(1.0 + proposal.change, 1.0 / STRIDE, most)
             self._way = self._share * np.log(f)
         self._slope = float(misfit @ self._way)
         self.logarithms += self._way
@@ -153,22 +166,29 @@ class ComponentSearch:
     def _newton(self, at: GroupRedundancy) -> Array | None:
         """Return Δ (k,) of (2B − S + diag(r − q)) Δ = q − r near the greatest likelihood.
 
-        None far from the maximum, or with a curvature too small for a Newton step; Helmert's
-        equations use the expected curvature instead.
+        As long as S has not been probed, B with residuals scaled to q = r stands for S in Helmert's
+        equations, for E(B) = S. None far from the maximum, or with a curvature too small for a
+        Newton step; Helmert's equations use the expected curvature instead.
         """
-        g = np.flatnonzero(self.estimated)
         cofactors, lost = self.cofactors(at)
-        if not len(g) or lost.any() or np.abs(self._helmert(at)).max() > NEAR:
+        if not self.estimated.any() or lost.any() or np.abs(self._helmert(at)).max() > NEAR:
             return None
         misfit = self._misfit(at)
-        curvature = 2.0 * at.average - at.information - np.diag(misfit)
-        root = np.linalg.cholesky(cofactors[np.ix_(g, g)])
-        relative = root.T @ curvature[np.ix_(g, g)] @ root
-        if np.linalg.eigvalsh(relative)[0] < CURVED:
-            return None
-        out = np.zeros(len(misfit))
-        out[g] = root @ np.linalg.solve(relative, root.T @ misfit[g])
-        return out if np.abs(out).max() < NEAR else None
+        if at.unprobed:
+            scale = np.sqrt(at.redundancy / np.maximum(at.squares, np.finfo(float).tiny))
+
+            def curved(x: Array) -> Array:
+                return np.where(self.estimated, scale * at.average_times(scale * x), 0.0)
+
+            out = conjugate_gradients(curved, cofactors, misfit, relative=SOLVED, least=SINGULAR)
+        else:
+
+            def curved(x: Array) -> Array:
+                product = 2.0 * at.average_times(x) - at.information @ x - misfit * x
+                return np.where(self.estimated, product, 0.0)
+
+            out = conjugate_gradients(curved, cofactors, misfit, relative=SOLVED, least=CURVED)
+        return None if out is None or np.abs(out).max() > NEAR else out
 
     def cofactors(self, at: GroupRedundancy) -> tuple[Array, Mask]:
         """Return S⁻¹ of the estimated groups, zero elsewhere, (k, k), and a mask (k,).

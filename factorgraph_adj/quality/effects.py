@@ -10,6 +10,7 @@ import numpy as np
 
 from ..models.variables import UNKNOWNS, VariableKind
 from ..solve.solution import Solution
+from ..solve.step import Factorised
 from ..types import Array, Index
 from .rows import place_of, weighted, whitened_unit
 
@@ -79,15 +80,18 @@ def shifts(solution: Solution, rows: Index) -> Array:
     return solution.cofactor_times(_normal_rows(solution, rows))
 
 
-def response(solution: Solution, rows: Index) -> Array:
-    """Return the columns of P Q_vv P = P − P A Q AᵀP at the rows (k,), (n_rows, k)."""
+def response(solution: Solution, rows: Index, *, factor: Factorised | None = None) -> Array:
+    """Return the columns of P Q_vv P = P − P A Q AᵀP at the rows (k,), (n_rows, k).
+
+    ``factor`` solves with another Q, that of an update; none: the solution's.
+    """
     equations = solution.equations
     system = solution.normal().system
     y = np.zeros((equations.n_rows, len(rows)))
     for j, row in enumerate(rows.tolist()):
         at, values = whitened_unit(equations, row)
         y[at, j] = values
-    x = solution.factor.solve(_normal_rows(solution, rows))
+    x = (solution.factor if factor is None else factor).solve(_normal_rows(solution, rows))
     return weighted(equations, y - system.times(x)[: equations.n_rows])
 
 

@@ -82,7 +82,7 @@ class PointSetAside:
 
 @dataclass(frozen=True)
 class Round:
-    """One adjustment of the search."""
+    """One round of the search."""
 
     number: int
     """Number of the round."""

@@ -235,10 +235,7 @@ class Reliability(Shown):
     def correlations_with(self, rows: Index) -> Array:
         """Return the correlations of all test values with those of ``rows``, (n, k)."""
         pqp = response(self.solution, rows)
-        scale = np.sqrt(np.where(self.controlled, self.precision, np.inf))
-        out = pqp / scale[:, None] / scale[rows]
-        out[rows, np.arange(len(rows))] = np.where(self.controlled[rows], 1.0, np.nan)
-        return np.asarray(out)
+        return correlations_of_tests(pqp, rows, self.precision, self.controlled)
 
 
 @dataclass(frozen=True)
@@ -351,6 +348,21 @@ def critical_tau(alpha: float, redundancy: int) -> float:
         return float("nan")
     t = student_quantile(1.0 - alpha / 2.0, f - 1)
     return float(t * np.sqrt(f) / np.sqrt(f - 1 + t * t))
+
+
+def correlations_of_tests(pqp: Array, rows: Index, precision: Array, controlled: Mask) -> Array:
+    """Return the correlations of all test values with those of ``rows`` (k,), (n, k).
+
+    Args:
+        pqp: columns of P Q_vv P at the rows, (n, k).
+        rows: the rows.
+        precision: diagonal of P Q_vv P, (n,).
+        controlled: whether a row has a test value, (n,).
+    """
+    scale = np.sqrt(np.where(controlled, precision, np.inf))
+    out = pqp / scale[:, None] / scale[rows]
+    out[rows, np.arange(len(rows))] = np.where(controlled[rows], 1.0, np.nan)
+    return np.asarray(out)
 
 
 def _transform(solution: Solution) -> STransform | None:

@@ -1,10 +1,10 @@
 """Data snooping: gross errors are found and set aside, and the network is adjusted again.
 
-A round adjusts the network, tests every observation (Baarda's w, or Pope's τ if σ0 is unknown),
-and sets aside the worst observations by the rule of `candidates`. After a round without a new gross
-error, the observations set aside are predicted from the clean solution. An observation that fits is
-put back, at most once, and the search continues until nothing changes. An observation is set aside
-with all its components, by their largest test value.
+A round tests every observation (Baarda's w, or Pope's τ if σ0 is unknown), and sets aside the worst
+observations by the rule of `candidates`. After a round without a new gross error, the network is
+adjusted without the observations set aside, and these are predicted from the clean solution. An
+observation that fits is put back, at most once, and the search continues until nothing changes. An
+observation is set aside with all its components, by their largest test value.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ..solve.start import Start
 from .levels import ALPHA, POWER
 from .rejections import Round, Snooping, Test
 from .robust import ESTIMATORS, Estimator, robust_adjust
-from .snooping_search import SnoopingSearch
+from .snooping_search import CannotSettle, SnoopingSearch
 
 
 def snoop(
@@ -90,8 +90,14 @@ def snoop(
         solution, values = found.solution, found.test_values / found.scale
     if sidak:
         alpha = float(1.0 - (1.0 - alpha) ** (1.0 / solution.equations.n_rows))
-    search = SnoopingSearch(solution, test, alpha, power, {"datum": datum, "variance": variance})
-    if values is not None:
-        search.begin(values, progress)
-    reason = search.run(share, max_rounds, progress)
-    return search.result(reason)
+    options = {"datum": datum, "variance": variance}
+    for withdrawing in (True, False):
+        search = SnoopingSearch(solution, test, alpha, power, options, withdrawing=withdrawing)
+        try:
+            if values is not None:
+                search.begin(values, progress)
+            reason = search.run(share, max_rounds, progress)
+        except CannotSettle:
+            continue
+        return search.result(reason)
+    raise AssertionError("a search that adjusts every round anew has nothing to settle")

@@ -1,4 +1,8 @@
-"""The search of data snooping: its state and its rounds."""
+"""The search of data snooping: its state and its rounds.
+
+A round takes observations out of the present solution (`Present`). Before anything is put back, at
+the end, and for members of clusters, the network without the observations is adjusted anew.
+"""
 
 from __future__ import annotations
 
@@ -18,23 +22,48 @@ from ..types import Array
 from .candidates import Choice, Outlier, Units, choose
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
 from .prediction import Prediction, Predictor
+from .present import Present
 from .rejections import PointSetAside, Rejected, Round, Snooping, Test, Unresolved
-from .reliability import critical_tau, reliability
+from .reliability import Reliability, critical_tau, reliability
+
+
+class CannotSettle(Exception):
+    """The network cannot be adjusted without the observations that rounds have withdrawn."""
 
 
 class SnoopingSearch:
     """State of a search."""
 
     def __init__(
-        self, solution: Solution, test: Test, alpha: float, power: float, options: dict[str, Any]
+        self,
+        solution: Solution,
+        test: Test,
+        alpha: float,
+        power: float,
+        options: dict[str, Any],
+        *,
+        withdrawing: bool = True,
     ) -> None:
+        """Begin with an adjusted network.
+
+        Args:
+            solution: the adjustment of the whole network.
+            test: the test that decides.
+            alpha: probability α0 of a false alarm of one test.
+            power: power of the tests.
+            options: options of every adjustment.
+            withdrawing: whether rounds withdraw observations; false: every round adjusts the
+                network without them anew.
+        """
         self.network = solution.network
         self.start = solution.start["point"]
-        self.equations = compile_network(self.network)
+        self.equations = solution.equations
+        if solution.weights is not None:
+            self.equations = compile_network(self.network)
         self.test: Test = test
         self.alpha, self.power, self.options = alpha, power, options
-        self.solution = solution
-        self.reliability = reliability(solution, alpha=alpha, power=power)
+        self.present = Present(reliability(solution, alpha=alpha, power=power), test)
+        self.withdrawing = withdrawing
         self.aside: dict[str, Rejected] = {}
         self.points: dict[str, PointSetAside] = {}
         self.readmitted: list[str] = []
@@ -44,6 +73,17 @@ class SnoopingSearch:
         self.coordinates: dict[str, Array] = {}
         """Coordinates of each removed point at its removal, (3,) metres."""
         self.rounds: list[Round] = []
+        self._predicted: tuple[Solution, Prediction | None] | None = None
+
+    @property
+    def solution(self) -> Solution:
+        """The present solution."""
+        return self.present.solution
+
+    @property
+    def reliability(self) -> Reliability:
+        """Reliability of the present solution."""
+        return self.present.reliability
 
     def begin(self, values: Array, progress: Callable[[Round], None] | None) -> None:
         """Set aside the outliers of a robust adjustment, by test values (n,) for σ0 = 1."""
@@ -51,7 +91,7 @@ class SnoopingSearch:
         chosen = choose(
             self.reliability, values, scale=1.0, critical=critical, share=0.0, every=True
         ).chosen
-        sigma0, size = self.solution.sigma0, self._largest(values)
+        sigma0, size = self.solution.sigma0, Units.of(self.solution.equations).largest(values)
         gone = 0
         while chosen and not gone:
             gone = self._set_aside(chosen, 0)
@@ -67,8 +107,17 @@ class SnoopingSearch:
     def run(self, share: float, max_rounds: int, progress: Callable[[Round], None] | None) -> str:
         """Run rounds until nothing changes; return the reason why the search ended."""
         for number in range(1, max_rounds + 1):
-            sigma0, size, critical = self.solution.sigma0, self._largest(self.values), self.critical
-            gone = self._reject(share, number)
+            choice = self._choice(share)
+            if choice.chosen and self.present.doubtful(choice):
+                if not self._withdraw(()):
+                    raise CannotSettle
+                choice = self._choice(share)
+            if self.present.unsettled and not choice.chosen:
+                self._settle()
+                choice = self._choice(share)
+            here = self.present
+            sigma0, size, critical = here.sigma0, here.largest, here.critical
+            gone = self._reject(choice, share, number)
             back = 0 if gone else self._readmit()
             suspects = int((size > critical).sum())
             self._note(Round(number, sigma0, float(size.max()), suspects, gone, back), progress)
@@ -81,21 +130,8 @@ class SnoopingSearch:
                 if not self.reliability.controlled.any():
                     return "no test: no observation is controlled by others"
                 return "no test value is above the critical value, nothing set aside fits again"
+        self._settle()
         return f"stopped after {max_rounds} rounds"
-
-    @property
-    def values(self) -> Array:
-        """The test values that decide, (n,)."""
-        return self.reliability.w if self.test == "baarda" else self.reliability.tau
-
-    @property
-    def critical(self) -> float:
-        """Critical value of the test values."""
-        rel = self.reliability
-        return rel.critical_w if self.test == "baarda" else rel.critical_tau
-
-    def _largest(self, values: Array) -> Array:
-        return Units.of(self.solution.equations).largest(values)
 
     def _note(self, done: Round, progress: Callable[[Round], None] | None) -> None:
         self.rounds.append(done)
@@ -104,30 +140,26 @@ class SnoopingSearch:
 
     # -- setting aside --------------------------------------------------------------------------
 
-    def _reject(self, share: float, number: int) -> int:
+    def _reject(self, choice: Choice, share: float, number: int) -> int:
         """Set aside the worst observations; return their number."""
-        while chosen := self._choice(share).chosen:
+        while chosen := choice.chosen:
             gone = self._set_aside(chosen, number) or self._set_aside(chosen[:1], number)
             if gone:
                 return gone
+            choice = self._choice(share)
         return 0
 
     def _choice(self, share: float) -> Choice:
-        return choose(
-            self.reliability,
-            self.values,
-            scale=1.0 if self.test == "baarda" else self.solution.sigma0,
-            critical=self.critical,
-            share=share,
-            stuck=self._units(self.stuck),
-        )
+        return self.present.choice(share, self.stuck)
 
     def _set_aside(self, chosen: Sequence[Outlier], number: int) -> int:
         """Adjust without the chosen outliers; return the number removed, 0 after a failure."""
         aside = {r.id: r for c in chosen if c.point is None for r in [self._rejected(c, number)]}
         lost = {p.name: p for c in chosen if c.point is not None for p in [self._point(c, number)]}
         points = [*self.points, *lost]
-        failure = self._adjust([*self.aside, *aside], points)
+        failure = None
+        if not self._take_out(chosen) and not self._withdraw(chosen):
+            failure = self._adjust([*self.aside, *aside], points)
         if failure is None:
             self.aside |= aside
             self.points |= lost
@@ -136,6 +168,31 @@ class SnoopingSearch:
             ident = self.solution.equations.id(chosen[0].row)
             self.stuck[ident] = f"without it the adjustment fails: {failure}"
         return 0
+
+    def _take_out(self, chosen: Sequence[Outlier]) -> bool:
+        """Update the test values for outliers that leave; return whether that is possible."""
+        found = self.present.updated_without(chosen) if self.withdrawing else None
+        self.present = self.present if found is None else found
+        return found is not None
+
+    def _withdraw(self, chosen: Sequence[Outlier]) -> bool:
+        """Withdraw outliers, and what has left by an update; return whether that is possible."""
+        found = None
+        if self.withdrawing:
+            found = self.present.reweighted_without(chosen, self.options["datum"])
+        self.present = self.present if found is None else found
+        return found is not None
+
+    def _settle(self) -> None:
+        """Adjust the network anew without the observations that are withdrawn.
+
+        Raises:
+            CannotSettle: the adjustment fails.
+        """
+        if self.present.unsettled:
+            failure = self._adjust(self.aside, self.points)
+            if failure is not None:
+                raise CannotSettle from failure
 
     def _adjust(self, ids: Iterable[str], points: Iterable[str]) -> AdjustmentError | None:
         """Adjust without observations and points; after a failure keep the state and return it."""
@@ -147,14 +204,8 @@ class SnoopingSearch:
             rel = reliability(solution, alpha=self.alpha, power=self.power)
         except AdjustmentError as error:
             return error
-        self.solution, self.reliability = solution, rel
+        self.present = Present(rel, self.test)
         return None
-
-    def _units(self, ids: Collection[str]) -> list[int]:
-        """Return the numbers of the observations with these ids in the solution."""
-        number = self.solution.equations.observation_of_row
-        found = self.solution.equations.find(list(ids))
-        return [int(number[rows[0]]) for rows in found if len(rows)]
 
     def _rejected(self, c: Outlier, number: int) -> Rejected:
         equations = self.solution.equations
@@ -166,7 +217,7 @@ class SnoopingSearch:
             label(c.row),
             record.component,
             c.test,
-            float(self.reliability.estimated_errors[c.row]),
+            float(self.present.tested.estimated_errors[c.row]),
             number,
             np.nan,
             np.nan,
@@ -176,12 +227,9 @@ class SnoopingSearch:
 
     def _point(self, c: Outlier, number: int) -> PointSetAside:
         equations = self.solution.equations
-        rays: list[str] = []
-        for block in equations.blocks:
-            if block.kind == "image":
-                at = np.flatnonzero(block.variables[2][1] == c.point)
-                rays += [block.ids[int(i)] for i in at]
         assert c.point is not None
+        ids = [equations.id(int(row)) for row in self.present.rays(c.point)]
+        rays = [ident for ident in ids if ident not in self.aside]
         name = equations.unknowns["point"].names[c.point]
         self.coordinates[name] = self.solution.point(name)
         return PointSetAside(
@@ -227,12 +275,13 @@ class SnoopingSearch:
 
     def _fitting(self) -> list[str]:
         """Return the removed observations whose predicted test value passes the test."""
-        prediction = self._predicted([i for i in self.aside if i not in self.readmitted])
+        prediction = self._prediction()
         if prediction is None:
             return []
         test, critical = self._if_put_back(prediction)
-        largest = np.maximum.reduceat(np.abs(test), prediction.first)
-        return [i for i, ok in zip(prediction.ids, largest <= critical, strict=True) if ok]
+        fits = np.maximum.reduceat(np.abs(test), prediction.first) <= critical
+        fitting = [i for i, ok in zip(prediction.ids, fits, strict=True) if ok]
+        return [i for i in fitting if i not in self.readmitted]
 
     def _fitting_points(self) -> list[str]:
         """Return the removed points whose rays intersect: T² of the intersection passes."""
@@ -255,9 +304,15 @@ class SnoopingSearch:
                 out.append(name)
         return out
 
-    def _predicted(self, ids: Sequence[str]) -> Prediction | None:
+    def _prediction(self) -> Prediction | None:
+        """Return the prediction of the observations set aside; a solution makes it once."""
+        if self._predicted is None or self._predicted[0] is not self.solution:
+            self._predicted = self.solution, self._predict()
+        return self._predicted[1]
+
+    def _predict(self) -> Prediction | None:
         """Predict the observations set aside that the solution determines."""
-        found = [rows for rows in self.equations.find(ids) if len(rows)]
+        found = [rows for rows in self.equations.find(list(self.aside)) if len(rows)]
         if not found:
             return None
         predictor = Predictor(self.equations, self.solution)
@@ -272,7 +327,7 @@ class SnoopingSearch:
         For Pope's test vᵀPv increases by T², and the redundancy by the number of components.
         """
         if self.test == "baarda":
-            return prediction.w, np.full(len(prediction.first), self.critical)
+            return prediction.w, np.full(len(prediction.first), self.present.critical)
         f = self.solution.redundancy + prediction.size
         sigma0 = np.sqrt((self.solution.vtpv + prediction.t2) / f)
         critical = np.array([critical_tau(self.alpha, int(k)) for k in f])
@@ -290,13 +345,13 @@ class SnoopingSearch:
             tuple(self.points.values()),
             self._unresolved(),
             tuple(self.rounds),
-            self.critical,
+            self.present.critical,
             self.test,
             reason,
         )
 
     def _with_final_errors(self) -> tuple[Rejected, ...]:
-        prediction = self._predicted(list(self.aside))
+        prediction = self._prediction()
         if prediction is None:
             return tuple(self.aside.values())
         test, _ = self._if_put_back(prediction)
@@ -314,15 +369,15 @@ class SnoopingSearch:
     def _unresolved(self) -> tuple[Unresolved, ...]:
         """Return the observations above the critical value at the end, the largest first."""
         units = Units.of(self.solution.equations)
-        size = units.largest(self.values)
+        size = units.largest(self.present.values)
         order = np.argsort(-size, kind="stable")
-        above = order[size[order] > self.critical].tolist()
+        above = order[size[order] > self.present.critical].tolist()
         last = self._choice(share=1.0) if above else Choice((), ())
         blocked = {c.unit for c in last.blocked}
         out = []
         for unit in above:
             rows = units.rows(unit)
-            row = int(rows[np.argmax(np.nan_to_num(np.abs(self.values[rows])))])
+            row = int(rows[np.argmax(np.nan_to_num(np.abs(self.present.values[rows])))])
             record = self.solution.observations[row]
             reason = self.stuck.get(record.id)
             if unit in blocked:
@@ -337,7 +392,7 @@ class SnoopingSearch:
                     record.kind,
                     self.solution.equations.label(row),
                     record.component,
-                    float(self.values[row]),
+                    float(self.present.values[row]),
                     float(self.reliability.estimated_errors[row]),
                     reason,
                 )

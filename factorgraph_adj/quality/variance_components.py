@@ -22,18 +22,25 @@ import numpy as np
 from ..errors import InputError, known
 from ..network.network import DatumChoice, Network
 from ..shown import Rows, Shown
-from ..solve.batch import adjust
+from ..solve.batch import adjust, readjust
+from ..solve.reweigh import stepped
 from ..solve.solution import Solution
 from ..types import Array
 from .component_search import ComponentSearch, State
 from .distributions import chi2_above, chi2_below, chi2_quantile
-from .group_redundancy import GroupRedundancy, group_redundancy, sharpened
+from .group_redundancy import SIMILAR, GroupRedundancy, group_redundancy, sharpened
 from .levels import CONFIDENCE
 from .observation_groups import Groups, ObservationGroups, observation_groups
 
 CERTAIN = 10.0
 """Degrees of freedom below which an estimate is called uncertain: the standard deviation of its
 factor is more than 1/√20, 22 %."""
+NEARLY = 30.0
+"""Multiple of the tolerance below which a change of the components is likely to be the last but
+one; the network is then adjusted to the end with the changed weights."""
+UNPREDICTED = 0.1
+"""Excess of vᵀPv over the prediction of the linear model, relative to the prediction, above which
+a single step does not count as an adjustment."""
 SEPARABLE = 0.9
 """Correlation of two estimates above which their groups are called inseparable."""
 
@@ -109,7 +116,8 @@ class VarianceComponents(Shown):
     groups: ObservationGroups
     """Group of each row of ``solution.observations``."""
     iterations: int
-    """Number of adjustments."""
+    """Number of sets of weights with which the network was adjusted, the a-priori ones included;
+    on the way an adjustment is one Gauss-Newton step."""
     converged: bool
     """Whether the components converged."""
     reason: str
@@ -156,12 +164,14 @@ def estimate_variance_components(
 ) -> VarianceComponents:
     """Estimate one factor of the standard deviations of each group of observations.
 
-    Each iteration adjusts the network, compares v_gᵀP_g v_g with r_g and changes the weights,
-    until the components converge. cov(ln f²) = 2 S⁻¹, see `group_redundancy`. A group with r_g < 1
-    keeps its a-priori σ. If the residuals of a group are too small for every σ, its iteration ends
-    as r_g falls below 1, because the component cannot be distinguished from zero (other estimators
-    give a negative variance component). The notes of the components report both cases, and warn of
-    estimates with less than 10 degrees of freedom and of inseparable groups.
+    Each iteration compares v_gᵀP_g v_g with r_g, changes the weights, and takes one Gauss-Newton
+    step with them, until the components converge. The network is then adjusted to the end with the
+    estimated weights, and the comparison is made again. cov(ln f²) = 2 S⁻¹, see `group_redundancy`.
+    A group with r_g < 1 keeps its a-priori σ. If the residuals of a group are too small for every
+    σ, its iteration ends as r_g falls below 1, because the component cannot be distinguished from
+    zero (other estimators give a negative variance component). The notes of the components report
+    both cases, and warn of estimates with less than 10 degrees of freedom and of inseparable
+    groups.
 
     Weighted unknowns and control are observations and have groups like all others. A mapping or a
     function as ``groups`` can leave these or other observations at their a-priori weights.
@@ -187,45 +197,76 @@ def estimate_variance_components(
     solution = adjust(network, datum=datum, extra_factors=extra_factors)
     found = observation_groups(solution, groups)
     search = ComponentSearch(len(found.names))
-    iterations = 1
+    iterations, whole, near = 1, True, False
     logarithms = search.logarithms.copy()
     at: GroupRedundancy | None = None
     while True:
-        at = group_redundancy(solution, found, seed=seed, earlier=at)
+        at = group_redundancy(solution, found, seed=seed, earlier=at, probe=near)
         changed = search.judge(at)
-        bound = search.bound(at)
-        if not changed and bound < tolerance:
+        proposal = search.proposal(at)
+        if not changed and proposal.bound < tolerance:
             changed = search.release(at)
-        converged = solution.converged and not changed and bound < tolerance
-        if converged:
-            reason = f"at rest: no component moves by more than {tolerance:.0e} of its own σ"
-            if not search.estimated.any():
-                reason = "no group has residuals that its precision can be estimated from"
-            break
-        if not solution.converged:
-            reason = f"the adjustment with these weights: {solution.reason}"
-            break
-        if iterations == max_iterations:
-            reason = (
-                f"not at rest after {iterations} adjustments: the last change of a component was "
-                f"up to {bound:.2g} of its σ"
-            )
-            break
-        search.step(at)
-        logarithms = search.logarithms.copy()
-        solution = adjust(
-            network,
-            datum=datum,
-            start=solution,
-            extra_factors=extra_factors,
-            weights=np.append(np.exp(-logarithms), 1.0)[found.of_row],
-        )
-        iterations += 1
+        at_rest = not changed and proposal.bound < tolerance
+        if whole:
+            if solution.converged and at_rest:
+                reason = f"at rest: no component moves by more than {tolerance:.0e} of its own σ"
+                if not search.estimated.any():
+                    reason = "no group has residuals that its precision can be estimated from"
+                break
+            if not solution.converged:
+                reason = f"the adjustment with these weights: {solution.reason}"
+                break
+            if iterations == max_iterations:
+                reason = (
+                    f"not at rest after {iterations} adjustments: the last change of a component "
+                    f"was up to {proposal.bound:.2g} of its σ"
+                )
+                break
+        if not at_rest:
+            search.step(at, search.proposal(at) if changed else proposal)
+            near = float(np.abs(search.logarithms - logarithms).max()) <= SIMILAR
+            logarithms = search.logarithms.copy()
+            iterations += 1
+        weights = np.append(np.exp(-logarithms), 1.0)[found.of_row]
+        last = proposal.bound < NEARLY * tolerance or iterations == max_iterations
+        solution, whole = _reweighted(solution, at, weights, datum, whole=last)
     at = sharpened(at, solution, found, seed=seed)
+    converged = at_rest and solution.converged
     components, correlation = _results(search, at, found, np.exp(logarithms / 2.0))
     return VarianceComponents(
         components, correlation, solution, found, iterations, converged, reason, at.exact
     )
+
+
+def _reweighted(
+    solution: Solution,
+    at: GroupRedundancy,
+    weights: Array,
+    datum: DatumChoice | None,
+    *,
+    whole: bool,
+) -> tuple[Solution, bool]:
+    """Return the network with other weights, adjusted to the end or after one step.
+
+    The estimates move little when weights change, and one step usually leads to the minimum. If the
+    sum vᵀPv after the step is not the one that the linear model predicts, the network is adjusted
+    to the end.
+
+    Returns:
+        The solution, and whether it is adjusted to the end.
+    """
+    if not whole:
+        before = 1.0 if solution.weights is None else solution.weights
+        n = solution.equations.n_rows
+        predicted = float(np.square(at.residuals[:n]) @ (weights / before))
+        predicted += float(at.residuals[n:] @ at.residuals[n:])
+        try:
+            step = stepped(solution, at.movement, weights)
+        except InputError:
+            return readjust(solution, weights, datum=datum), True
+        if step.vtpv <= (1.0 + UNPREDICTED) * predicted:
+            return step, False
+    return readjust(solution, weights, datum=datum), True
 
 
 def _results(

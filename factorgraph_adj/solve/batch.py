@@ -19,6 +19,7 @@ from .extrapolation import NONE_TAKEN
 from .free_network import carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
 from .memory import refuse_too_large
+from .normal import Solver
 from .run import Run
 from .sides import refuse_points_behind
 from .solution import Solution
@@ -27,6 +28,10 @@ from .stopping import at_rest, no_worse
 
 OFF_DATUM = "not at rest on the inner constraints of the free network"
 """Reason that a solution gives when a free network at its minimum misses its inner constraints."""
+TOLERANCE = 1e-5
+"""Bound on the last step of every unknown relative to its own σ, if nothing else is asked for."""
+MOST_ITERATIONS = 100
+"""Largest number of iterations, if nothing else is asked for."""
 MOST_WEIGHINGS = 4
 """Largest number of times that weights are computed: they depend on the lengths of sights, which
 hardly change with the unknowns."""
@@ -39,8 +44,8 @@ def adjust(
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
     start: Solution | Start | None = None,
     weights: Array | None = None,
-    tolerance: float = 1e-5,
-    max_iterations: int = 100,
+    tolerance: float = TOLERANCE,
+    max_iterations: int = MOST_ITERATIONS,
     extra_factors: Sequence[gtsam.NonlinearFactor] = (),
     progress: Progress | None = None,
 ) -> Solution:
@@ -79,15 +84,79 @@ def adjust(
     if variance not in ("a-priori", "a-posteriori"):
         raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
     equations = compile_network(network)
-    run, ended = _minimise(
+    return _adjusted(
         equations,
         start_of(equations, choice, start),
         free=choice == "free",
+        variance=variance,
         weights=weights,
         tolerance=tolerance,
         max_iterations=max_iterations,
         factors=extra_factors,
         progress=progress,
+    )
+
+
+def readjust(
+    solution: Solution, weights: Array | None, *, datum: DatumChoice | None = None
+) -> Solution:
+    """Adjust a network again with other weights, starting from its solution.
+
+    The result is that of ``adjust(network, start=solution, weights=weights)``. Equations and plan
+    of the elimination are those of the solution: weights do not change them. The network must not
+    have changed since.
+
+    Args:
+        solution: an adjustment of the network with any weights, or a step of one (`stepped`).
+        weights: factor on the weight of each scalar observation, as for `adjust`.
+        datum: as for `adjust`.
+
+    Raises:
+        InputError: an observation cannot be computed, or a weight is not a number > 0; or factors
+            that the user added were lost in pickling.
+        DatumError: as `adjust`.
+    """
+    equations = solution.equations
+    if solution.weights is not None:
+        equations = equations.reweighted(1.0 / solution.weights)
+    return _adjusted(
+        equations,
+        Start(equations.unknowns, solution.state, solution.start),
+        free=(solution.network.datum if datum is None else datum) == "free",
+        variance=solution.variance,
+        weights=weights,
+        factors=solution.extra.given(),
+        solver=solution.solver,
+    )
+
+
+def _adjusted(
+    equations: Equations,
+    start: Start,
+    *,
+    free: bool,
+    variance: Literal["a-priori", "a-posteriori"],
+    weights: Array | None,
+    tolerance: float = TOLERANCE,
+    max_iterations: int = MOST_ITERATIONS,
+    factors: Sequence[gtsam.NonlinearFactor] = (),
+    progress: Progress | None = None,
+    solver: Solver | None = None,
+) -> Solution:
+    """Adjust compiled equations from start values; see `adjust`.
+
+    ``solver`` is that of the same network and factors with other weights; none: it is made.
+    """
+    run, ended = _minimise(
+        equations,
+        start,
+        free=free,
+        weights=weights,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        factors=factors,
+        progress=progress,
+        solver=solver,
     )
     if ended.converged and run.smallest_pivot < ITERATION.poor:
         run.at_solution = run.normal_at(run.state)
@@ -96,7 +165,7 @@ def adjust(
         ended = _carry_to_datum_points(run, ended, tolerance)
     refuse_points_behind(run.equations, run.state)
     return Solution(
-        network=network,
+        network=equations.network,
         equations=run.equations,
         state=run.state,
         start=run.start,
@@ -127,13 +196,15 @@ def _minimise(
     max_iterations: int,
     factors: Sequence[gtsam.NonlinearFactor],
     progress: Progress | None,
+    solver: Solver | None,
 ) -> tuple[Run, Ended]:
     """Iterate to the minimum of vᵀPv; repeat with the weights that follow from the new lengths."""
     state, iterations, extrapolated = start.state, 0, NONE_TAKEN
     weighed = equations.weighted_at(state)
     for _ in range(MOST_WEIGHINGS):
         equations = weighed if weights is None else weighed.reweighted(weights)
-        run = Run.at(equations, state, start.origin, free=free, factors=factors)
+        run = Run.at(equations, state, start.origin, free=free, factors=factors, solver=solver)
+        solver = run.solver
         run.extrapolated = extrapolated
         if not iterations:
             refuse_too_large(run.solver.plan, equations, state)

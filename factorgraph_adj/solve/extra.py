@@ -50,16 +50,25 @@ class Extra:
         Raises:
             InputError: the factors were lost in pickling; or as `linearise_extra`.
         """
+        factors = self.given()
+        if not factors:
+            return self
+        found = linearise_extra(factors, equations, state)
+        return Extra(factors, tuple(ExtraRows(*rows) for rows in found))
+
+    def given(self) -> tuple[gtsam.NonlinearFactor, ...]:
+        """Return the factors.
+
+        Raises:
+            InputError: the factors were lost in pickling.
+        """
         if self.factors is None:
             raise InputError(
                 "the factors that were added to this adjustment were left behind when its solution "
                 "was pickled: their rows are those of the solution, and cannot be had at another "
                 "state; adjust again with extra_factors="
             )
-        if not self.factors:
-            return self
-        found = linearise_extra(self.factors, equations, state)
-        return Extra(self.factors, tuple(ExtraRows(*rows) for rows in found))
+        return self.factors
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Extra:
         """Return a copy with copied rows and the same factors."""

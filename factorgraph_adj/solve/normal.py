@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,8 @@ class Solver:
     """Layers of the elimination, and their index lists."""
     qr_everywhere: bool = False
     """Whether all unknowns are factorised by QR."""
+    probing: bool = True
+    """Whether random probes check the covariances; figures on the way to a solution need none."""
 
     @classmethod
     def of(cls, equations: Equations, extra: Sequence[ExtraRows] = ()) -> Solver:
@@ -54,6 +56,10 @@ class Solver:
             touched[e.columns] = True
         layers = layers_of(equations, reduce_points=True, touched=touched)
         return cls(equations, Plan.of(equations, layers))
+
+    def reweighted(self, equations: Equations, *, probing: bool = True) -> Solver:
+        """Return the solver of the same equations with other weights; it shares the plan."""
+        return replace(self, equations=equations, probing=probing)
 
     @property
     def layers(self) -> Layers:
@@ -165,7 +171,8 @@ class NormalEquations:
 
     def _probed(self, constraint: Array) -> Factor:
         factor = self.factorise(constraint, exact=True)
-        factor.uncertainty = uncertainty(self.system, factor)
+        if self.solver.probing:
+            factor.uncertainty = uncertainty(self.system, factor)
         return factor
 
     def held_better(self, constraint: Array, datum: FreeDatum, *, exact: bool = False) -> Array:

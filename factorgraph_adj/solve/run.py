@@ -61,11 +61,14 @@ class Run:
         *,
         free: bool,
         factors: Sequence[gtsam.NonlinearFactor] = (),
+        solver: Solver | None = None,
     ) -> Run:
-        """Begin an adjustment at a state."""
+        """Begin an adjustment at a state; ``solver``: of the same network with other weights."""
         extra = Extra.of(factors, equations, state)
         constraint = np.zeros(equations.unknowns.n_columns)
-        return cls(Solver.of(equations, extra.rows), extra, state, start, free, constraint)
+        if solver is None:
+            solver = Solver.of(equations, extra.rows)
+        return cls(solver.reweighted(equations), extra, state, start, free, constraint)
 
     @property
     def equations(self) -> Equations:

@@ -182,7 +182,7 @@ def run(
     parts = [fga.Part(f"{k + 1}", partial(make, k)) for k in range(n_parts)]
     with (
         LocalCluster(
-            n_workers=workers, threads_per_worker=1, memory_limit=memory, dashboard_address=None
+            n_workers=workers, threads_per_worker=1, memory_limit=memory, dashboard_address=":0"
         ) as cluster,
         Client(cluster) as client,
     ):

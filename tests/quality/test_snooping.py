@@ -14,12 +14,17 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.network.selection import without
 from factorgraph_adj.observations import HeightDifference, ImagePoint
 from factorgraph_adj.quality.candidates import Units, choose
+from factorgraph_adj.quality.present import MOST_LEFT_OUT
 from factorgraph_adj.quality.rejections import Round, Snooping
 from factorgraph_adj.quality.reliability import critical_tau, reliability
 from factorgraph_adj.quality.snooping import snoop
+from factorgraph_adj.quality.snooping_search import CannotSettle, SnoopingSearch
+from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
 from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.solution import Solution
+from tests.benchmarks.grids import simulate_grid
 from tests.networks.trilateration import SIGMA, trilateration
 from tests.support.same import contents
 
@@ -487,3 +492,110 @@ def test_all_wrong_options_are_named_at_once():
     with pytest.raises(InputError) as error:
         snoop(trilateration(1)[0], test="t", share=2.0)
     assert len(error.value.problems) == 2
+
+
+# -- rounds that withdraw observations ----------------------------------------------------------
+
+
+def grid() -> Network:
+    """Return a grid of total stations with gross errors in one observation of fifty."""
+    network = simulate_grid(1, points=225).network
+    rng = np.random.default_rng(2)
+    ids = list(network.observations)
+    for i in rng.choice(len(ids), len(ids) // 50, replace=False).tolist():
+        o = network.observations[ids[i]]
+        error = rng.choice([-1.0, 1.0]) * rng.uniform(5.0, 50.0) * o.sigma
+        network.observations[ids[i]] = replace(o, value=o.value + error)
+    return network
+
+
+def aerial() -> Network:
+    """Return a block of photos with gross errors in one image point of a hundred."""
+    network = simulate_aerial_block(3, image_points=2000, points_per_photo=100).network
+    return spoil(network, 0.01, 4)[0]
+
+
+SPOILT = {
+    "grid": (grid, {}),
+    "grid, one at a time": (grid, {"share": 1.0, "max_rounds": 12}),
+    "grid, Pope": (grid, {"test": "pope"}),
+    "photos": (aerial, {}),
+    "photos, Pope": (aerial, {"test": "pope"}),
+    "photos, stopped": (aerial, {"max_rounds": 2}),
+    "clusters and vectors": (lambda: quarry()[0], {}),
+    "photos, robust": (aerial, {"robust": "huber"}),
+    "trilateration": (lambda: trilateration(5, share=0.08)[0], {}),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_rounds_decide_as_adjustments_anew_do(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same observations go in the same rounds; what is reported is the adjustment anew."""
+    make, options = SPOILT[name]
+    network = make()
+    calls = counted(monkeypatch)
+    found = snoop(network, **options)
+    adjusted = calls.copy()
+    calls.clear()
+    for way in ("_take_out", "_withdraw"):
+        monkeypatch.setattr(SnoopingSearch, way, lambda *_: False)
+    expected = snoop(network, **options)
+    assert len(found.rejected) > 3
+    if name != "clusters and vectors":
+        # One at the end of each series of rounds, one for what is put back between them.
+        assert len(adjusted) <= 1 + 2 * sum(r.readmitted > 0 for r in found.rounds)
+        assert len(calls) == sum(r.set_aside + r.readmitted > 0 for r in expected.rounds)
+    assert found.reason == expected.reason
+    assert found.readmitted == expected.readmitted
+    assert found.solution.weights is None
+    assert found.solution.redundancy == expected.solution.redundancy
+    assert found.solution.vtpv == pytest.approx(expected.solution.vtpv, rel=1e-9)
+    assert [(p.name, p.rays, p.round) for p in found.points_set_aside] == [
+        (p.name, p.rays, p.round) for p in expected.points_set_aside
+    ]
+    assert [(r.id, r.round, r.component) for r in found.rejected] == [
+        (r.id, r.round, r.component) for r in expected.rejected
+    ]
+    # The two rays of a point without others have equal test values, in any order.
+    assert {u.id for u in found.unresolved} == {u.id for u in expected.unresolved}
+    for a, b in zip(found.rejected, expected.rejected, strict=True):
+        assert a.test == pytest.approx(b.test, abs=MOST_LEFT_OUT)
+        assert a.estimated_error == pytest.approx(b.estimated_error, rel=MOST_LEFT_OUT)
+        assert a.final_test == pytest.approx(b.final_test, rel=1e-6, nan_ok=True)
+    for one, other in zip(found.rounds, expected.rounds, strict=True):
+        assert (one.suspects, one.set_aside, one.readmitted) == (
+            other.suspects,
+            other.set_aside,
+            other.readmitted,
+        )
+        assert one.sigma0 == pytest.approx(other.sigma0, rel=1e-5)
+        assert one.largest == pytest.approx(other.largest, abs=MOST_LEFT_OUT)
+    np.testing.assert_allclose(found.reliability.w, expected.reliability.w, atol=1e-4)
+
+
+def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list to which every adjustment anew of a search adds the name of its network."""
+    calls: list[str] = []
+
+    def adjusted(network: Network, **options: object) -> Solution:
+        calls.append(network.name)
+        return adjust(network, **options)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("factorgraph_adj.quality.snooping_search.adjust", adjusted)
+    return calls
+
+
+def test_a_search_that_cannot_settle_begins_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If the network cannot be adjusted without what went, every round adjusts it anew."""
+    network, bad = trilateration(5, share=0.08)
+    expected = snoop(network)
+
+    def refused(self: SnoopingSearch) -> None:
+        if self.present.unsettled:
+            raise CannotSettle
+
+    monkeypatch.setattr(SnoopingSearch, "_settle", refused)
+    found = snoop(network)
+    assert {r.id for r in found.rejected} == bad
+    assert len(found.rounds) == len(expected.rounds)
+    assert found.solution.vtpv == pytest.approx(expected.solution.vtpv, rel=1e-9)

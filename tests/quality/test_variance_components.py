@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -28,6 +29,7 @@ from factorgraph_adj.observations import (
     HeightDifference,
     SlopeDistance,
 )
+from factorgraph_adj.quality.conjugate_gradients import conjugate_gradients
 from factorgraph_adj.quality.group_redundancy import group_redundancy, sharpened
 from factorgraph_adj.quality.observation_groups import Groups, observation_groups
 from factorgraph_adj.quality.unit_weight import global_test
@@ -38,8 +40,9 @@ from factorgraph_adj.quality.variance_components import (
 )
 from factorgraph_adj.simulation.industry_block import MICROMETRE, simulate_industry_block
 from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.batch import adjust, readjust
 from factorgraph_adj.solve.observation_table import ObservationRecord
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 from tests.networks.small_block import SIGMA_MM, plan, small_block
 from tests.support.dense import Dense
@@ -746,3 +749,112 @@ def test_a_component_knows_that_it_is_estimated() -> None:
     assert c.estimated
     assert c.freedom == pytest.approx(200.0)
     assert not replace(c, state="held").estimated
+
+
+@pytest.mark.parametrize("large", [False, True])
+def test_the_last_adjustment_is_a_plain_one_and_those_on_the_way_are_steps(
+    large: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Four sets of weights and more need two adjustments to the end after the first."""
+    if large:
+        monkeypatch.setattr("factorgraph_adj.quality.group_redundancy.EXACT_ROWS", 0)
+    whole = []
+
+    def counted(*args: Any, **options: Any) -> Solution:
+        whole.append(readjust(*args, **options))
+        return whole[-1]
+
+    monkeypatch.setattr("factorgraph_adj.quality.variance_components.readjust", counted)
+    network = industry_block(2)
+    found = estimate_variance_components(network, groups=measured_kinds)
+    assert found.converged
+    assert found.iterations >= 4
+    assert 1 <= len(whole) <= min(2, found.iterations - 2)
+    assert found.solution is whole[-1]
+    assert found.solution.converged
+    plain = adjust(network, weights=found.factors**-2.0)
+    assert found.solution.vtpv == pytest.approx(plain.vtpv, rel=1e-9)
+    sigma = np.sqrt(np.einsum("pii->pi", plain.point_covariances))
+    moved = found.solution.state["point"] - plain.state["point"]
+    assert np.all(np.abs(moved) <= 1e-4 * sigma + ROUNDING)
+    at = group_redundancy(plain, found.groups)
+    np.testing.assert_allclose([c.redundancy for c in found.components], at.redundancy, rtol=1e-6)
+
+
+def test_weights_that_move_the_estimates_far_are_adjusted_to_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where one step does not bring the predicted vᵀPv, the network is adjusted."""
+    network = industry_block(2)
+    expected = estimate_variance_components(network, groups=measured_kinds, tolerance=1e-6)
+    whole = []
+
+    def counted(*args: Any, **options: Any) -> Solution:
+        whole.append(readjust(*args, **options))
+        return whole[-1]
+
+    monkeypatch.setattr("factorgraph_adj.quality.variance_components.readjust", counted)
+    monkeypatch.setattr("factorgraph_adj.quality.variance_components.UNPREDICTED", -1.0)
+    found = estimate_variance_components(network, groups=measured_kinds, tolerance=1e-6)
+    assert len(whole) == found.iterations - 1
+    for a, b in zip(found.components, expected.components, strict=True):
+        assert a.factor == pytest.approx(b.factor, rel=1e-7)
+
+
+def test_many_groups_of_a_large_network_have_the_components_of_a_small_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Every photo a group: S comes from probes, B from its products, R from no matrix."""
+    network = industry_block(3)
+    exact = estimate_variance_components(network, groups="photo", tolerance=1e-6)
+    monkeypatch.setattr("factorgraph_adj.quality.group_redundancy.EXACT_ROWS", 0)
+    probed = estimate_variance_components(network, groups="photo", tolerance=1e-6)
+    assert probed.converged
+    assert probed.reason == exact.reason
+    for a, b in zip(exact.components, probed.components, strict=True):
+        assert (a.name, a.state) == (b.name, b.state)
+        assert b.factor == pytest.approx(a.factor, rel=1e-5)
+        assert b.redundancy == pytest.approx(a.redundancy, rel=1e-4)
+        assert b.sigma == pytest.approx(a.sigma, rel=0.05, nan_ok=True)
+
+
+def test_probes_serve_for_standard_deviations_as_long_as_the_weights_are_similar(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("factorgraph_adj.quality.group_redundancy.EXACT_ROWS", 0)
+    monkeypatch.setattr("factorgraph_adj.quality.group_redundancy.MANY", 2)
+    solution = adjust(industry_block(1))
+    groups = observation_groups(solution, "kind")
+    at = group_redundancy(solution, groups, probe=True)
+    assert sharpened(at, solution, groups) is at
+    for change, same in ((0.05, True), (0.2, False)):
+        other = readjust(solution, np.full(solution.equations.n_rows, np.exp(change)))
+        then = group_redundancy(other, groups, earlier=at)
+        assert then.probed is at.probed
+        assert (sharpened(then, other, groups) is then) == same
+
+
+def test_one_group_of_everything_needs_no_probes(monkeypatch: pytest.MonkeyPatch) -> None:
+    network = levelling(loops({"a": 2.0}), seed=5)
+    expected = estimate_variance_components(network)["height_difference"]
+    monkeypatch.setattr("factorgraph_adj.quality.group_redundancy.EXACT_ROWS", 0)
+    found = estimate_variance_components(network)
+    assert found.exact
+    assert found["height_difference"].sigma == pytest.approx(expected.sigma, rel=ROUNDING)
+    rest = estimate_variance_components(network, groups={"half": [f"a{i}" for i in range(14)]})
+    assert not rest.exact
+
+
+def test_conjugate_gradients_solve_what_curves_upwards() -> None:
+    rng = np.random.default_rng(1)
+    root = rng.standard_normal((6, 6))
+    matrix, right = root @ root.T + np.eye(6), rng.standard_normal(6)
+    scale = np.diag(1.0 / np.diag(matrix))
+    x = conjugate_gradients(matrix.__matmul__, scale, right, relative=1e-12, least=1e-9)
+    assert x is not None
+    np.testing.assert_allclose(x, np.linalg.solve(matrix, right), rtol=1e-9)
+    nothing = conjugate_gradients(matrix.__matmul__, scale, 0 * right, relative=1e-3, least=1e-9)
+    assert nothing is not None
+    assert not nothing.any()
+    down = matrix - 1.5 * np.linalg.eigvalsh(matrix)[0] * np.eye(6)
+    assert conjugate_gradients(down.__matmul__, scale, right, relative=1e-12, least=1e-9) is None

@@ -305,7 +305,8 @@ def damaged(monkeypatch: pytest.MonkeyPatch, by: float) -> None:
     def wrong(self: Factor, *args: Any, **kwargs: Any) -> None:
         whole(self, *args, **kwargs)
         if self.fronts is not None:
-            for root in (self.fronts.own[0], self.fronts.across[0]):
+            first = [*self.fronts.own[:1], *self.fronts.across[:1]]
+            for root in first or [self.fronts.root.own]:
                 root[:, 0] *= 1.0 + by
         for clique in self.cliques[:1]:
             clique.r[0] *= 1.0 + by
