@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import TYPE_CHECKING
 
 from ..errors import InputError, Problem
 from ..io.readers import READERS
@@ -18,9 +17,6 @@ from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
 from .messages import iteration, progress
 from .options import count
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 WHOLE_ONLY = ("snoop", "robust", "variance_components", "ellipses", "rows")
 """Options of a network that is adjusted as a whole."""
@@ -65,8 +61,7 @@ def adjust_in_parts(options: argparse.Namespace) -> int:
         problems.append(Problem("--datum free: a network in parts needs a given datum"))
     if problems:
         raise InputError(problems)
-    with connected(options.cluster) as client:
-        solution = _solution(options, client)
+    solution = _solution(options)
     if options.out is not None:
         write_parts(solution, options.out)
     if not options.quiet:
@@ -74,10 +69,10 @@ def adjust_in_parts(options: argparse.Namespace) -> int:
     return _verdict(solution)
 
 
-def _solution(options: argparse.Namespace, client: Client | None) -> PartsSolution:
+def _solution(options: argparse.Namespace) -> PartsSolution:
     """Read, cut and adjust."""
     if len(options.project) > 1:
-        with progress("network in parts") as show:
+        with connected(options.cluster) as client, progress("network in parts") as show:
             return adjust_parts(
                 options.project,
                 client=client,
@@ -88,7 +83,7 @@ def _solution(options: argparse.Namespace, client: Client | None) -> PartsSoluti
             )
     project = READERS.load(options.project[0])
     refuse_problems(project)
-    with progress(project.network.name) as show:
+    with connected(options.cluster) as client, progress(project.network.name) as show:
         return adjust_cut(
             project.network,
             options.parts,

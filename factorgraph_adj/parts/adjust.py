@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from uuid import uuid4
 
-from ..errors import AdjustmentError, InputError, Problem
+import numpy as np
+
+from ..errors import AdjustmentError, ApproximationError, InputError, Problem
 from ..solve.batch import MOST_WEIGHINGS
 from ..solve.damping import Damping
 from ..solve.iterate import Ended, Progress
 from ..solve.normal import POOR
+from ..types import Array
 from .folder import Folder, Scratch
 from .iterate import Point, Whole, iterate
 from .junctions import Junctions, RootPlaces, shared_keys
@@ -168,8 +171,36 @@ def _begun(workers: Workers, surveyed: Sequence[Surveyed]) -> tuple[Whole, list[
     keys = shared_keys(surveyed, names)
     shared = workers.all(share, [(keys,)] * len(workers.jobs))
     junctions = Junctions(shared, names)
-    begun = workers.all(begin, [(setup,) for setup in junctions.setups()])
+    start = junctions.given()
+    while True:
+        begun = workers.all(begin, [(setup,) for setup in junctions.setups(start)])
+        known = _first_known(junctions, start, begun)
+        news = any(
+            np.isnan(a).any() and not np.isnan(b).any() for a, b in zip(start, known, strict=True)
+        )
+        if not news:
+            break
+        start = known  # a part may need what another one has found, and all start from the same
+    missing = [
+        Problem(what, f"part {name!r}, {where}" if where else f"part {name!r}")
+        for name, part in zip(names, begun, strict=True)
+        for where, what in part.missing
+    ]
+    if missing:
+        raise ApproximationError(missing)
     return Whole(workers, junctions, RootPlaces(junctions, begun)), begun
+
+
+def _first_known(
+    junctions: Junctions, start: Sequence[Array], begun: Sequence[Begun]
+) -> list[Array]:
+    """Return the start values of the junctions, with what the first part has found."""
+    out = list(start)
+    for of_part, part in zip(junctions.of_part, begun, strict=True):
+        for i, found in zip(of_part.tolist(), part.start, strict=True):
+            if np.isnan(out[i]).any() and not np.isnan(found).any():
+                out[i] = found
+    return out
 
 
 def _weighed(

@@ -101,17 +101,26 @@ class Junctions:
         """Columns of each part."""
         self._owners = owners
 
-    def setups(self) -> list[Setup]:
+    def given(self) -> list[Array]:
+        """Return the given value of each junction from the first part that gives one."""
+        out = []
+        for v in self.variables:
+            values = [s.given for _, s in self._owners[v]]
+            out.append(next((x for x in values if np.isfinite(x).all()), values[0]))
+        return out
+
+    def setups(self, start: Sequence[Array]) -> list[Setup]:
         """Return what each part has to know about its junctions.
 
         A given value of a weighted junction is an observation once, in the first part that gives
-        it. All parts start from the value of the first part that gives one.
+        it.
+
+        Args:
+            start: start value of each junction in stored form, NaN where unknown.
         """
-        start, counts_in = [], []
+        counts_in = []
         for v in self.variables:
             each = self._owners[v]
-            given = [s.start for _, s in each if np.isfinite(s.given[: len(s.start)]).all()]
-            start.append(given[0] if given else each[0][1].start)
             weighted = [n for n, s in each if np.isfinite(s.sigma[s.free]).any()]
             counts_in.append(min(weighted, default=-1))
         return [

@@ -9,13 +9,14 @@ from functools import cached_property
 
 import numpy as np
 
+from ..errors import ApproximationError
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State, Unknowns
 from ..models.variables import VariableKind
 from ..solve.elimination import layers_of
 from ..solve.factor import Factor, Plan
 from ..solve.normal import NormalEquations, Solver
-from ..solve.start import start_of
+from ..solve.start import Start, start_of
 from ..types import Array, Index, Mask
 from .folder import Folder
 from .messages import At, Begun, Setup, Shared, Surveyed, Variable
@@ -72,12 +73,11 @@ class Loaded:
             InputError: the part cannot be read.
         """
         self.job = job
-        given = None
+        self._given: Start | None = None
         if isinstance(job.part.load, StoredPart):
-            self.network, given = job.part.load.read()
+            self.network, self._given = job.part.load.read()
         else:
             self.network = job.part.load()
-        self._given = given
         self.whole = compile_network(self.network)
 
     # -- its variables ------------------------------------------------------------------------
@@ -111,15 +111,6 @@ class Loaded:
         frame = repr(self.network.frame)
         return Surveyed(keys, frame, self.network.datum == "free", digest.hexdigest())
 
-    @cached_property
-    def started(self) -> State:
-        """Given or approximate values of all variables.
-
-        Raises:
-            ApproximationError: the unknowns that it names have no approximate values.
-        """
-        return start_of(self.whole, "given", self._given).state
-
     def shared(self, keys: Array) -> list[Shared]:
         """Return the variables with some keys."""
         out = []
@@ -134,7 +125,6 @@ class Loaded:
                         table.free[number, :k].copy(),
                         table.sigma[number, :k].copy(),
                         table.values[number].copy(),
-                        self.started[kind][number].copy(),
                     )
                 )
         return out
@@ -145,10 +135,15 @@ class Loaded:
         """Take in the junctions, and write the first state."""
         self.job.own.write("setup", setup)
         self.job.own.write_arrays("keys", {str(kind): keys for kind, keys in self.keys.items()})
-        state = {kind: values.copy() for kind, values in self.started.items()}
-        for v, start in zip(setup.variables, setup.start, strict=True):
-            state[v.kind][self.unknowns[v.kind].number[v.name], : len(start)] = start
+        try:
+            state = self._started(setup)
+        except ApproximationError as error:
+            nothing = tuple(np.full(len(start), np.nan) for start in setup.start)
+            return Begun(nothing, tuple((p.where, p.what) for p in error.problems))
         self.write_state(0, state)
+        start = tuple(
+            state[v.kind][self.unknowns[v.kind].number[v.name]].copy() for v in setup.variables
+        )
         nodes = self.solver_at(At(0)).plan.nodes
         assert nodes is not None
         positions = np.zeros((len(setup.variables), 3))
@@ -161,7 +156,30 @@ class Loaded:
             if not spread[i]:
                 positions[i] = stands[place // nodes.width]
         n = self.unknowns.n_unknowns - len(self.kept)
-        return Begun(self.equations.n_rows, n, positions, spread)
+        return Begun(start, (), self.equations.n_rows, n, positions, spread)
+
+    def _started(self, setup: Setup) -> State:
+        """Return the first state: what any part knows of the junctions, and approximate values.
+
+        Raises:
+            ApproximationError: the unknowns that it names have no approximate values.
+        """
+        known = {kind: table.values.copy() for kind, table in self.unknowns.tables.items()}
+        for v, start in zip(setup.variables, setup.start, strict=True):
+            number = self.unknowns[v.kind].number[v.name]
+            own = known[v.kind][number]
+            known[v.kind][number] = np.where(np.isnan(start), own, start)
+        unknowns = copy(self.unknowns)
+        unknowns.tables = {
+            kind: replace(table, values=known[kind]) for kind, table in unknowns.tables.items()
+        }
+        state = dict(start_of(replace(self.whole, unknowns=unknowns), "given", self._given).state)
+        for v, start in zip(setup.variables, setup.start, strict=True):
+            number = self.unknowns[v.kind].number[v.name]
+            values = state[v.kind].copy()
+            values[number] = np.where(np.isnan(start), values[number], start)
+            state[v.kind] = values
+        return state
 
     @cached_property
     def setup(self) -> Setup:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -60,8 +60,6 @@ class Shared:
     """Standard deviations of weighted components, infinite for others, (k,)."""
     given: Array
     """Given values in stored form, NaN where unknown."""
-    start: Array
-    """Given or approximate values in stored form."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class Setup:
     variables: tuple[Variable, ...]
     """The junctions of the part, in the order of the root."""
     start: tuple[Array, ...]
-    """Start values of each junction, in stored form: all parts start from the same."""
+    """Start values of each junction in stored form, NaN where no part knows them yet."""
     foreign: tuple[bool, ...]
     """Whether the given value of a weighted junction counts as an observation in another part."""
 
@@ -80,13 +78,17 @@ class Setup:
 class Begun:
     """How a part has divided its unknowns."""
 
-    n_rows: int
+    start: tuple[Array, ...]
+    """Start values of each junction, in stored form; NaN where the part does not know them."""
+    missing: tuple[tuple[str, str], ...] = ()
+    """Where and why approximate values are missing; the part has not begun."""
+    n_rows: int = 0
     """Number of scalar observations."""
-    n_unknowns: int
+    n_unknowns: int = 0
     """Number of free components that no other part has."""
-    positions: Array
+    positions: Array = field(default_factory=lambda: np.zeros((0, 3)))
     """Where each junction stands, (k, 3) metres."""
-    spread: Mask
+    spread: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Whether each junction touches everything in the part, such as a calibration, (k,)."""
 
 

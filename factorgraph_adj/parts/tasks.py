@@ -188,7 +188,7 @@ def finish(part: Loaded, at: At, totals: Totals) -> Finished:
     fronts = e.factor.fronts
     assert fronts is not None
     fronts.root.close(unpacked(part.job.own.arrays(JUNCTIONS)["covariances"]))
-    solution = PartSolution.of(e.normal, part.started, e.factor, totals)
+    solution = PartSolution.of(e.normal, part.state(0), e.factor, totals)
     refuse_points_behind(solution.equations, solution.state)
     found = reliability(solution)
     part.job.own.write_arrays("covariances", solution.every_covariance())

@@ -318,3 +318,29 @@ def test_a_temporary_folder_disappears_with_the_solution():
     assert path.exists()
     del found
     assert not path.exists()
+
+
+# -- approximate values --------------------------------------------------------------------------
+
+
+def without_heights(network: Network, names: str) -> Network:
+    for name in names:
+        network.points[name] = replace(network.points[name], coordinates=(0.0, 0.0, np.nan))
+    return network
+
+
+def test_approximate_values_of_junctions_come_from_any_part():
+    south = levelled("south", {"A": "fixed", "B": "", "C": ""}, "AB BC CA")
+    north = levelled("north", {"B": "", "C": "", "D": ""}, "BD DC")
+    parts = [without_heights(north, "BCD"), without_heights(south, "BC")]
+    found = fga.adjust_parts([part_of(n.name, n) for n in parts])
+    whole = fga.adjust(together("all", south, north))
+    same_heights(found, whole, "ABCD")
+
+
+def test_missing_approximate_values_are_named_with_their_part():
+    south = levelled("south", {"A": "fixed", "B": ""}, "AB")
+    north = without_heights(levelled("north", {"B": "", "D": "", "E": ""}, "DE"), "DE")
+    with pytest.raises(fga.ApproximationError, match=r"part 'north', .*D") as error:
+        fga.adjust_parts([part_of("south", south), part_of("north", north)])
+    assert "'south'" not in str(error.value)
