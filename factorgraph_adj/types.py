@@ -13,3 +13,5 @@ Index: TypeAlias = npt.NDArray[np.intp]
 """Integer array that indexes another."""
 Mask: TypeAlias = npt.NDArray[np.bool_]
 """Boolean array."""
+Keys: TypeAlias = npt.NDArray[np.uint64]
+"""Array of 64-bit numbers that stand for names."""

@@ -97,15 +97,16 @@ def _solution(options: argparse.Namespace) -> PartsSolution:
 
 def _verdict(solution: PartsSolution) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
-    test = global_test(solution)
+    test, doubts = global_test(solution), []
     if not solution.converged:
-        print(f"not converged: {solution.reason}", file=sys.stderr)
-        return DOUBTFUL
-    if not test.accepted:
-        print(
+        doubts.append(f"not converged: {solution.reason}")
+    elif not test.accepted:
+        doubts.append(
             f"global test failed: σ̂0 = {test.sigma0:.4f}, accepted from {test.lower:.4f} "
-            f"to {test.upper:.4f}",
-            file=sys.stderr,
+            f"to {test.upper:.4f}"
         )
-        return DOUBTFUL
-    return FINE
+    if n := len(solution.repeated):
+        doubts.append(f"{n} observations agree with one of another part: is it the same one?")
+    for doubt in doubts:
+        print(doubt, file=sys.stderr)
+    return DOUBTFUL if doubts else FINE

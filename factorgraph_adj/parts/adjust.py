@@ -16,7 +16,7 @@ from ..solve.batch import MOST_WEIGHINGS
 from ..solve.damping import Damping
 from ..solve.iterate import Ended, Progress
 from ..solve.normal import POOR
-from ..types import Array
+from ..types import Array, Keys
 from .folder import Folder, Scratch
 from .iterate import Point, Whole, iterate
 from .junctions import Junctions, RootPlaces, shared_keys
@@ -25,7 +25,7 @@ from .messages import At, Begun, Surveyed, packed
 from .part import Source, parts_of
 from .result import PartsSolution, Quality
 from .solution import Totals
-from .tasks import JUNCTIONS, begin, finish, share, survey, weighs_as
+from .tasks import JUNCTIONS, begin, finish, labels_of, observations_at, share, survey, weighs_as
 from .workers import Workers, check_client
 
 if TYPE_CHECKING:
@@ -87,7 +87,9 @@ def adjust_parts(
         surveyed = workers.all(survey, [()] * len(jobs))
         signature = _signature(jobs, surveyed)
         point = _resumed(place, signature)
-        whole, begun = _begun(workers, surveyed)
+        keys = shared_keys(surveyed, [job.part.name for job in jobs])
+        repeated = _repeated(workers, keys)
+        whole, begun = _begun(workers, keys)
         point, ended = _weighed(
             whole,
             point,
@@ -105,6 +107,7 @@ def adjust_parts(
         weights=point.weights,
         begun=tuple(begun),
         quality=quality,
+        repeated=repeated,
         sent=workers.sent,
         received=workers.received,
         temporary=temporary,
@@ -165,10 +168,28 @@ def _resumed(folder: Folder, signature: str) -> Point:
     )
 
 
-def _begun(workers: Workers, surveyed: Sequence[Surveyed]) -> tuple[Whole, list[Begun]]:
+def _repeated(workers: Workers, keys: Keys) -> tuple[tuple[str, str], ...]:
+    """Return observations that several parts have, each with the name of its part.
+
+    They agree in kind, unknowns and values to the last digit, so that one observation has probably
+    come into two parts.
+    """
+    numbers = workers.all(observations_at, [(keys,)] * len(workers.jobs))
+    found, counts = np.unique(np.concatenate(numbers), return_counts=True)
+    twice = found[counts > 1]
+    if not len(twice):
+        return ()
+    labels = workers.all(labels_of, [(keys, twice)] * len(workers.jobs))
+    return tuple(
+        (job.part.name, label)
+        for job, of_part in zip(workers.jobs, labels, strict=True)
+        for label in of_part
+    )
+
+
+def _begun(workers: Workers, keys: Keys) -> tuple[Whole, list[Begun]]:
     """Find the junctions, and let every part begin."""
     names = [job.part.name for job in workers.jobs]
-    keys = shared_keys(surveyed, names)
     shared = workers.all(share, [(keys,)] * len(workers.jobs))
     junctions = Junctions(shared, names)
     start = junctions.given()

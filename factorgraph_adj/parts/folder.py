@@ -12,6 +12,7 @@ import pickle
 import shutil
 import tempfile
 import weakref
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..types import Array
+from ..types import Array, Keys
 
 PROGRESS = "run.json"
 """File with the progress of the root."""
@@ -38,7 +39,7 @@ class Folder:
         inner.path.mkdir(parents=True, exist_ok=True)
         return inner
 
-    def write_arrays(self, name: str, arrays: dict[str, Array]) -> None:
+    def write_arrays(self, name: str, arrays: Mapping[str, Array | Keys]) -> None:
         """Write arrays under a name."""
         with _beside(self.path / f"{name}.npz") as path, path.open("wb") as stream:
             np.savez(stream, **arrays)  # type: ignore[arg-type]

@@ -9,14 +9,14 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..models.variables import UNKNOWNS, VariableKind
 from ..solve.places import Places
-from ..types import Array, Index, Mask
+from ..types import Array, Index, Keys, Mask
 from .messages import Begun, Setup, Shared, Surveyed, Variable
 
 EQUAL = 1e-9
 """Largest difference between held or weighted values that parts give for the same unknown."""
 
 
-def shared_keys(surveyed: Sequence[Surveyed], names: Sequence[str]) -> Array:
+def shared_keys(surveyed: Sequence[Surveyed], names: Sequence[str]) -> Keys:
     """Return the keys that several parts have, sorted.
 
     Args:
@@ -47,7 +47,7 @@ def shared_keys(surveyed: Sequence[Surveyed], names: Sequence[str]) -> Array:
     if problems:
         raise InputError(problems)
     keys, counts = np.unique(np.concatenate([s.keys for s in surveyed]), return_counts=True)
-    return np.asarray(keys[counts > 1])
+    return keys[counts > 1]
 
 
 class Junctions:

@@ -17,7 +17,7 @@ from ..solve.elimination import layers_of
 from ..solve.factor import Factor, Plan
 from ..solve.normal import NormalEquations, Solver
 from ..solve.start import Start, start_of
-from ..types import Array, Index, Mask
+from ..types import Array, Index, Keys, Mask
 from .folder import Folder
 from .messages import At, Begun, Setup, Shared, Surveyed, Variable
 from .part import Part, StoredPart
@@ -88,7 +88,7 @@ class Loaded:
         return self.whole.unknowns
 
     @cached_property
-    def keys(self) -> dict[VariableKind, Array]:
+    def keys(self) -> dict[VariableKind, Keys]:
         """A 64-bit number for each variable, by kind."""
         return {
             kind: np.array([key_of(kind, name) for name in table.names], dtype=np.uint64)
@@ -111,7 +111,7 @@ class Loaded:
         frame = repr(self.network.frame)
         return Surveyed(keys, frame, self.network.datum == "free", digest.hexdigest())
 
-    def shared(self, keys: Array) -> list[Shared]:
+    def shared(self, keys: Keys) -> list[Shared]:
         """Return the variables with some keys."""
         out = []
         for kind, mine in self.keys.items():
@@ -127,6 +127,37 @@ class Loaded:
                         table.values[number].copy(),
                     )
                 )
+        return out
+
+    def observations_at(self, keys: Keys) -> tuple[Keys, list[Index]]:
+        """Return a number for each observation whose unknowns all have some keys, and its place.
+
+        Observations of equal kind, unknowns and values have equal numbers, (k,); their places are
+        given block by block.
+        """
+        common = {kind: np.isin(mine, keys) for kind, mine in self.keys.items()}
+        numbers, places = [np.zeros(0, dtype=np.uint64)], []
+        for block in self.whole.blocks:
+            on = np.full(block.n, not block.prior)
+            number = np.full(block.n, key_of(block.kind, ""), dtype=np.uint64)
+            for kind, index in block.variables:
+                on &= common[kind][index]
+                number = _mixed(number ^ self.keys[kind][index])
+            for values in np.ascontiguousarray(block.observed.T):
+                number = _mixed(number ^ values.view(np.uint64))
+            numbers.append(number[on])
+            places.append(np.flatnonzero(on))
+        return np.concatenate(numbers), places
+
+    def labels_of(self, keys: Keys, numbers: Keys) -> list[str]:
+        """Return the names of observations by their numbers, see `observations_at`."""
+        mine, places = self.observations_at(keys)
+        wanted = np.isin(mine, numbers)
+        out, first = [], 0
+        for block, place in zip(self.whole.blocks, places, strict=True):
+            chosen = place[wanted[first : first + len(place)]]
+            out += [block.labels(int(i)) for i in chosen]
+            first += len(place)
         return out
 
     # -- its junctions ------------------------------------------------------------------------
@@ -273,6 +304,13 @@ def key_of(kind: str, name: str) -> int:
     """Return a number that differs between any two names, but for a chance of 10⁻⁶ in 5 million."""
     digest = hashlib.blake2b(f"{kind}\0{name}".encode(), digest_size=8).digest()
     return int.from_bytes(digest, "little")
+
+
+def _mixed(x: Keys) -> Keys:
+    """Return numbers whose bits all depend on all bits of x (splitmix64, Steele et al. 2014)."""
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
 
 
 def _held(unknowns: Unknowns, columns: Mask) -> Unknowns:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..models.variables import VariableKind
-from ..types import Array, Mask
+from ..types import Array, Keys, Mask
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class At:
 class Surveyed:
     """What a part has: enough to find the unknowns that several parts have."""
 
-    keys: Array
+    keys: Keys
     """A 64-bit number for each variable, from its kind and name, (k,)."""
     frame: str
     """The frame of its coordinates."""

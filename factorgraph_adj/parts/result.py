@@ -83,6 +83,9 @@ class PartsSolution(Shown):
     """Sizes of the parts."""
     quality: Quality
     """Figures of the whole network and of each part."""
+    repeated: tuple[tuple[str, str], ...]
+    """Part and name of observations that agree with one of another part in kind, unknowns and all
+    digits of the value: each of them counts, although they are probably the same."""
     sent: int
     """Bytes of the arrays that were sent to the parts."""
     received: int

@@ -24,7 +24,7 @@ from ..solve.normal import NormalEquations, Solver
 from ..solve.rank import undetermined
 from ..solve.sides import before_the_cameras, refuse_points_behind
 from ..solve.singular import SingularError
-from ..types import Array
+from ..types import Array, Keys
 from .loaded import Job, Loaded
 from .messages import (
     At,
@@ -93,9 +93,21 @@ def survey(part: Loaded) -> Surveyed:
 
 
 @_task
-def share(part: Loaded, keys: Array) -> list[Shared]:
+def share(part: Loaded, keys: Keys) -> list[Shared]:
     """Return the variables with some keys."""
     return part.shared(keys)
+
+
+@_task
+def observations_at(part: Loaded, keys: Keys) -> Keys:
+    """Return a number for each observation whose unknowns all have some keys, (k,)."""
+    return np.unique(part.observations_at(keys)[0])
+
+
+@_task
+def labels_of(part: Loaded, keys: Keys, numbers: Keys) -> list[str]:
+    """Return the names of observations by their numbers."""
+    return part.labels_of(keys, numbers)
 
 
 @_task

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +12,11 @@ from ..models.variables import UNKNOWNS
 from ..parts.result import PartResult, PartsSolution
 from ..quality.unit_weight import global_test
 from ..version import __version__
-from .layout import WIDTH, table, title
+from .layout import WIDTH, paragraph, table, title
 from .observation_tables import figures
 
+LISTED = 20
+"""Largest number of repeated observations that a protocol lists."""
 MEGABYTE = 1e6
 """Bytes of a megabyte."""
 MILLIMETRE = 1e-3
@@ -24,8 +25,8 @@ MILLIMETRE = 1e-3
 
 def parts_protocol(solution: PartsSolution) -> str:
     """Return the protocol of an adjustment in parts: the whole, its parts, the largest tests."""
-    sections = (_whole(solution), _parts(solution), _tests(solution))
-    lines = [line.rstrip() for section in sections for line in [*section, ""]]
+    sections = (_whole(solution), _repeated(solution), _parts(solution), _tests(solution))
+    lines = [line.rstrip() for section in sections if section for line in [*section, ""]]
     return "\n".join(lines[:-1]) + "\n"
 
 
@@ -97,6 +98,20 @@ def _whole(s: PartsSolution) -> list[str]:
     ]
 
 
+def _repeated(s: PartsSolution) -> list[str]:
+    if not s.repeated:
+        return []
+    note = "They agree in unknowns and all digits. Each counts: leave out what is the same."
+    rows = [[part, label] for part, label in s.repeated[:LISTED]]
+    more = len(s.repeated) - LISTED
+    return [
+        *title("Observations that several parts have"),
+        *table(["part", "observation"], rows, left=2),
+        *([f"  … and {more} more"] if more > 0 else []),
+        *paragraph(note),
+    ]
+
+
 def _parts(s: PartsSolution) -> list[str]:
     rows = [
         [
@@ -152,7 +167,7 @@ def _observations(name: str, part: PartResult) -> dict[str, list[str]]:
     units: list[str] = []
     for block in part.equations.blocks:
         d = block.dimension
-        ids += _repeated((block.ids[i] for i in range(block.n)), d)
+        ids += [block.ids[i] for i in range(block.n) for _ in range(d)]
         components += [block.component(i, c) for i in range(block.n) for c in range(d)]
         kinds += [block.kind] * (block.n * d)
         units += [block.unit] * (block.n * d)
@@ -169,7 +184,3 @@ def _observations(name: str, part: PartResult) -> dict[str, list[str]]:
         "smallest_detectable": figures(part.mdb),
         "estimated_error": figures(part.estimated_errors),
     }
-
-
-def _repeated(texts: Iterable[str], times: int) -> list[str]:
-    return [t for t in texts for _ in range(times)]

@@ -15,6 +15,7 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import HeightDifference, SlopeDistance
 from factorgraph_adj.parts.cut import Regions, cut_network
 from factorgraph_adj.parts.folder import Folder
+from factorgraph_adj.report.parts import parts_protocol
 from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.types import Array
 from tests.benchmarks.grids import simulate_grid, simulate_mixed
@@ -221,6 +222,21 @@ def test_everything_that_parts_state_differently_is_named_at_once():
         "'north': they count once, so state them equally",
         "point 'D': it is held at different values in parts 'south' and 'north'",
     ]
+
+
+def test_an_observation_that_two_parts_have_is_reported():
+    south = levelled("south", {"A": "fixed", "B": "", "C": ""}, "AB BC CA")
+    north = levelled("north", {"B": "", "C": "", "D": ""}, "BD DC")
+    assert fga.adjust_parts([part_of("south", south), part_of("north", north)]).repeated == ()
+    north.add(replace(south.observations["south BC"], id="again"))
+    found = fga.adjust_parts([part_of("south", south), part_of("north", north)])
+    assert found.repeated == (
+        ("south", "height_difference B C (id south BC)"),
+        ("north", "height_difference B C (id again)"),
+    )
+    text = parts_protocol(found)
+    assert "Observations that several parts have" in text
+    assert "  north  height_difference B C (id again)" in text
 
 
 def test_frames_and_free_networks_are_refused():
