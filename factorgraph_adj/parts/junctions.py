@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..models.variables import UNKNOWNS, VariableKind
+from ..solve.dissection import Front, Pattern, dissect_parts
 from ..solve.places import Places
 from ..types import Array, Index, Keys, Mask
 from .messages import Begun, Setup, Shared, Surveyed, Variable
@@ -176,6 +177,12 @@ class RootPlaces(Places):
         )
         self.positions: Array = positions[on]
         """Where the nodes are, (n, 3) metres."""
+        place = np.cumsum(~spread) - 1
+        self._parts = [place[p[~spread[p]]] for p in junctions.of_part]
+
+    def _fronts(self, pattern: Pattern, positions: Array) -> list[Front]:
+        """Return the fronts: all junctions of a part are joined."""
+        return dissect_parts(pattern, positions, self._parts)
 
 
 def _differences(

@@ -8,7 +8,7 @@ the nodes make one dense front.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -80,8 +80,54 @@ def dissect(pattern: Pattern, positions: Array, last: Index | None = None) -> li
         below = (_divide(graph, others, positions),) if len(others) else ()
         root = Front(last, below)
     fronts = list(_order(root))
-    _join(fronts, graph, pattern)
+    _join(fronts, pattern)
     return fronts
+
+
+def dissect_parts(pattern: Pattern, positions: Array, parts: Sequence[Index]) -> list[Front]:
+    """Return the fronts of nodes that are joined because they belong to the same parts.
+
+    Whole parts are divided, and the nodes that both halves have separate them: a line through the
+    middle of parts would separate nothing but all nodes of these parts.
+
+    Args:
+        pattern: the blocks; any two nodes of a part have one.
+        positions: where the nodes are, (n, 3); any length unit.
+        parts: nodes of each part; every node belongs to at least one part.
+    """
+    front = _divide_parts(list(parts), positions, np.zeros(pattern.n, dtype=bool))
+    fronts = [f for f in _order(front) if len(f.own) or f is front]
+    _join(fronts, pattern)
+    return fronts
+
+
+def _divide_parts(parts: list[Index], positions: Array, taken: Mask) -> Front:
+    """Return the tree of fronts of some parts without the nodes that are taken."""
+    if len(parts) <= 1:
+        own = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
+        return Front(own[~taken[own]], ())
+    centres = np.array([positions[p].mean(axis=0) if len(p) else np.zeros(3) for p in parts])
+    centred = centres - centres.mean(axis=0)
+    _, axes = np.linalg.eigh(centred.T @ centred)
+    best: tuple[Index, list[Index], list[Index]] | None = None
+    for axis in axes.T[::-1]:
+        order = np.argsort(centred @ axis, kind="stable").tolist()
+        half = len(parts) // 2
+        low, high = [parts[i] for i in order[:half]], [parts[i] for i in order[half:]]
+        both = np.intersect1d(np.concatenate(low), np.concatenate(high))
+        both = both[~taken[both]]
+        if best is None or len(both) < len(best[0]):
+            best = both, low, high
+    assert best is not None
+    both, low, high = best
+    taken[both] = True
+    children = tuple(_divide_parts(some, positions, taken) for some in (low, high))
+    return Front(both, _with_nodes(children))
+
+
+def _with_nodes(fronts: tuple[Front, ...]) -> tuple[Front, ...]:
+    """Return fronts, with the children of those that eliminate nothing in their place."""
+    return tuple(f for front in fronts for f in ((front,) if len(front.own) else front.children))
 
 
 def cut(pattern: Pattern, positions: Array, parts: int) -> Index:
@@ -203,7 +249,7 @@ def _order(front: Front) -> Iterator[Front]:
     yield front
 
 
-def _join(fronts: list[Front], graph: _Graph, pattern: Pattern) -> None:
+def _join(fronts: list[Front], pattern: Pattern) -> None:
     """Fill in the borders of all fronts, and the places of their blocks."""
     rank, where = np.empty(pattern.n, dtype=np.intp), np.empty(pattern.n, dtype=np.intp)
     at = 0

@@ -62,9 +62,13 @@ class Places:
         if self._structure is None or not np.array_equal(self._structure[0], codes):
             first, second = np.divmod(codes, max(self.n, 1))
             pattern = Pattern(self.n, self.width, self.side, first, second)
-            last = np.unique(self.kept[self.kept < self.n * self.width] // self.width)
-            self._structure = (codes, pattern, dissect(pattern, positions, last))
+            self._structure = (codes, pattern, self._fronts(pattern, positions))
         return self._structure[1:]
+
+    def _fronts(self, pattern: Pattern, positions: Array) -> list[Front]:
+        """Return the fronts, with what is kept in the root."""
+        last = np.unique(self.kept[self.kept < self.n * self.width] // self.width)
+        return dissect(pattern, positions, last)
 
     def add_diagonal(self, matrix: BlockMatrix, extra: Array) -> None:
         """Add terms (n_columns,) to the diagonal, in place."""

@@ -25,7 +25,9 @@ from tests.networks.small_block import small_block
 from tests.support.places import data_dir
 
 CLOSE = 1e-9
-"""Difference relative to σ that counts as equal."""
+"""Difference of estimates relative to σ that counts as equal."""
+ROUNDED = 1e-8
+"""The same of covariances: normal equations of weak calibrations leave ten digits of them."""
 
 
 def way(kind: VariableKind, a: Array, b: Array) -> Array:
@@ -61,7 +63,7 @@ def equal_to_the_whole(
                 sigma = np.sqrt(np.diag(covariance))
                 safe = np.where(sigma > 0, sigma, 1.0)
                 difference = part.covariances[kind][number, :k, :k] - covariance
-                assert np.abs(difference / np.outer(safe, safe)).max() < CLOSE, (kind, name)
+                assert np.abs(difference / np.outer(safe, safe)).max() < ROUNDED, (kind, name)
                 moved = way(kind, part.state[kind][number], whole.state[kind][other])[:k]
                 assert np.abs(moved[sigma > 0] / sigma[sigma > 0]).max(initial=0.0) < CLOSE
                 assert (moved[sigma == 0] == 0).all()

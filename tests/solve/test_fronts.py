@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from factorgraph_adj.solve.dissection import LEAF, Front, Pattern, dissect
+from factorgraph_adj.solve.dissection import LEAF, Front, Pattern, dissect, dissect_parts
 from factorgraph_adj.solve.fronts import BlockMatrix, Fronts
 from factorgraph_adj.solve.singular import SingularError
 from factorgraph_adj.types import Array, Index
@@ -111,6 +111,34 @@ def test_solution_and_selected_inverse_are_those_of_dense_matrices(shape, width,
     rows, columns = np.nonzero(stored)
     wanted = dense(found)[stored]
     np.testing.assert_allclose(found.at(rows, columns), wanted, rtol=0, atol=1e-16)
+
+
+def test_parts_are_separated_by_the_nodes_that_both_halves_have() -> None:
+    """Parts on a grid: a line of nodes on the edge between two rows of parts separates them."""
+    side, k = 24, 4
+    at = np.stack(np.meshgrid(np.arange(k * side + 1), np.arange(k * side + 1)), -1).reshape(-1, 2)
+    at = at[(at % side == 0).any(axis=1)]  # edges of parts
+    parts = []
+    for i in range(k):
+        for j in range(k):
+            low = np.array([i, j]) * side
+            parts.append(np.flatnonzero(((at >= low) & (at <= low + side)).all(axis=1)))
+    codes = [np.zeros(0, dtype=np.intp)]
+    for p in parts:
+        a, b = np.triu_indices(len(p), 1)
+        codes.append(p[a] * len(at) + p[b])
+    first, second = np.divmod(np.unique(np.concatenate(codes)), len(at))
+    pattern = Pattern(len(at), 2, 3, first, second)
+    positions = np.column_stack([at, np.zeros(len(at))]).astype(float)
+    fronts = dissect_parts(pattern, positions, parts)
+    assert len(fronts[-1].own) == k * side + 1
+    assert max(f.size for f in fronts) < max(f.size for f in dissect(pattern, positions))
+    m = random_matrix(pattern)
+    y = np.random.default_rng(1).normal(size=(2 * len(at) + 3, 2))
+    found = Fronts(fronts, m)
+    np.testing.assert_allclose(dense(m) @ found.solve(y), y, rtol=0, atol=1e-11)
+    inverse = np.linalg.inv(dense(m))
+    np.testing.assert_allclose(found.inverse().diagonals, np.diag(inverse), rtol=1e-11)
 
 
 @pytest.mark.parametrize(("width", "side"), [(6, 5), (3, 0), (1, 3)])
