@@ -14,15 +14,16 @@ from ..solve.batch import MOST_WEIGHINGS
 from ..solve.damping import Damping
 from ..solve.iterate import Ended, Progress
 from ..solve.normal import POOR
+from ..types import Array
 from .folder import Folder, Scratch
 from .iterate import Point, Whole, iterate
-from .junctions import Junctions, RootPlaces, shared_keys
+from .junctions import Junctions, RootPlaces, shared_keys, twice
 from .loaded import Job
-from .messages import At, Begun, Surveyed, packed
+from .messages import At, Begun, SharedBy, Surveyed, packed
 from .part import Source, parts_of
 from .result import PartsSolution, Quality
 from .solution import Totals
-from .tasks import JUNCTIONS, begin, finish, share, survey, weighs_as
+from .tasks import JUNCTIONS, begin, finish, name_observations, share, survey, weighs_as
 from .workers import Workers, check_client
 
 if TYPE_CHECKING:
@@ -167,9 +168,33 @@ def _begun(workers: Workers, surveyed: Sequence[Surveyed]) -> tuple[Whole, list[
     names = [job.part.name for job in workers.jobs]
     keys = shared_keys(surveyed, names)
     shared = workers.all(share, [(keys,)] * len(workers.jobs))
-    junctions = Junctions(shared, names)
+    junctions = Junctions([part.variables for part in shared], names)
+    _refuse_twice(workers, keys, shared)
     begun = workers.all(begin, [(setup,) for setup in junctions.setups()])
     return Whole(workers, junctions, RootPlaces(junctions, begun)), begun
+
+
+def _refuse_twice(workers: Workers, keys: Array, shared: Sequence[SharedBy]) -> None:
+    """Refuse observations that two parts state: they would count twice.
+
+    Raises:
+        InputError: there are such observations; all are named.
+    """
+    found = twice(shared)
+    if not any(len(mine) for mine in found):
+        return
+    listed = workers.all(name_observations, [(keys, mine) for mine in found])
+    what = (
+        "an earlier part has the same observation, with the same value: state it in one part; two "
+        "measurements that happen to have the same value belong into the same part"
+    )
+    raise InputError(
+        [
+            Problem(what, f"part {job.part.name!r}, {label}")
+            for job, labels in zip(workers.jobs, listed, strict=True)
+            for label in labels
+        ]
+    )
 
 
 def _weighed(

@@ -65,7 +65,8 @@ def cut_network(network: Network, regions: Regions, folder: Folder) -> list[Part
     else:
         assigned = _by_region(equations, regions)
     untouched = _untouched(equations)
-    full = np.unique(assigned.of_rows).tolist()
+    measured = [assigned.of_rows[block.rows] for block in equations.blocks if not block.prior]
+    full = np.unique(np.concatenate(measured)).tolist()
     parts = []
     for place, number in enumerate(full):
         home = {}

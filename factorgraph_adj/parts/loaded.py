@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from ..graph.blocks import Block
 from ..graph.equations import Equations, compile_network
-from ..graph.variables import State, Unknowns
+from ..graph.variables import DEFAULT, State, Unknowns, calibration_name
 from ..models.variables import VariableKind
+from ..network.network import Network
 from ..solve.elimination import layers_of
 from ..solve.factor import Factor, Plan
 from ..solve.normal import NormalEquations, Solver
 from ..solve.start import start_of
 from ..types import Array, Index, Mask
 from .folder import Folder
-from .messages import At, Begun, Setup, Shared, Surveyed, Variable
+from .messages import At, Begun, Setup, Shared, SharedBy, Surveyed, Variable
 from .part import Part, StoredPart
 
 OLDEST = 12
@@ -89,11 +92,30 @@ class Loaded:
 
     @cached_property
     def keys(self) -> dict[VariableKind, Array]:
-        """A 64-bit number for each variable, by kind."""
-        return {
+        """A 64-bit number for each variable, by kind.
+
+        A default constant that is not stated and that no observation uses gets one of its own:
+        it is no junction, whatever other parts state of theirs.
+        """
+        out: dict[VariableKind, Array] = {
             kind: np.array([key_of(kind, name) for name in table.names], dtype=np.uint64)
             for kind, table in self.unknowns.tables.items()
         }
+        for kind, stated in self.network.parameters.items():
+            number = self.unknowns[kind].number.get(DEFAULT)
+            if number is None or DEFAULT in stated or self._uses(kind, number):
+                continue
+            out[kind][number] = key_of(kind, f"unused in part {self.job.number}")
+        return out
+
+    def _uses(self, kind: VariableKind, number: int) -> bool:
+        """Return whether an observation depends on a variable."""
+        return any(
+            bool((index == number).any())
+            for block in self.whole.blocks
+            for k, index in block.variables
+            if k == kind
+        )
 
     def surveyed(self) -> Surveyed:
         """Return what the root has to know to find the junctions."""
@@ -103,7 +125,9 @@ class Loaded:
                 digest.update(np.ascontiguousarray(values).tobytes())
         for block in self.whole.blocks:
             digest.update(block.kind.encode())
-            for values in (block.observed, block.sigma):
+            for _, index in block.variables:
+                digest.update(np.ascontiguousarray(index).tobytes())
+            for values in (block.observed, block.sigma, *block.constants.values()):
                 digest.update(np.ascontiguousarray(values).tobytes())
         for cluster in self.whole.clusters:
             digest.update(np.ascontiguousarray(cluster.whitener).tobytes())
@@ -120,24 +144,52 @@ class Loaded:
         """
         return start_of(self.whole, "given", self._given).state
 
-    def shared(self, keys: Array) -> list[Shared]:
-        """Return the variables with some keys."""
+    def shared(self, keys: Array) -> SharedBy:
+        """Return the variables with some keys, and the observations of nothing else."""
         out = []
         for kind, mine in self.keys.items():
-            table = self.unknowns[kind]
+            table, model = self.unknowns[kind], _MODELS.get(kind)
             for number in np.flatnonzero(np.isin(mine, keys)).tolist():
                 k = int(table.size[number])
+                name = table.names[number]
                 out.append(
                     Shared(
-                        Variable(kind, table.names[number]),
+                        Variable(kind, name),
                         self.unknowns.component_names(kind, number),
+                        model(self.network, name) if model else "",
                         table.free[number, :k].copy(),
                         table.sigma[number, :k].copy(),
                         table.values[number].copy(),
                         self.started[kind][number].copy(),
                     )
                 )
-        return out
+        observed = np.array([key for _, _, key in self._observed(keys)], dtype=np.uint64)
+        return SharedBy(out, np.unique(observed))
+
+    def labels(self, keys: Array, observations: Array) -> list[str]:
+        """Return readable names of the observations with some keys, of what `shared` returned."""
+        wanted = set(observations.tolist())
+        return [block.labels(i) for block, i, key in self._observed(keys) if key in wanted]
+
+    def _observed(self, keys: Array) -> Iterator[tuple[Block, int, int]]:
+        """Yield the observations of variables with some keys only: block, row and a key.
+
+        The key of an image point is that of photo and point, because a photo measures a point
+        once; that of other observations is made of kind, variables, constants and value.
+        """
+        common = {kind: np.isin(mine, keys) for kind, mine in self.keys.items()}
+        for block in self.whole.blocks:
+            if block.prior:
+                continue
+            on = np.all([common[kind][index] for kind, index in block.variables], axis=0)
+            arrays = [self.keys[kind][index] for kind, index in block.variables]
+            if block.lens is None:
+                arrays += [block.observed, *block.constants.values()]
+            for i in np.flatnonzero(on).tolist():
+                digest = hashlib.blake2b(block.kind.encode(), digest_size=8)
+                for values in arrays:
+                    digest.update(np.ascontiguousarray(values[i]).tobytes())
+                yield block, i, int.from_bytes(digest.digest(), "little")
 
     # -- its junctions ------------------------------------------------------------------------
 
@@ -249,6 +301,22 @@ class Loaded:
         held = np.zeros(self.unknowns.n_columns, dtype=bool)
         held[self.kept] = True
         return replace(self.solver_at(at).equations, unknowns=_held(self.unknowns, held))
+
+
+def _of_photo(network: Network, name: str) -> str:
+    return f"calibration {calibration_name(network, name)!r}"
+
+
+def _of_calibration(network: Network, name: str) -> str:
+    camera = network.cameras.get(name) or network.cameras[name.split("@")[0]]
+    return f"{camera.lens} in {camera.unit}"
+
+
+_MODELS: dict[VariableKind, Callable[[Network, str], str]] = {
+    "pose": _of_photo,
+    "calibration": _of_calibration,
+}
+"""What the values of a variable belong to, for kinds that do not say it all."""
 
 
 def key_of(kind: str, name: str) -> int:

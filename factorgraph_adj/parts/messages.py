@@ -54,6 +54,8 @@ class Shared:
     """Kind and name."""
     components: tuple[str, ...]
     """Names of its components."""
+    model: str
+    """What its values belong to: the lens of a calibration, the calibration of a photo."""
     free: Mask
     """Whether each component is estimated, (k,)."""
     sigma: Array
@@ -62,6 +64,17 @@ class Shared:
     """Given values in stored form, NaN where unknown."""
     start: Array
     """Given or approximate values in stored form."""
+
+
+@dataclass(frozen=True)
+class SharedBy:
+    """What a part shares with others."""
+
+    variables: list[Shared]
+    """The variables."""
+    observations: Array
+    """A 64-bit number for each observation that depends on such variables only, sorted. Two
+    parts have the same one where both state the same observation."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from .messages import (
     Reduced,
     Refused,
     Setup,
-    Shared,
+    SharedBy,
     Surveyed,
     Tested,
     packed,
@@ -93,9 +93,15 @@ def survey(part: Loaded) -> Surveyed:
 
 
 @_task
-def share(part: Loaded, keys: Array) -> list[Shared]:
-    """Return the variables with some keys."""
+def share(part: Loaded, keys: Array) -> SharedBy:
+    """Return the variables with some keys, and the observations of nothing else."""
     return part.shared(keys)
+
+
+@_task
+def name_observations(part: Loaded, keys: Array, observations: Array) -> list[str]:
+    """Return readable names of some of the observations that `share` has returned."""
+    return part.labels(keys, observations)
 
 
 @_task
