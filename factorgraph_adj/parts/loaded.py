@@ -26,6 +26,8 @@ from .part import Part, StoredPart
 
 OLDEST = 12
 """Number of states that are kept: the iteration may end at one of the last ten."""
+STAMP = "stamp"
+"""Name under which a finished part says of which run it is."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,10 @@ class Loaded:
         keys = np.concatenate([np.zeros(0, dtype=np.uint64), *self.keys.values()])
         frame = repr(self.network.frame)
         return Surveyed(keys, frame, self.network.datum == "free", digest.hexdigest())
+
+    def stamp(self) -> tuple[str, str]:
+        """Return what tells the results of this part from those of another run."""
+        return self.job.run, self.surveyed().digest
 
     @cached_property
     def started(self) -> State:
@@ -253,10 +259,16 @@ class Loaded:
 
     # -- its states ---------------------------------------------------------------------------
 
-    def write_state(self, number: int, state: State) -> None:
-        """Write a state, and forget one that is no longer needed."""
+    def write_state(self, number: int, state: State, weights: int = 0) -> None:
+        """Write a state, and forget one that is no longer needed.
+
+        Args:
+            number: its number.
+            state: the values.
+            weights: number of the state that gives the standard deviations, which stays.
+        """
         self.job.own.write_arrays(f"state-{number}", {str(k): v for k, v in state.items()})
-        if number > OLDEST:
+        if number > OLDEST and number - OLDEST != weights:
             self.job.own.forget(f"state-{number - OLDEST}")
 
     def state(self, number: int) -> State:

@@ -25,7 +25,7 @@ from ..solve.rank import undetermined
 from ..solve.sides import before_the_cameras, refuse_points_behind
 from ..solve.singular import SingularError
 from ..types import Array
-from .loaded import Job, Loaded
+from .loaded import STAMP, Job, Loaded
 from .messages import (
     At,
     Begun,
@@ -155,7 +155,7 @@ def move(part: Loaded, at: At, junctions: Array, to: int) -> Moved:
         after = float(v @ v)
     except InputError:
         after = np.inf
-    part.write_state(to, moved)
+    part.write_state(to, moved, at.weights)
     return Moved(after if np.isfinite(after) else np.inf, downhill, damped)
 
 
@@ -208,6 +208,7 @@ def finish(part: Loaded, at: At, totals: Totals) -> Finished:
             "estimated_errors": found.estimated_errors,
         },
     )
+    part.job.own.write(STAMP, part.stamp())
     size = np.where(found.controlled, np.abs(found.w), 0.0)
     largest = np.argsort(-size, kind="stable")[:LISTED]
     r = found.redundancy_numbers

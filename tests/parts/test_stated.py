@@ -170,3 +170,13 @@ def test_a_region_with_weighted_unknowns_but_without_observations_is_no_part(tmp
     found = cut_network(network, {"A": "west", "B": "east"}, Folder(tmp_path))
     assert [part.name for part in found] == ["west"]
     assert fga.adjust_parts(found).n_observations == fga.adjust(network).equations.n_rows
+
+
+def test_observations_between_held_points_go_to_a_part_with_unknowns(tmp_path):
+    network = line(1.01)
+    for name in "CD":
+        network.add_point(name, (0.0, 9.0, 0.0), fixed="xyz")
+    network.add(HeightDifference("C", "D", 0.01, sigma=0.01))
+    regions = {"A": "west", "B": "west", "C": "east", "D": "east"}
+    found = fga.adjust_parts(cut_network(network, regions, Folder(tmp_path)))
+    assert (found.n_observations, len(found.jobs)) == (3, 1)
