@@ -14,6 +14,7 @@ from ..solve.batch import MOST_WEIGHINGS
 from ..solve.damping import Damping
 from ..solve.iterate import Ended, Progress
 from ..solve.normal import POOR
+from ..solve.singular import SingularError
 from ..types import Array
 from .folder import Folder, Scratch
 from .iterate import Point, Whole, iterate
@@ -227,7 +228,11 @@ def _weighed(
 
 def _quality(whole: Whole, begun: Sequence[Begun], at: At, ended: Ended, variance: str) -> Quality:
     """Let every part write its covariances and its reliability."""
-    root, vtpv, smallest = whole.eliminated(at)
+    try:
+        root, vtpv, smallest = whole.eliminated(at)
+    except SingularError:
+        whole.explain(at)
+        raise
     if smallest < POOR:
         whole.explain(at)
         raise AdjustmentError(

@@ -270,6 +270,27 @@ def test_junctions_that_no_part_determines_are_named():
         fga.adjust_parts([part_of("south", south), part_of("north", north)])
 
 
+def test_junctions_of_a_large_root_that_no_part_determines(monkeypatch):
+    monkeypatch.setattr("factorgraph_adj.parts.root.SEARCHED", 1)
+    south = levelled("south", {"A": "", "B": "", "C": ""}, "AB BC CA")
+    north = levelled("north", {"B": "", "C": "", "D": ""}, "BD DC")
+    with pytest.raises(fga.DatumError, match="leave their junctions undetermined: give control"):
+        fga.adjust_parts([part_of("south", south), part_of("north", north)])
+
+
+def test_undetermined_unknowns_are_named_without_an_iteration():
+    north = levelled("north", {"B": "", "D": ""}, "BD")
+    with pytest.raises(fga.DatumError, match="part 'north': the network is not determined"):
+        fga.adjust_parts([part_of("north", north)], max_iterations=0)
+
+
+def test_a_worker_that_does_not_reach_the_folder_is_told(tmp_path):
+    parts = cut_network(simulated.levelling(), 2, Folder(tmp_path))
+    (tmp_path / "part-0001" / "network.pickle").unlink()
+    with pytest.raises(fga.InputError, match=r"part '2', \S+: is missing: every worker must reach"):
+        fga.adjust_parts(parts)
+
+
 # -- interruption -------------------------------------------------------------------------------
 
 
