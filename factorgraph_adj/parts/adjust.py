@@ -67,8 +67,9 @@ def adjust_parts(
 
     Raises:
         InputError: parts cannot be read, differ in what they hold, weight or estimate, have
-            different frames, or ask for a free network; the folder belongs to another run; errors
-            of all parts at once, each with the name of its part.
+            cameras of one name with different lenses, state the same observation, have different
+            frames, or ask for a free network; the folder belongs to another run; errors of all
+            parts at once, each with the name of its part.
         ApproximationError: points, photos or sets of a part have no approximate values.
         DatumError: unknowns of a part are not determined by the part and its junctions, or the
             junctions are not determined by all parts together.

@@ -9,6 +9,9 @@ import numpy as np
 from ..models.variables import VariableKind
 from ..types import Array, Mask
 
+LISTED = 20
+"""Number of observations with the largest tests that a part reports, and a solution lists."""
+
 
 @dataclass(frozen=True)
 class At:
@@ -117,8 +120,6 @@ class Reduced:
     """Value of vᵀPv of the part."""
     smallest: float
     """Smallest pivot of the interior, relative to its diagonal element of N; 0: singular."""
-    weakest: str = ""
-    """Unknown with the smallest pivot."""
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,8 @@ from ..types import Array
 from .folder import Scratch
 from .junctions import Junctions
 from .loaded import STAMP, Job, Loaded, key_of
-from .messages import At, Begun, Finished, Tested
+from .messages import LISTED, At, Begun, Finished, Tested
 from .solution import Totals
-
-LISTED = 20
-"""Number of observations with the largest tests that a solution lists."""
 
 
 @dataclass(frozen=True)

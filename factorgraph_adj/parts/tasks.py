@@ -27,6 +27,7 @@ from ..solve.singular import SingularError
 from ..types import Array
 from .loaded import STAMP, Job, Loaded
 from .messages import (
+    LISTED,
     At,
     Begun,
     Finished,
@@ -52,9 +53,6 @@ REMEDY = (
     "observations that tie it to its junctions"
 )
 """What a user can do about datum defects of a part."""
-LISTED = 20
-"""Number of observations with the largest tests that a part reports."""
-
 JUNCTIONS = "junctions"
 """Name of the arrays of the covariances of the junctions."""
 
@@ -124,8 +122,6 @@ def eliminate(part: Loaded, at: At) -> Reduced:
         return Reduced(packed(np.zeros((m, m))), nothing, nothing, np.nan, 0.0)
     pivots = e.factor.relative_pivots(e.normal.diagonal + e.added, tree=1.0, point=1e9)
     pivots[~part.unknowns.free] = np.inf
-    worst = int(np.argmin(pivots)) if len(pivots) else -1
-    kind, name, component = part.unknowns.describe(worst)
     fronts = e.factor.fronts
     assert fronts is not None
     return Reduced(
@@ -133,8 +129,7 @@ def eliminate(part: Loaded, at: At) -> Reduced:
         e.factor.remaining(e.normal.gradient[:, None])[:, 0],
         e.normal.diagonal[part.kept],
         e.normal.system.vtpv,
-        float(pivots[worst]),
-        f"{kind} {name!r} {component}",
+        float(np.min(pivots)),
     )
 
 
