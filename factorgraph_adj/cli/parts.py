@@ -22,7 +22,7 @@ from .options import count
 if TYPE_CHECKING:
     from distributed import Client
 
-WHOLE_ONLY = ("snoop", "robust", "variance_components", "ellipses", "rows")
+WHOLE_ONLY = ("snoop", "robust", "variance_components", "ellipses", "rows", "test", "sidak")
 """Options of a network that is adjusted as a whole."""
 MOST_ITERATIONS = 100
 """Largest number of iterations, where no option says another."""
