@@ -18,7 +18,7 @@ from .exit_codes import DOUBTFUL, FINE
 from .messages import iteration, progress
 from .options import count
 
-WHOLE_ONLY = ("snoop", "robust", "variance_components", "ellipses", "rows")
+WHOLE_ONLY = ("snoop", "robust", "variance_components", "ellipses", "rows", "test", "sidak")
 """Options of a network that is adjusted as a whole."""
 MOST_ITERATIONS = 100
 """Largest number of iterations, where no option says another."""

@@ -11,11 +11,12 @@ from uuid import uuid4
 
 import numpy as np
 
-from ..errors import AdjustmentError, ApproximationError, InputError, Problem
+from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known
 from ..solve.batch import MOST_WEIGHINGS
 from ..solve.damping import Damping
 from ..solve.iterate import Ended, Progress
 from ..solve.normal import POOR
+from ..solve.singular import SingularError
 from ..types import Array, Keys
 from .folder import Folder, Scratch
 from .iterate import Point, Whole, iterate
@@ -68,8 +69,9 @@ def adjust_parts(
 
     Raises:
         InputError: parts cannot be read, differ in what they hold, weight or estimate, have
-            different frames, or ask for a free network; the folder belongs to another run; errors
-            of all parts at once, each with the name of its part.
+            cameras of one name with different lenses, state the same observation, have different
+            frames, or ask for a free network; the folder belongs to another run; errors of all
+            parts at once, each with the name of its part.
         ApproximationError: points, photos or sets of a part have no approximate values.
         DatumError: unknowns of a part are not determined by the part and its junctions, or the
             junctions are not determined by all parts together.
@@ -88,8 +90,7 @@ def adjust_parts(
         signature = _signature(jobs, surveyed)
         point = _resumed(place, signature)
         keys = shared_keys(surveyed, [job.part.name for job in jobs])
-        repeated = _repeated(workers, keys)
-        whole, begun = _begun(workers, keys)
+        whole, begun, repeated = _begun(workers, keys)
         point, ended = _weighed(
             whole,
             point,
@@ -173,6 +174,9 @@ def _repeated(workers: Workers, keys: Keys) -> tuple[tuple[str, str], ...]:
 
     They agree in kind, unknowns and values to the last digit, so that one observation has probably
     come into two parts.
+
+    Raises:
+        InputError: parts measure the same point in the same photo; all such image points are named.
     """
     numbers = workers.all(observations_at, [(keys,)] * len(workers.jobs))
     found, counts = np.unique(np.concatenate(numbers), return_counts=True)
@@ -180,28 +184,38 @@ def _repeated(workers: Workers, keys: Keys) -> tuple[tuple[str, str], ...]:
     if not len(twice):
         return ()
     labels = workers.all(labels_of, [(keys, twice)] * len(workers.jobs))
-    return tuple(
-        (job.part.name, label)
+    named = [
+        (job.part.name, kind, label)
         for job, of_part in zip(workers.jobs, labels, strict=True)
-        for label in of_part
-    )
+        for kind, label in of_part
+    ]
+    problems = []
+    for job in workers.jobs:
+        images = [label for name, kind, label in named if (name, kind) == (job.part.name, "image")]
+        if images:
+            what = f"other parts measure the same points in the same photos: {known(images)}"
+            problems.append(Problem(f"{what}; give them in one part", f"part {job.part.name!r}"))
+    if problems:
+        raise InputError(problems)
+    return tuple((name, label) for name, _, label in named)
 
 
-def _begun(workers: Workers, keys: Keys) -> tuple[Whole, list[Begun]]:
-    """Find the junctions, and let every part begin."""
+def _begun(workers: Workers, keys: Keys) -> tuple[Whole, list[Begun], tuple[tuple[str, str], ...]]:
+    """Find the junctions and repeated observations, and let every part begin."""
     names = [job.part.name for job in workers.jobs]
     shared = workers.all(share, [(keys,)] * len(workers.jobs))
     junctions = Junctions(shared, names)
+    repeated = _repeated(workers, keys)
     start = junctions.given()
     while True:
         begun = workers.all(begin, [(setup,) for setup in junctions.setups(start)])
-        known = _first_known(junctions, start, begun)
+        found = _first_known(junctions, start, begun)
         news = any(
-            np.isnan(a).any() and not np.isnan(b).any() for a, b in zip(start, known, strict=True)
+            np.isnan(a).any() and not np.isnan(b).any() for a, b in zip(start, found, strict=True)
         )
         if not news:
             break
-        start = known  # a part may need what another one has found, and all start from the same
+        start = found  # a part may need what another one has found, and all start from the same
     missing = [
         Problem(what, f"part {name!r}, {where}" if where else f"part {name!r}")
         for name, part in zip(names, begun, strict=True)
@@ -209,7 +223,7 @@ def _begun(workers: Workers, keys: Keys) -> tuple[Whole, list[Begun]]:
     ]
     if missing:
         raise ApproximationError(missing)
-    return Whole(workers, junctions, RootPlaces(junctions, begun)), begun
+    return Whole(workers, junctions, RootPlaces(junctions, begun)), begun, repeated
 
 
 def _first_known(
@@ -254,7 +268,11 @@ def _weighed(
 
 def _quality(whole: Whole, begun: Sequence[Begun], at: At, ended: Ended, variance: str) -> Quality:
     """Let every part write its covariances and its reliability."""
-    root, vtpv, smallest = whole.eliminated(at)
+    try:
+        root, vtpv, smallest = whole.eliminated(at)
+    except SingularError:
+        whole.explain(at)
+        raise
     if smallest < POOR:
         whole.explain(at)
         raise AdjustmentError(

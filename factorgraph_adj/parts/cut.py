@@ -9,7 +9,7 @@ points in each.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -65,7 +65,7 @@ def cut_network(network: Network, regions: Regions, folder: Folder) -> list[Part
     else:
         assigned = _by_region(equations, regions)
     untouched = _untouched(equations)
-    full = np.unique(assigned.of_rows).tolist()
+    full, assigned = _full(equations, assigned)
     parts = []
     for place, number in enumerate(full):
         home = {}
@@ -219,6 +219,20 @@ def _by_region(equations: Equations, regions: Mapping[str, str] | Callable[[str]
 
 
 # -- the parts -----------------------------------------------------------------------------------
+
+
+def _full(equations: Equations, assigned: Assigned) -> tuple[list[int], Assigned]:
+    """Return the parts that have observations of unknowns; the first takes all of other parts."""
+    determines = np.zeros(equations.n_rows, dtype=bool)
+    for block in equations.blocks:
+        if block.prior:
+            continue
+        for kind, index in block.variables:
+            some = equations.unknowns[kind].free[index].any(axis=1)
+            determines[block.rows] |= np.repeat(some, block.dimension)
+    full = np.unique(assigned.of_rows[determines])
+    of_rows = np.where(np.isin(assigned.of_rows, full), assigned.of_rows, full[0])
+    return full.tolist(), replace(assigned, of_rows=of_rows)
 
 
 def _untouched(equations: Equations) -> dict[VariableKind, Mask]:

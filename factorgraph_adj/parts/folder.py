@@ -12,10 +12,12 @@ import pickle
 import shutil
 import tempfile
 import weakref
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 
@@ -51,12 +53,8 @@ class Folder:
             InputError: they are not there.
         """
         path = self.path / f"{name}.npz"
-        try:
-            with np.load(path) as stored:
-                return {key: stored[key] for key in stored.files}
-        except FileNotFoundError:
-            what = "is missing: every worker must reach the folder of the run under this path"
-            raise InputError(Problem(what, str(path))) from None
+        with _reaching(path), np.load(path) as stored:
+            return {key: stored[key] for key in stored.files}
 
     def write(self, name: str, value: object) -> None:
         """Write an object."""
@@ -64,8 +62,13 @@ class Folder:
             pickle.dump(value, stream, protocol=pickle.HIGHEST_PROTOCOL)
 
     def read(self, name: str) -> Any:
-        """Return an object that this program has written."""
-        with (self.path / f"{name}.pickle").open("rb") as stream:
+        """Return an object that this program has written.
+
+        Raises:
+            InputError: it is not there.
+        """
+        path = self.path / f"{name}.pickle"
+        with _reaching(path), path.open("rb") as stream:
             return pickle.load(stream)
 
     def forget(self, name: str) -> None:
@@ -105,12 +108,22 @@ class Scratch:
         weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
 
+@contextmanager
+def _reaching(path: Path) -> Iterator[None]:
+    """Raise InputError where a file of the run is missing."""
+    try:
+        yield
+    except FileNotFoundError:
+        what = "is missing: every worker must reach the folder of the run under this path"
+        raise InputError(Problem(what, str(path))) from None
+
+
 class _beside:
     """A path beside another one, which takes its place if nothing fails."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._beside = path.with_name(f".{path.name}.{os.getpid()}")
+        self._beside = path.with_name(f".{path.name}.{uuid4().hex}")
 
     def __enter__(self) -> Path:
         return self._beside

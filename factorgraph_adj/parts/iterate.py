@@ -21,6 +21,9 @@ from .root import Root, summed
 from .tasks import eliminate, explain, move
 from .workers import Workers
 
+GIVE = "give control (fixed or weighted coordinates), or observations that tie the parts"
+"""What a user can do about undetermined junctions."""
+
 
 @dataclass(frozen=True)
 class Point:
@@ -88,11 +91,15 @@ class Whole:
             listed = "".join(f"\n  {name}" for name in names)
             raise DatumError(
                 f"the parts together leave {n} combination{'s' * (n > 1)} of their junctions "
-                f"undetermined: give control (fixed or weighted coordinates), or observations "
-                f"that tie the parts. Junctions concerned:{listed}",
+                f"undetermined: {GIVE}. Junctions concerned:{listed}",
                 defect=n,
                 names=names,
             )
+        try:
+            root.factorise(0.0)
+        except SingularError:
+            message = f"the parts together leave their junctions undetermined: {GIVE}"
+            raise DatumError(message, defect=1) from None
 
 
 def iterate(

@@ -14,7 +14,8 @@ from ..types import Array, Index, Keys, Mask
 from .messages import Begun, Setup, Shared, Surveyed, Variable
 
 EQUAL = 1e-9
-"""Largest difference between held or weighted values that parts give for the same unknown."""
+"""Largest difference between held or weighted values that parts give for the same unknown: metres
+or radians, relative for other quantities, such as calibrations, whose numbers may be tiny."""
 
 
 def shared_keys(surveyed: Sequence[Surveyed], names: Sequence[str]) -> Keys:
@@ -194,34 +195,42 @@ def _differences(
     out = []
     for other_number, other in each[1:]:
         both = f"in parts {names[number]!r} and {names[other_number]!r}"
-        if one.components != other.components:
+        if one.model != other.model:
+            what = f"it has {one.model} in one and {other.model} in the other {both}"
+            out.append(
+                Problem(f"{what}: state it in the same way, or give one another name", where)
+            )
+        elif one.components != other.components:
             out.append(Problem(f"it has different components {both}", where))
         elif not np.array_equal(one.free, other.free):
             differ = one.components[int(np.flatnonzero(one.free != other.free)[0])]
             what = f"component {differ} is held in one and estimated in the other"
             out.append(Problem(f"{what} {both}: state it in the same way in both", where))
-        elif _held_differ(v, one, other):
+        elif not _same_values(v, one, other, ~one.free):
             out.append(Problem(f"it is held at different values {both}", where))
         else:
             a, b = (np.isfinite(s.sigma) & s.free for s in (one, other))
-            if a.any() and b.any() and not _same_weight(one, other):
+            if a.any() and b.any() and not _same_weight(v, one, other):
                 what = f"its weighted values or standard deviations differ {both}"
                 out.append(Problem(f"{what}: they count once, so state them equally", where))
     return out
 
 
-def _held_differ(v: Variable, one: Shared, other: Shared) -> bool:
-    """Return whether held values differ."""
-    held = ~UNKNOWNS[v.kind].in_stored_form(one.free[None])[0]
-    k = len(held)
-    a, b = one.given[:k][held], other.given[:k][held]
-    return bool(np.any(np.abs(a - b) > EQUAL))
+def _same_values(v: Variable, one: Shared, other: Shared, which: Mask) -> bool:
+    """Return whether two parts give some components (k,) of an unknown the same values."""
+    kind = UNKNOWNS[v.kind]
+    stored = np.flatnonzero(kind.in_stored_form(which[None])[0])
+    a, b = one.given[stored], other.given[stored]
+    metric = bool(kind.components) and all(
+        c.quantity in ("length", "angle") for c in kind.components
+    )
+    scale = 1.0 if metric else np.maximum(np.abs(a), np.abs(b))
+    return bool(np.all(np.abs(a - b) <= EQUAL * scale))
 
 
-def _same_weight(one: Shared, other: Shared) -> bool:
-    """Return whether two parts give an unknown the same weighted value."""
-    k = min(len(one.given), len(other.given))
-    return bool(
-        np.allclose(one.sigma, other.sigma, rtol=1e-12)
-        and np.allclose(one.given[:k], other.given[:k], rtol=0, atol=EQUAL)
+def _same_weight(v: Variable, one: Shared, other: Shared) -> bool:
+    """Return whether two parts give an unknown the same weighted values."""
+    weighted = np.isfinite(one.sigma) & one.free
+    return np.allclose(one.sigma[one.free], other.sigma[one.free], rtol=1e-12) and _same_values(
+        v, one, other, weighted
     )

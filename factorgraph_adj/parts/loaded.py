@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,8 +12,9 @@ import numpy as np
 
 from ..errors import ApproximationError
 from ..graph.equations import Equations, compile_network
-from ..graph.variables import State, Unknowns
+from ..graph.variables import DEFAULT, State, Unknowns, calibration_name
 from ..models.variables import VariableKind
+from ..network.network import Network
 from ..solve.elimination import layers_of
 from ..solve.factor import Factor, Plan
 from ..solve.normal import NormalEquations, Solver
@@ -24,6 +26,8 @@ from .part import Part, StoredPart
 
 OLDEST = 12
 """Number of states that are kept: the iteration may end at one of the last ten."""
+STAMP = "stamp"
+"""Name under which a finished part says of which run it is."""
 
 
 @dataclass(frozen=True)
@@ -89,11 +93,30 @@ class Loaded:
 
     @cached_property
     def keys(self) -> dict[VariableKind, Keys]:
-        """A 64-bit number for each variable, by kind."""
-        return {
+        """A 64-bit number for each variable, by kind.
+
+        A default constant that is not stated and that no observation uses gets one of its own:
+        it is no junction, whatever other parts state of theirs.
+        """
+        out: dict[VariableKind, Keys] = {
             kind: np.array([key_of(kind, name) for name in table.names], dtype=np.uint64)
             for kind, table in self.unknowns.tables.items()
         }
+        for kind, stated in self.network.parameters.items():
+            number = self.unknowns[kind].number.get(DEFAULT)
+            if number is None or DEFAULT in stated or self._uses(kind, number):
+                continue
+            out[kind][number] = key_of(kind, f"unused in part {self.job.number}")
+        return out
+
+    def _uses(self, kind: VariableKind, number: int) -> bool:
+        """Return whether an observation depends on a variable."""
+        return any(
+            bool((index == number).any())
+            for block in self.whole.blocks
+            for k, index in block.variables
+            if k == kind
+        )
 
     def surveyed(self) -> Surveyed:
         """Return what the root has to know to find the junctions."""
@@ -103,7 +126,9 @@ class Loaded:
                 digest.update(np.ascontiguousarray(values).tobytes())
         for block in self.whole.blocks:
             digest.update(block.kind.encode())
-            for values in (block.observed, block.sigma):
+            for _, index in block.variables:
+                digest.update(np.ascontiguousarray(index).tobytes())
+            for values in (block.observed, block.sigma, *block.constants.values()):
                 digest.update(np.ascontiguousarray(values).tobytes())
         for cluster in self.whole.clusters:
             digest.update(np.ascontiguousarray(cluster.whitener).tobytes())
@@ -111,17 +136,23 @@ class Loaded:
         frame = repr(self.network.frame)
         return Surveyed(keys, frame, self.network.datum == "free", digest.hexdigest())
 
+    def stamp(self) -> tuple[str, str]:
+        """Return what tells the results of this part from those of another run."""
+        return self.job.run, self.surveyed().digest
+
     def shared(self, keys: Keys) -> list[Shared]:
         """Return the variables with some keys."""
         out = []
         for kind, mine in self.keys.items():
-            table = self.unknowns[kind]
+            table, model = self.unknowns[kind], _MODELS.get(kind)
             for number in np.flatnonzero(np.isin(mine, keys)).tolist():
                 k = int(table.size[number])
+                name = table.names[number]
                 out.append(
                     Shared(
-                        Variable(kind, table.names[number]),
+                        Variable(kind, name),
                         self.unknowns.component_names(kind, number),
+                        model(self.network, name) if model else "",
                         table.free[number, :k].copy(),
                         table.sigma[number, :k].copy(),
                         table.values[number].copy(),
@@ -132,8 +163,8 @@ class Loaded:
     def observations_at(self, keys: Keys) -> tuple[Keys, list[Index]]:
         """Return a number for each observation whose unknowns all have some keys, and its place.
 
-        Observations of equal kind, unknowns and values have equal numbers, (k,); their places are
-        given block by block.
+        Observations of equal kind, unknowns, constants and values have equal numbers, (k,), and
+        image points of equal photo and point. Their places are given block by block.
         """
         common = {kind: np.isin(mine, keys) for kind, mine in self.keys.items()}
         numbers, places = [np.zeros(0, dtype=np.uint64)], []
@@ -143,20 +174,23 @@ class Loaded:
             for kind, index in block.variables:
                 on &= common[kind][index]
                 number = _mixed(number ^ self.keys[kind][index])
-            for values in np.ascontiguousarray(block.observed.T):
-                number = _mixed(number ^ values.view(np.uint64))
+            if block.lens is None:
+                given = [np.asarray(c, dtype=float) for c in block.constants.values()]
+                every = [c.reshape(block.n, -1).T for c in (block.observed, *given)]
+                for values in np.ascontiguousarray(np.concatenate(every)):
+                    number = _mixed(number ^ values.view(np.uint64))
             numbers.append(number[on])
             places.append(np.flatnonzero(on))
         return np.concatenate(numbers), places
 
-    def labels_of(self, keys: Keys, numbers: Keys) -> list[str]:
-        """Return the names of observations by their numbers, see `observations_at`."""
+    def labels_of(self, keys: Keys, numbers: Keys) -> list[tuple[str, str]]:
+        """Return kind and name of observations by their numbers, see `observations_at`."""
         mine, places = self.observations_at(keys)
         wanted = np.isin(mine, numbers)
         out, first = [], 0
         for block, place in zip(self.whole.blocks, places, strict=True):
             chosen = place[wanted[first : first + len(place)]]
-            out += [block.labels(int(i)) for i in chosen]
+            out += [(block.kind, block.labels(int(i))) for i in chosen]
             first += len(place)
         return out
 
@@ -250,10 +284,16 @@ class Loaded:
 
     # -- its states ---------------------------------------------------------------------------
 
-    def write_state(self, number: int, state: State) -> None:
-        """Write a state, and forget one that is no longer needed."""
+    def write_state(self, number: int, state: State, weights: int = 0) -> None:
+        """Write a state, and forget one that is no longer needed.
+
+        Args:
+            number: its number.
+            state: the values.
+            weights: number of the state that gives the standard deviations, which stays.
+        """
         self.job.own.write_arrays(f"state-{number}", {str(k): v for k, v in state.items()})
-        if number > OLDEST:
+        if number > OLDEST and number - OLDEST != weights:
             self.job.own.forget(f"state-{number - OLDEST}")
 
     def state(self, number: int) -> State:
@@ -298,6 +338,22 @@ class Loaded:
         held = np.zeros(self.unknowns.n_columns, dtype=bool)
         held[self.kept] = True
         return replace(self.solver_at(at).equations, unknowns=_held(self.unknowns, held))
+
+
+def _of_photo(network: Network, name: str) -> str:
+    return f"calibration {calibration_name(network, name)!r}"
+
+
+def _of_calibration(network: Network, name: str) -> str:
+    camera = network.cameras.get(name) or network.cameras[name.split("@")[0]]
+    return f"{camera.lens} in {camera.unit}"
+
+
+_MODELS: dict[VariableKind, Callable[[Network, str], str]] = {
+    "pose": _of_photo,
+    "calibration": _of_calibration,
+}
+"""What the values of a variable belong to, for kinds that do not say it all."""
 
 
 def key_of(kind: str, name: str) -> int:

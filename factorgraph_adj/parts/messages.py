@@ -9,6 +9,9 @@ import numpy as np
 from ..models.variables import VariableKind
 from ..types import Array, Keys, Mask
 
+LISTED = 20
+"""Number of observations with the largest tests that a part reports, and a solution lists."""
+
 
 @dataclass(frozen=True)
 class At:
@@ -54,6 +57,8 @@ class Shared:
     """Kind and name."""
     components: tuple[str, ...]
     """Names of its components."""
+    model: str
+    """What its values belong to: the lens of a calibration, the calibration of a photo."""
     free: Mask
     """Whether each component is estimated, (k,)."""
     sigma: Array
@@ -106,8 +111,6 @@ class Reduced:
     """Value of vᵀPv of the part."""
     smallest: float
     """Smallest pivot of the interior, relative to its diagonal element of N; 0: singular."""
-    weakest: str = ""
-    """Unknown with the smallest pivot."""
 
 
 @dataclass(frozen=True)

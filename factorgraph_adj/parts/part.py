@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +12,7 @@ from ..errors import InputError, Problem
 from ..io.readers import read
 from ..network.network import Network
 from ..solve.start import Start
+from .folder import Folder
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,7 @@ class StoredPart:
 
     def read(self) -> tuple[Network, Start | None]:
         """Return the network, and values to start from."""
-        with self.path.open("rb") as stream:
-            network, start = pickle.load(stream)
+        network, start = Folder(self.path.parent).read(self.path.stem)
         return network, start
 
 

@@ -17,12 +17,9 @@ from ..solve.estimates import Estimate
 from ..types import Array
 from .folder import Scratch
 from .junctions import Junctions
-from .loaded import Job, Loaded, key_of
-from .messages import At, Begun, Finished, Tested
+from .loaded import STAMP, Job, Loaded, key_of
+from .messages import LISTED, At, Begun, Finished, Tested
 from .solution import Totals
-
-LISTED = 20
-"""Number of observations with the largest tests that a solution lists."""
 
 
 @dataclass(frozen=True)
@@ -186,13 +183,20 @@ class PartsSolution(Shown):
         """Return the results of a part, which is read again.
 
         Raises:
-            InputError: no part has this name.
+            InputError: no part has this name; the folder has the results of a later run; or the
+                part has changed since.
         """
         found = {job.part.name: job for job in self.jobs}
         if name not in found:
             raise InputError(Problem(f"unknown part; known: {known(found)}", f"part {name!r}"))
         loaded = Loaded(found[name])
         folder = found[name].own
+        if folder.read(STAMP) != loaded.stamp():
+            what = (
+                "a later run has written into the folder of this solution, or the part has "
+                "changed since: adjust again, and give each solution a folder of its own"
+            )
+            raise InputError(Problem(what, f"part {name!r}, {folder.path}"))
         tests = folder.arrays("reliability")
         return PartResult(
             loaded.solver_at(At(self.state, self.weights)).equations,

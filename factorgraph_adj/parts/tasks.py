@@ -25,8 +25,9 @@ from ..solve.rank import undetermined
 from ..solve.sides import before_the_cameras, refuse_points_behind
 from ..solve.singular import SingularError
 from ..types import Array, Keys
-from .loaded import Job, Loaded
+from .loaded import STAMP, Job, Loaded
 from .messages import (
+    LISTED,
     At,
     Begun,
     Finished,
@@ -52,9 +53,6 @@ REMEDY = (
     "observations that tie it to its junctions"
 )
 """What a user can do about datum defects of a part."""
-LISTED = 20
-"""Number of observations with the largest tests that a part reports."""
-
 JUNCTIONS = "junctions"
 """Name of the arrays of the covariances of the junctions."""
 
@@ -105,8 +103,8 @@ def observations_at(part: Loaded, keys: Keys) -> Keys:
 
 
 @_task
-def labels_of(part: Loaded, keys: Keys, numbers: Keys) -> list[str]:
-    """Return the names of observations by their numbers."""
+def labels_of(part: Loaded, keys: Keys, numbers: Keys) -> list[tuple[str, str]]:
+    """Return kind and name of observations by their numbers."""
     return part.labels_of(keys, numbers)
 
 
@@ -130,8 +128,6 @@ def eliminate(part: Loaded, at: At) -> Reduced:
         return Reduced(packed(np.zeros((m, m))), nothing, nothing, np.nan, 0.0)
     pivots = e.factor.relative_pivots(e.normal.diagonal + e.added, tree=1.0, point=1e9)
     pivots[~part.unknowns.free] = np.inf
-    worst = int(np.argmin(pivots)) if len(pivots) else -1
-    kind, name, component = part.unknowns.describe(worst)
     fronts = e.factor.fronts
     assert fronts is not None
     return Reduced(
@@ -139,8 +135,7 @@ def eliminate(part: Loaded, at: At) -> Reduced:
         e.factor.remaining(e.normal.gradient[:, None])[:, 0],
         e.normal.diagonal[part.kept],
         e.normal.system.vtpv,
-        float(pivots[worst]),
-        f"{kind} {name!r} {component}",
+        float(np.min(pivots)),
     )
 
 
@@ -161,7 +156,7 @@ def move(part: Loaded, at: At, junctions: Array, to: int) -> Moved:
         after = float(v @ v)
     except InputError:
         after = np.inf
-    part.write_state(to, moved)
+    part.write_state(to, moved, at.weights)
     return Moved(after if np.isfinite(after) else np.inf, downhill, damped)
 
 
@@ -214,6 +209,7 @@ def finish(part: Loaded, at: At, totals: Totals) -> Finished:
             "estimated_errors": found.estimated_errors,
         },
     )
+    part.job.own.write(STAMP, part.stamp())
     size = np.where(found.controlled, np.abs(found.w), 0.0)
     largest = np.argsort(-size, kind="stable")[:LISTED]
     r = found.redundancy_numbers

@@ -15,8 +15,10 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import HeightDifference, SlopeDistance
 from factorgraph_adj.parts.cut import Regions, cut_network
 from factorgraph_adj.parts.folder import Folder
+from factorgraph_adj.parts.loaded import OLDEST
 from factorgraph_adj.report.parts import parts_protocol
 from factorgraph_adj.rotation import log_rotation
+from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.types import Array
 from tests.benchmarks.grids import simulate_grid, simulate_mixed
 from tests.loaders.dynadjust import read_dynaml
@@ -286,6 +288,27 @@ def test_junctions_that_no_part_determines_are_named():
         fga.adjust_parts([part_of("south", south), part_of("north", north)])
 
 
+def test_junctions_of_a_large_root_that_no_part_determines(monkeypatch):
+    monkeypatch.setattr("factorgraph_adj.parts.root.SEARCHED", 1)
+    south = levelled("south", {"A": "", "B": "", "C": ""}, "AB BC CA")
+    north = levelled("north", {"B": "", "C": "", "D": ""}, "BD DC")
+    with pytest.raises(fga.DatumError, match="leave their junctions undetermined: give control"):
+        fga.adjust_parts([part_of("south", south), part_of("north", north)])
+
+
+def test_undetermined_unknowns_are_named_without_an_iteration():
+    north = levelled("north", {"B": "", "D": ""}, "BD")
+    with pytest.raises(fga.DatumError, match="part 'north': the network is not determined"):
+        fga.adjust_parts([part_of("north", north)], max_iterations=0)
+
+
+def test_a_worker_that_does_not_reach_the_folder_is_told(tmp_path):
+    parts = cut_network(simulated.levelling(), 2, Folder(tmp_path))
+    (tmp_path / "part-0001" / "network.pickle").unlink()
+    with pytest.raises(fga.InputError, match=r"part '2', \S+: is missing: every worker must reach"):
+        fga.adjust_parts(parts)
+
+
 # -- interruption -------------------------------------------------------------------------------
 
 
@@ -327,6 +350,29 @@ def test_a_folder_of_another_run_is_refused(tmp_path):
     (tmp_path / "run.json").write_text("{")
     with pytest.raises(fga.InputError, match="not the progress of a run"):
         fga.adjust_parts([part_of("south", south)], folder=tmp_path)
+
+
+def test_a_solution_refuses_the_results_of_a_later_run(tmp_path):
+    south = [part_of("south", levelled("south", {"A": "fixed", "B": ""}, "AB BA"))]
+    first = fga.adjust_parts(south, folder=tmp_path)
+    assert first.point("B")[2] == pytest.approx(103.7, abs=0.01)
+    later = fga.adjust_parts(south, folder=tmp_path, variance="a-posteriori")
+    assert later.covariance("B")[2, 2] > 0.0
+    with pytest.raises(fga.InputError, match=r"part 'south', .*: a later run has written"):
+        first.part("south")
+
+
+def test_the_state_of_the_weights_stays_however_often_a_run_goes_on(tmp_path):
+    line = Network("line")
+    line.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    line.add_point("B", (70.0, 0.0, 0.0), fixed="y")
+    for d in (0.0, 0.01):
+        line.add(SlopeDistance("A", "B", 100.0 + d, sigma=0.001))
+        line.add(HeightDifference("A", "B", d, sigma=StandardDeviation(per_sqrt_km=0.1)))
+    for _ in range(OLDEST + 3):
+        found = fga.adjust_parts([part_of("line", line)], folder=tmp_path)
+    assert found.state > found.weights + OLDEST > OLDEST
+    assert found.point("B")[0] == pytest.approx(fga.adjust(line).point("B")[0], abs=1e-7)
 
 
 def test_a_temporary_folder_disappears_with_the_solution():
