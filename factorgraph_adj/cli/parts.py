@@ -11,6 +11,7 @@ from ..parts.adjust import adjust_parts
 from ..parts.network import adjust_cut
 from ..parts.result import PartsSolution
 from ..parts.workers import connected
+from ..quality.levels import ALPHA, POWER
 from ..quality.unit_weight import global_test
 from ..report.parts import parts_protocol, write_parts
 from .check import refuse_problems
@@ -51,6 +52,8 @@ def adjust_in_parts(options: argparse.Namespace) -> int:
         InputError: options contradict each other, or a part has problems.
     """
     refused = [name for name in WHOLE_ONLY if getattr(options, name)]
+    if (options.alpha, options.power) != (ALPHA, POWER):
+        refused.append("alpha" if options.alpha != ALPHA else "power")
     problems = [
         Problem(f"--{name.replace('_', '-')} is for a network that is adjusted as a whole")
         for name in refused

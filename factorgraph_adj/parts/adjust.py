@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 from uuid import uuid4
@@ -88,13 +88,13 @@ def adjust_parts(
     with Workers(jobs, client) as workers:
         surveyed = workers.all(survey, [()] * len(jobs))
         signature = _signature(jobs, surveyed)
-        point = _resumed(place, signature)
+        point = _resumed(place, signature, tolerance)
         keys = shared_keys(surveyed, [job.part.name for job in jobs])
         whole, begun, repeated = _begun(workers, keys)
         point, ended = _weighed(
             whole,
             point,
-            Noted(place, signature),
+            Noted(place, signature, tolerance),
             tolerance=tolerance,
             max_iterations=max_iterations,
             progress=progress,
@@ -118,9 +118,9 @@ def adjust_parts(
 class Noted:
     """Writes the progress of a run."""
 
-    def __init__(self, folder: Folder, signature: str) -> None:
-        """Take in where, and of which run."""
-        self._folder, self._signature = folder, signature
+    def __init__(self, folder: Folder, signature: str, tolerance: float) -> None:
+        """Take in where, of which run, and what it counts as rest."""
+        self._folder, self._signature, self._tolerance = folder, signature, tolerance
 
     def __call__(self, point: Point) -> None:
         """Write a point."""
@@ -133,6 +133,8 @@ class Noted:
                 "iterations": point.iterations,
                 "last": point.last,
                 "damping": [d.value, d.resume, d.growth],
+                "tolerance": self._tolerance,
+                "ended": None if point.ended is None else asdict(point.ended),
             }
         )
 
@@ -145,7 +147,7 @@ def _signature(jobs: Sequence[Job], surveyed: Sequence[Surveyed]) -> str:
     return digest.hexdigest()
 
 
-def _resumed(folder: Folder, signature: str) -> Point:
+def _resumed(folder: Folder, signature: str, tolerance: float) -> Point:
     """Return the point at which a run goes on.
 
     Raises:
@@ -166,6 +168,7 @@ def _resumed(folder: Folder, signature: str) -> Point:
         found["iterations"],
         found["last"],
         Damping(*found["damping"]),
+        Ended(**found["ended"]) if found["ended"] and found["tolerance"] <= tolerance else None,
     )
 
 
@@ -248,6 +251,8 @@ def _weighed(
     progress: Progress | None,
 ) -> tuple[Point, Ended]:
     """Iterate; repeat with the weights that follow from the new lengths of sights."""
+    if point.ended is not None:
+        return point, point.ended
     for _ in range(MOST_WEIGHINGS):
         point, ended = iterate(
             whole,
@@ -261,6 +266,8 @@ def _weighed(
         if not ended.converged or ended.iterations >= max_iterations:
             break
         if all(whole.workers.all(weighs_as, [(at,)] * len(whole.workers.jobs))):
+            point = replace(point, ended=ended)
+            note(point)
             break
         point = replace(point, weights=point.state)
     return point, ended

@@ -39,6 +39,8 @@ class Point:
     """Bound of the last step, relative to σ."""
     damping: Damping = field(default_factory=Damping)
     """The damping of the next step."""
+    ended: Ended | None = None
+    """How the run ended at rest; none: it goes on."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,9 @@ def test_projects_are_parts_of_one_network(tmp_path, capsys):
     assert "part 'again': other parts measure the same points in the same photos: im" in printed
 
 
-@pytest.mark.parametrize("option", ["--snoop", "--robust huber", "--test pope", "--sidak"])
+@pytest.mark.parametrize(
+    "option", ["--snoop", "--robust huber", "--test pope", "--sidak", "--alpha 0.01"]
+)
 def test_options_of_a_whole_network_are_refused(option, capsys):
     assert main(["adjust", "a", "b", *option.split()]) != 0
     assert (
