@@ -13,7 +13,6 @@ from ..io.project import Project
 from ..io.readers import READERS
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
-from ..quality.unit_weight import global_test
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.context import Report
 from ..report.options import Provenance, ReportOptions
@@ -23,7 +22,7 @@ from ..solve.batch import adjust
 from ..solve.solution import Solution
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
-from .messages import iteration, progress
+from .messages import doubts_about, iteration, progress
 from .options import PROJECT_HELP, add_adjustment, add_project, count, probability
 from .parts import add_parts, adjust_in_parts, in_parts
 
@@ -190,15 +189,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _verdict(found: Adjusted) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
-    solution, doubts = found.solution, []
-    test = global_test(solution)
-    if not solution.converged:
-        doubts.append(f"not converged: {solution.reason}")
-    elif not test.accepted:
-        doubts.append(
-            f"global test failed: σ̂0 = {test.sigma0:.4f}, accepted from {test.lower:.4f} "
-            f"to {test.upper:.4f}"
-        )
+    doubts = doubts_about(found.solution)
     if found.components is not None and not found.components.converged:
         doubts.append(f"variance components not converged: {found.components.reason}")
     if found.snooping is not None:

@@ -12,11 +12,10 @@ from ..parts.network import adjust_cut
 from ..parts.result import PartsSolution
 from ..parts.workers import connected
 from ..quality.levels import ALPHA, POWER
-from ..quality.unit_weight import global_test
 from ..report.parts import parts_protocol, write_parts
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
-from .messages import iteration, progress
+from .messages import doubts_about, iteration, progress
 from .options import count
 
 WHOLE_ONLY = ("snoop", "robust", "variance_components", "ellipses", "rows", "test", "sidak")
@@ -100,14 +99,7 @@ def _solution(options: argparse.Namespace) -> PartsSolution:
 
 def _verdict(solution: PartsSolution) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
-    test, doubts = global_test(solution), []
-    if not solution.converged:
-        doubts.append(f"not converged: {solution.reason}")
-    elif not test.accepted:
-        doubts.append(
-            f"global test failed: σ̂0 = {test.sigma0:.4f}, accepted from {test.lower:.4f} "
-            f"to {test.upper:.4f}"
-        )
+    doubts = doubts_about(solution)
     if n := len(solution.repeated):
         doubts.append(f"{n} observations agree with one of another part: is it the same one?")
     for doubt in doubts:
