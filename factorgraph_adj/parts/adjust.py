@@ -69,9 +69,9 @@ def adjust_parts(
 
     Raises:
         InputError: parts cannot be read, differ in what they hold, weight or estimate, have
-            cameras of one name with different lenses, state the same observation, have different
-            frames, or ask for a free network; the folder belongs to another run; errors of all
-            parts at once, each with the name of its part.
+            cameras of one name with different lenses, measure the same point in the same photo,
+            have different frames, or ask for a free network; the folder belongs to another run;
+            errors of all parts at once, each with the name of its part.
         ApproximationError: points, photos or sets of a part have no approximate values.
         DatumError: unknowns of a part are not determined by the part and its junctions, or the
             junctions are not determined by all parts together.
@@ -82,7 +82,7 @@ def adjust_parts(
         check_client(client)
     temporary = Scratch() if folder is None else None
     place = Folder(Path(temporary.path if temporary is not None else str(folder)).absolute())
-    place.path.mkdir(parents=True, exist_ok=True)
+    place.made()
     run = uuid4().hex
     jobs = [Job(part, number, place, run) for number, part in enumerate(parts_of(parts))]
     with Workers(jobs, client) as workers:

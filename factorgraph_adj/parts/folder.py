@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -53,7 +54,7 @@ class Folder:
             InputError: they are not there.
         """
         path = self.path / f"{name}.npz"
-        with _reaching(path), np.load(path) as stored:
+        with _reaching(path), path.open("rb") as stream, np.load(stream) as stored:
             return {key: stored[key] for key in stored.files}
 
     def write(self, name: str, value: object) -> None:
@@ -74,6 +75,19 @@ class Folder:
     def forget(self, name: str) -> None:
         """Remove arrays; nothing happens where there are none."""
         (self.path / f"{name}.npz").unlink(missing_ok=True)
+
+    def made(self) -> Folder:
+        """Make the folder if there is none, and return it.
+
+        Raises:
+            InputError: it cannot be made.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            what = f"the folder of the run cannot be made: {error.strerror}"
+            raise InputError(Problem(what, str(self.path))) from None
+        return self
 
     # -- progress -----------------------------------------------------------------------------
 
@@ -110,11 +124,14 @@ class Scratch:
 
 @contextmanager
 def _reaching(path: Path) -> Iterator[None]:
-    """Raise InputError where a file of the run is missing."""
+    """Raise InputError where a file of the run is missing or damaged."""
     try:
         yield
     except FileNotFoundError:
         what = "is missing: every worker must reach the folder of the run under this path"
+        raise InputError(Problem(what, str(path))) from None
+    except (BadZipFile, ValueError, EOFError, pickle.UnpicklingError):
+        what = "is damaged: give an empty folder, in which the run begins anew"
         raise InputError(Problem(what, str(path))) from None
 
 

@@ -204,16 +204,26 @@ def _differences(
             out.append(Problem(f"it has different components {both}", where))
         elif not np.array_equal(one.free, other.free):
             differ = one.components[int(np.flatnonzero(one.free != other.free)[0])]
-            what = f"component {differ} is held in one and estimated in the other"
-            out.append(Problem(f"{what} {both}: state it in the same way in both", where))
+            holds, estimates = names[number], names[other_number]
+            if one.free[one.components.index(differ)]:
+                holds, estimates = estimates, holds
+            what = f"part {holds!r} holds component {differ}, and part {estimates!r} estimates it"
+            out.append(Problem(f"{what}: state it in the same way in both", where))
         elif not _same_values(v, one, other, ~one.free):
-            out.append(Problem(f"it is held at different values {both}", where))
+            values = " and ".join(_listed(v, s) for s in (one, other))
+            out.append(Problem(f"it is held at different values {both}: {values}", where))
         else:
             a, b = (np.isfinite(s.sigma) & s.free for s in (one, other))
             if a.any() and b.any() and not _same_weight(v, one, other):
                 what = f"its weighted values or standard deviations differ {both}"
                 out.append(Problem(f"{what}: they count once, so state them equally", where))
     return out
+
+
+def _listed(v: Variable, one: Shared) -> str:
+    """Return the values of an unknown in the form of an input."""
+    values = UNKNOWNS[v.kind].given(one.given[None])[0, : len(one.components)]
+    return "(" + ", ".join(f"{x:.10g}" for x in values.tolist()) + ")"
 
 
 def _same_values(v: Variable, one: Shared, other: Shared, which: Mask) -> bool:

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..errors import ApproximationError
+from ..errors import AdjustmentError, ApproximationError, InputError
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import DEFAULT, State, Unknowns, calibration_name
 from ..models.variables import VariableKind
@@ -81,7 +81,7 @@ class Loaded:
         if isinstance(job.part.load, StoredPart):
             self.network, self._given = job.part.load.read()
         else:
-            self.network = job.part.load()
+            self.network = _read(job.part)
         self.whole = compile_network(self.network)
 
     # -- its variables ------------------------------------------------------------------------
@@ -354,6 +354,24 @@ _MODELS: dict[VariableKind, Callable[[Network, str], str]] = {
     "calibration": _of_calibration,
 }
 """What the values of a variable belong to, for kinds that do not say it all."""
+
+
+def _read(part: Part) -> Network:
+    """Return the network of a part.
+
+    Raises:
+        InputError: its function fails, or returns something else.
+    """
+    try:
+        network = part.load()
+    except AdjustmentError:
+        raise
+    except Exception as error:  # a user's function may fail in any way
+        what = f"the function that reads it fails: {type(error).__name__}: {error}"
+        raise InputError(what) from error
+    if not isinstance(network, Network):
+        raise InputError(f"the function that reads it must return a Network, not {network!r}")
+    return network
 
 
 def key_of(kind: str, name: str) -> int:

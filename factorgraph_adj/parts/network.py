@@ -162,9 +162,8 @@ def adjust_cut(
         regions = FOR_EACH_WORKER * max(workers, 1)
     temporary = Scratch() if folder is None else None
     place = Path(temporary.path if temporary is not None else str(folder)).absolute()
-    place.mkdir(parents=True, exist_ok=True)
     solution = adjust_parts(
-        cut_network(network, regions, Folder(place)),
+        cut_network(network, regions, Folder(place).made()),
         client=client,
         folder=place,
         name=network.name,

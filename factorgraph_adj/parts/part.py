@@ -52,18 +52,29 @@ def parts_of(sources: Sequence[Source]) -> tuple[Part, ...]:
     Raises:
         InputError: there is no part, or two parts have the same name.
     """
+    for source in sources:
+        if not isinstance(source, Part | str | Path):
+            what = f"a part is a project's file or folder, or `Part`, not {type(source).__name__}"
+            raise InputError(what)
+        if isinstance(source, Part) and not callable(source.load):
+            what = "its load must be a function without arguments that returns a network"
+            raise InputError(Problem(what, f"part {source.name!r}"))
     parts = tuple(s if isinstance(s, Part) else _of_file(Path(s)) for s in sources)
     if not parts:
         raise InputError("there are no parts: give at least one project, or `Part`")
     seen: dict[str, int] = {}
     for number, part in enumerate(parts, start=1):
         if part.name in seen:
-            what = f"parts {seen[part.name]} and {number} have this name: give one of them another"
+            what = (
+                f"parts {seen[part.name]} and {number} have this name, which is that of the file "
+                "or folder: leave one out if they are the same, or rename it"
+            )
             raise InputError(Problem(what, f"part {part.name!r}"))
         seen[part.name] = number
     return parts
 
 
 def _of_file(path: Path) -> Part:
+    path = path.resolve()
     named = path.parent if path.name == "project.toml" else path
-    return Part(named.stem if named.is_file() else named.name, partial(read, path.resolve()))
+    return Part(named.stem if named.is_file() else named.name, partial(read, path))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
@@ -140,6 +141,11 @@ class Workers:
                             break
             except KilledWorker:
                 break
+            except CancelledError as error:
+                raise AdjustmentError(
+                    f"the cluster has stopped ({error}): start it again, and give the same folder "
+                    "to go on from the last iteration"
+                ) from None
             finally:
                 lost, call.future = call.future, None  # or the workers keep the result
             client.cancel([lost])
@@ -187,10 +193,10 @@ def connected(address: str | None) -> Iterator[Client | None]:
 
 
 def check_client(client: object) -> None:
-    """Refuse what is no synchronous client of Dask.
+    """Refuse what is no synchronous client of Dask, or has no workers.
 
     Raises:
-        InputError: it is none, or Dask is not installed.
+        InputError: it is none, its cluster has no workers, or Dask is not installed.
     """
     try:
         from distributed import Client
@@ -200,6 +206,14 @@ def check_client(client: object) -> None:
         raise InputError(
             f"client must be a synchronous distributed.Client of Dask, not {type(client).__name__}"
         )
+    if client.status != "running":
+        raise InputError(f"the client of the Dask cluster is {client.status}: connect a new one")
+    try:
+        client.wait_for_workers(1, timeout=CONNECTED)
+    except TimeoutError:
+        where = client.scheduler.address if client.scheduler is not None else "the cluster"
+        what = f"no workers after {CONNECTED}: start some with dask worker {where}"
+        raise InputError(Problem(what, f"cluster {where}")) from None
 
 
 def _bytes(value: Any) -> int:

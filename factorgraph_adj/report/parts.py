@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import known
 from ..io.atomic import write_files
 from ..io.tables import write_columns
 from ..models.variables import UNKNOWNS
@@ -31,7 +32,7 @@ def parts_protocol(solution: PartsSolution) -> str:
 
 
 def write_parts(solution: PartsSolution, folder: str | Path) -> None:
-    """Write protocol.txt, points.csv and observations.csv into a folder; an error writes none.
+    """Write protocol.txt, points.csv, unknowns.csv and observations.csv; an error writes none.
 
     Args:
         solution: the result of `adjust_parts`.
@@ -41,9 +42,11 @@ def write_parts(solution: PartsSolution, folder: str | Path) -> None:
         InputError: the folder cannot be written to; no file has changed.
     """
     points: dict[str, list[str]] = {}
+    unknowns: dict[str, list[str]] = {}
     observations: dict[str, list[str]] = {}
     seen: set[str] = set()
     for name, part in solution.results():
+        _add(unknowns, _unknowns(name, part, seen))
         _add(points, _points(name, part, seen))
         _add(observations, _observations(name, part))
     write_files(
@@ -51,6 +54,7 @@ def write_parts(solution: PartsSolution, folder: str | Path) -> None:
         {
             "protocol.txt": parts_protocol(solution),
             "points.csv": write_columns(points),
+            "unknowns.csv": write_columns(unknowns) if unknowns["name"] else None,
             "observations.csv": write_columns(observations),
         },
     )
@@ -66,8 +70,9 @@ def _whole(s: PartsSolution) -> list[str]:
     )
     ended = "converged" if s.converged else "NOT CONVERGED"
     largest = max(p.memory for p in s.quality.parts)
+    name = s.name or known((job.part.name for job in s.jobs), most=4)
     out = [
-        f"Adjustment of {s.name or 'a network without a name'} in {len(s.jobs)} parts",
+        f"Adjustment of {name} in {len(s.jobs)} part{'s' * (len(s.jobs) != 1)}",
         "=" * WIDTH,
         f"  program               factorgraph_adj {__version__}",
         f"  observations n        {s.n_observations}",
@@ -159,21 +164,46 @@ def _points(name: str, part: PartResult, seen: set[str]) -> dict[str, list[str]]
     }
 
 
+def _unknowns(name: str, part: PartResult, seen: set[str]) -> dict[str, list[str]]:
+    """Return the other unknowns of a part that no earlier part has, SI or image units."""
+    rows: list[tuple[str, str, str, str, str]] = []
+    tables = part.equations.unknowns
+    for kind, t in tables.tables.items():
+        if kind == "point":
+            continue
+        for number in np.flatnonzero(t.offset >= 0).tolist():
+            label = f"{kind} {t.names[number]}"
+            if label in seen:
+                continue
+            seen.add(label)
+            values = tables.given(part.state, kind, number)
+            sigma = np.sqrt(np.maximum(np.diag(part.covariances[kind][number]), 0.0))
+            for c, component in enumerate(tables.component_names(kind, number)):
+                value = repr(float(values[c]))
+                rows.append((kind, t.names[number], component, value, f"{sigma[c]:.6g}"))
+    columns = ("kind", "name", "component", "value", "sigma")
+    found = {c: [row[i] for row in rows] for i, c in enumerate(columns)}
+    return {"part": [name] * len(rows), **found}
+
+
 def _observations(name: str, part: PartResult) -> dict[str, list[str]]:
     """Return the observations of a part, SI and image units."""
     ids: list[str] = []
+    labels: list[str] = []
     components: list[str] = []
     kinds: list[str] = []
     units: list[str] = []
     for block in part.equations.blocks:
         d = block.dimension
         ids += [block.ids[i] for i in range(block.n) for _ in range(d)]
+        labels += [block.labels(i) for i in range(block.n) for _ in range(d)]
         components += [block.component(i, c) for i in range(block.n) for c in range(d)]
         kinds += [block.kind] * (block.n * d)
         units += [block.unit] * (block.n * d)
     return {
         "part": [name] * len(ids),
         "id": ids,
+        "observation": labels,
         "kind": kinds,
         "component": components,
         "unit": units,

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.parts import workers
 from factorgraph_adj.parts.cut import cut_network
 from factorgraph_adj.parts.folder import Folder
 from tests.benchmarks.grids import simulate_grid
@@ -84,6 +85,18 @@ def test_a_part_that_kills_every_worker_is_named(client, tmp_path):
     deadly = Deadly(stored[1].load.path.parent, tmp_path / "died", always=True)
     with pytest.raises(fga.AdjustmentError, match="part 'deadly': every worker that computed it"):
         fga.adjust_parts([stored[0], fga.Part("deadly", deadly)], client=client)
+
+
+def test_a_cluster_without_workers_is_refused(monkeypatch):
+    monkeypatch.setattr(workers, "CONNECTED", "0.3s")
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster,
+        distributed.Client(cluster) as client,
+        pytest.raises(fga.InputError, match=r"no workers after 0\.3s: start some with dask worker"),
+    ):
+        fga.adjust(simulate_grid(1, points=36).network, client=client)
+    with pytest.raises(fga.InputError, match="the client of the Dask cluster is closed"):
+        fga.adjust(simulate_grid(1, points=36).network, client=client)
 
 
 def test_what_parts_cannot_do_is_refused(client):

@@ -220,11 +220,12 @@ def test_everything_that_parts_state_differently_is_named_at_once():
     with pytest.raises(fga.InputError) as error:
         fga.adjust_parts([part_of("south", south), part_of("north", north)])
     assert str(error.value).splitlines() == [
-        "point 'B': component z is held in one and estimated in the other in parts 'south' and "
-        "'north': state it in the same way in both",
+        "point 'B': part 'north' holds component z, and part 'south' estimates it: state it in the "
+        "same way in both",
         "point 'C': its weighted values or standard deviations differ in parts 'south' and "
         "'north': they count once, so state them equally",
-        "point 'D': it is held at different values in parts 'south' and 'north'",
+        "point 'D': it is held at different values in parts 'south' and 'north': (0, 0, 111.1) and "
+        "(0, 0, 111.2)",
     ]
 
 
@@ -252,6 +253,32 @@ def test_frames_and_free_networks_are_refused():
     north.frame, north.datum = south.frame, "free"
     with pytest.raises(fga.InputError, match="part 'north': a network in parts needs a given"):
         fga.adjust_parts([part_of("south", south), part_of("north", north)])
+
+
+def test_what_is_no_part_is_refused(tmp_path):
+    south = levelled("south", {"A": "fixed", "B": ""}, "AB")
+    with pytest.raises(fga.InputError, match="project's file or folder, or `Part`, not Network"):
+        fga.adjust_parts([south])
+    with pytest.raises(fga.InputError, match="part 'a': its load must be a function"):
+        fga.adjust_parts([fga.Part("a", south)])
+    with pytest.raises(
+        fga.InputError, match=r"part 'a': the function .* must return a Network, not 4"
+    ):
+        fga.adjust_parts([fga.Part("a", lambda: 42)])
+    with pytest.raises(fga.InputError, match="part 'a': the function that reads it fails: ZeroDiv"):
+        fga.adjust_parts([fga.Part("a", lambda: 1 / 0)])
+    (tmp_path / "file").touch()
+    with pytest.raises(fga.InputError, match="the folder of the run cannot be made"):
+        fga.adjust_parts([part_of("south", south)], folder=tmp_path / "file" / "inside")
+
+
+def test_a_damaged_file_of_a_run_is_named(tmp_path):
+    south = levelled("south", {"A": "fixed", "B": ""}, "AB BA")
+    found = fga.adjust_parts([part_of("south", south)], folder=tmp_path)
+    path = tmp_path / "part-0000" / f"state-{found.state}.npz"
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(fga.InputError, match=rf"{path.name}: is damaged: give an empty folder"):
+        fga.adjust_parts([part_of("south", south)], folder=tmp_path)
 
 
 def test_names_of_parts_differ():
