@@ -11,10 +11,10 @@ With the steps fₖ, and the movement dₖ of the unknowns after fₖ, the next 
 (Anderson 1965; Walker & Ni 2011, eq. 2.1 and 2.2), in the metric of the normal equations, which
 does not depend on units: ‖f‖²_N = |A f|².
 
-An extrapolation is taken only where vᵀPv is lower after it than after the step alone. Three limits
-bound how long they go on: only steps below `StoppingRule.still` are extrapolated, each of them that
-brings no progress counts twice towards `StoppingRule.patience`, and every one is an iteration of
-``max_iterations``.
+An extrapolation is taken only where vᵀPv is lower after it than after the step alone. Four limits
+bound how long they go on: after `MOST_IN_VAIN` in a row that are not taken no more are tried, only
+steps below `StoppingRule.still` are extrapolated, each of them that brings no progress counts twice
+towards `StoppingRule.patience`, and every one is an iteration of ``max_iterations``.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ from ..types import Array
 
 MEMORY = 6
 """Number of differences of steps that are kept."""
+MOST_IN_VAIN = 5
+"""Number of extrapolations in a row that are not taken, after which no more are tried: each costs
+an evaluation of all observations."""
 RCOND = 1e-8
 """Relative singular value of the matrix of differences of steps below which it counts as zero."""
 
@@ -65,18 +68,22 @@ class Extrapolation:
 
     def clear(self) -> None:
         """Forget all steps: the next step starts a new sequence."""
+        self.in_vain = 0
+        """Number of extrapolations in a row that were not taken."""
         self._step: Array | None = None
         self._rows: Array = np.zeros(0)
         self._moves: list[Array] = []
         self._bends: list[Array] = []
 
     def beyond(self, step: Array, rows: Callable[[Array], Array]) -> Array | None:
-        """Return the extrapolated movement; none: there is no earlier step yet.
+        """Return the extrapolated movement; none: no earlier step, or too many were in vain.
 
         Args:
             step: Gauss-Newton step at the present state, (n_columns,).
             rows: function that returns A times a vector, whitened, (n_rows,).
         """
+        if self.in_vain >= MOST_IN_VAIN:
+            return None
         now = rows(step)
         if self._step is not None:
             # moved() has put the movement after the last step at the end of the list.

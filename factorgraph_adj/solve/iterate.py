@@ -237,9 +237,11 @@ def _movement(
         there = np.inf if further is None else run.vtpv(further)
         better = there < attempt.vtpv or (judged.small and no_higher(there, attempt.vtpv))
         if further is not None and better:
+            beyond.in_vain = 0
             beyond.moved(movement)
             run.extrapolated = run.extrapolated.with_one(attempt.vtpv - there)
             return Movement(further, there, False)
+        beyond.in_vain += 1
     beyond.moved(step.movement)
     return by_step
 
