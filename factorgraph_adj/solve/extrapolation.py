@@ -12,9 +12,9 @@ With the steps fₖ, and the movement dₖ of the unknowns after fₖ, the next 
 does not depend on units: ‖f‖²_N = |A f|².
 
 An extrapolation is taken only where vᵀPv is lower after it than after the step alone. Four limits
-bound how long they go on: after `MOST_IN_VAIN` in a row that are not taken no more are tried, only
-steps below `StoppingRule.still` are extrapolated, each of them that brings no progress counts twice
-towards `StoppingRule.patience`, and every one is an iteration of ``max_iterations``.
+bound how long they go on: after `MOST_IN_VAIN` in a row that are not taken only every other step is
+extrapolated, only steps below `StoppingRule.still` are, each of them that brings no progress counts
+twice towards `StoppingRule.patience`, and every one is an iteration of ``max_iterations``.
 """
 
 from __future__ import annotations
@@ -29,8 +29,10 @@ from ..types import Array
 MEMORY = 6
 """Number of differences of steps that are kept."""
 MOST_IN_VAIN = 5
-"""Number of extrapolations in a row that are not taken, after which no more are tried: each costs
-an evaluation of all observations."""
+"""Number of extrapolations in a row that are not taken, after which only some steps are
+extrapolated: each costs an evaluation of all observations."""
+EVERY = 2
+"""Every how many steps an extrapolation is tried then."""
 RCOND = 1e-8
 """Relative singular value of the matrix of differences of steps below which it counts as zero."""
 
@@ -69,7 +71,7 @@ class Extrapolation:
     def clear(self) -> None:
         """Forget all steps: the next step starts a new sequence."""
         self.in_vain = 0
-        """Number of extrapolations in a row that were not taken."""
+        """Number of steps in a row without an extrapolation that was taken."""
         self._step: Array | None = None
         self._rows: Array = np.zeros(0)
         self._moves: list[Array] = []
@@ -82,8 +84,6 @@ class Extrapolation:
             step: Gauss-Newton step at the present state, (n_columns,).
             rows: function that returns A times a vector, whitened, (n_rows,).
         """
-        if self.in_vain >= MOST_IN_VAIN:
-            return None
         now = rows(step)
         if self._step is not None:
             # moved() has put the movement after the last step at the end of the list.
@@ -95,6 +95,11 @@ class Extrapolation:
             return None
         share, *_ = np.linalg.lstsq(np.stack(self._bends, axis=1), now, rcond=RCOND)
         return step - np.stack(self._moves, axis=1) @ share
+
+    @property
+    def promising(self) -> bool:
+        """Whether an extrapolation is worth its evaluation at this step."""
+        return self.in_vain < MOST_IN_VAIN or self.in_vain % EVERY == 0
 
     def moved(self, movement: Array) -> None:
         """Note the movement of the unknowns after the last step, (n_columns,)."""

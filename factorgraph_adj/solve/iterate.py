@@ -231,7 +231,8 @@ def _movement(
         return by_step
     movement = beyond.beyond(step.movement, lambda dx: normal.system.times(dx[:, None])[:, 0])
     # Steps that shrink fast converge better by themselves.
-    if movement is not None and stop.slows_down(step.bound):
+    slow = movement is not None and stop.slows_down(step.bound)
+    if movement is not None and slow and beyond.promising:
         guess = run.equations.unknowns.retract(run.state, movement)
         further = before_the_cameras(run.equations, run.state, guess)
         there = np.inf if further is None else run.vtpv(further)
@@ -241,7 +242,7 @@ def _movement(
             beyond.moved(movement)
             run.extrapolated = run.extrapolated.with_one(attempt.vtpv - there)
             return Movement(further, there, False)
-        beyond.in_vain += 1
+    beyond.in_vain += slow
     beyond.moved(step.movement)
     return by_step
 
