@@ -22,7 +22,7 @@ from .folder import Folder, Scratch
 from .iterate import Point, Whole, iterate
 from .junctions import Junctions, RootPlaces, shared_keys
 from .loaded import Job
-from .messages import At, Begun, Surveyed, packed
+from .messages import At, Begun, Surveyed, in_part, packed
 from .part import Source, parts_of
 from .result import PartsSolution, Quality
 from .solution import Totals
@@ -220,7 +220,7 @@ def _begun(workers: Workers, keys: Keys) -> tuple[Whole, list[Begun], tuple[tupl
             break
         start = found  # a part may need what another one has found, and all start from the same
     missing = [
-        Problem(what, f"part {name!r}, {where}" if where else f"part {name!r}")
+        in_part(name, where, what)
         for name, part in zip(names, begun, strict=True)
         for where, what in part.missing
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from ..errors import InputError, Problem
 from ..models.variables import UNKNOWNS, VariableKind
 from ..solve.dissection import Front, Pattern, dissect_parts
 from ..solve.places import Places
+from ..solve.remainder import Remainder, joined
 from ..types import Array, Index, Keys, Mask
 from .messages import Begun, Setup, Shared, Surveyed, Variable
 
@@ -176,10 +178,15 @@ class RootPlaces(Places):
         self._settle(
             node[of_column][inner], position[inner], column[inner], column[~inner], nothing
         )
-        self.positions: Array = positions[on]
-        """Where the nodes are, (n, 3) metres."""
-        place = np.cumsum(~spread) - 1
-        self._parts = [place[p[~spread[p]]] for p in junctions.of_part]
+        self._positions = positions[on]
+        self._parts = [node[p[~spread[p]]] for p in junctions.of_part]
+        self._columns = junctions.columns
+
+    @cached_property
+    def layout(self) -> tuple[Pattern, list[Front]]:
+        """The blocks of the root and its fronts, which are the same in all iterations."""
+        parts = [Remainder(c, np.zeros((0, 0))) for c in self._columns]
+        return self.structure(joined(self, parts), self._positions)
 
     def _fronts(self, pattern: Pattern, positions: Array) -> list[Front]:
         """Return the fronts: all junctions of a part are joined."""

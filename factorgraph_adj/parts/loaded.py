@@ -68,7 +68,7 @@ class Loaded:
 
     last: Elimination | None = None
     """The last elimination, which a step follows."""
-    _weighed: tuple[int, Equations, Solver] | None = None
+    _weighed: tuple[int, Solver] | None = None
 
     def __init__(self, job: Job) -> None:
         """Read and compile a part.
@@ -90,6 +90,10 @@ class Loaded:
     def unknowns(self) -> Unknowns:
         """The unknowns."""
         return self.whole.unknowns
+
+    def number(self, variable: Variable) -> int:
+        """Return the number of a variable among those of its kind."""
+        return self.unknowns[variable.kind].number[variable.name]
 
     @cached_property
     def keys(self) -> dict[VariableKind, Keys]:
@@ -198,6 +202,9 @@ class Loaded:
 
     def begin(self, setup: Setup) -> Begun:
         """Take in the junctions, and write the first state."""
+        for name in ("setup", "kept", "equations"):  # they follow from earlier junctions
+            self.__dict__.pop(name, None)
+        self.last = self._weighed = None
         self.job.own.write("setup", setup)
         self.job.own.write_arrays("keys", {str(kind): keys for kind, keys in self.keys.items()})
         try:
@@ -206,16 +213,14 @@ class Loaded:
             nothing = tuple(np.full(len(start), np.nan) for start in setup.start)
             return Begun(nothing, tuple((p.where, p.what) for p in error.problems))
         self.write_state(0, state)
-        start = tuple(
-            state[v.kind][self.unknowns[v.kind].number[v.name]].copy() for v in setup.variables
-        )
+        start = tuple(state[v.kind][self.number(v)].copy() for v in setup.variables)
         nodes = self.solver_at(At(0)).plan.nodes
         assert nodes is not None
         positions = np.zeros((len(setup.variables), 3))
         spread = np.zeros(len(setup.variables), dtype=bool)
         stands = nodes.positions(state)
         for i, v in enumerate(setup.variables):
-            columns = self.unknowns.columns(v.kind, self.unknowns[v.kind].number[v.name])
+            columns = self.unknowns.columns(v.kind, self.number(v))
             place = nodes.place_of[columns].max()
             spread[i] = place >= nodes.n * nodes.width
             if not spread[i]:
@@ -231,7 +236,7 @@ class Loaded:
         """
         known = {kind: table.values.copy() for kind, table in self.unknowns.tables.items()}
         for v, start in zip(setup.variables, setup.start, strict=True):
-            number = self.unknowns[v.kind].number[v.name]
+            number = self.number(v)
             own = known[v.kind][number]
             known[v.kind][number] = np.where(np.isnan(start), own, start)
         unknowns = copy(self.unknowns)
@@ -240,7 +245,7 @@ class Loaded:
         }
         state = dict(start_of(replace(self.whole, unknowns=unknowns), "given", self._given).state)
         for v, start in zip(setup.variables, setup.start, strict=True):
-            number = self.unknowns[v.kind].number[v.name]
+            number = self.number(v)
             values = state[v.kind].copy()
             values[number] = np.where(np.isnan(start), values[number], start)
             state[v.kind] = values
@@ -258,7 +263,7 @@ class Loaded:
         """Free columns of the junctions, in the order of the root, (m,)."""
         columns = [np.zeros(0, dtype=np.intp)]
         for v in self.setup.variables:
-            own = self.unknowns.columns(v.kind, self.unknowns[v.kind].number[v.name])
+            own = self.unknowns.columns(v.kind, self.number(v))
             columns.append(own[self.unknowns.free[own]])
         return np.concatenate(columns)
 
@@ -268,7 +273,7 @@ class Loaded:
         foreign: dict[VariableKind, list[int]] = {}
         for v, elsewhere in zip(self.setup.variables, self.setup.foreign, strict=True):
             if elsewhere:
-                foreign.setdefault(v.kind, []).append(self.unknowns[v.kind].number[v.name])
+                foreign.setdefault(v.kind, []).append(self.number(v))
         blocks, first = [], 0
         for block in self.whole.blocks:
             kind, index = block.variables[0]
@@ -308,9 +313,9 @@ class Loaded:
             nothing = np.zeros(self.unknowns.n_columns, dtype=bool)
             layers = layers_of(equations, reduce_points=True, touched=nothing, kept=self.kept)
             solver = Solver(equations, Plan.of(equations, layers))
-            self._weighed = (at.weights, equations, solver)
+            self._weighed = (at.weights, solver)
             self.last = None
-        return self._weighed[2]
+        return self._weighed[1]
 
     def eliminated(self, at: At) -> Elimination:
         """Return the eliminated interior at a point of the iteration.
@@ -322,10 +327,7 @@ class Loaded:
         if self.last is None or self.last.at != at:
             before, self.last = self.last, None
             solver = self.solver_at(at)
-            if before is not None and (before.at.state, before.at.weights) == (
-                at.state,
-                at.weights,
-            ):
+            if before is not None and replace(before.at, damping=at.damping) == at:
                 normal = before.normal
             else:
                 normal = NormalEquations(solver, self.state(at.state))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..errors import Problem
 from ..models.variables import VariableKind
 from ..types import Array, Keys, Mask
 
@@ -163,6 +164,11 @@ class Refused:
     """Number of missing conditions."""
     unknowns: tuple[tuple[str, str], ...] = ()
     """Kind and name of the undetermined unknowns."""
+
+
+def in_part(name: str, where: str, what: str) -> Problem:
+    """Return a problem of a part: its place begins with the name of the part."""
+    return Problem(what, f"part {name!r}, {where}" if where else f"part {name!r}")
 
 
 def packed(a: Array) -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..solve.fronts import BlockMatrix, Fronts
-from ..solve.remainder import Remainder, joined
+from ..solve.remainder import Remainder
 from ..solve.singular import SingularError
 from ..types import Array, Index
 from .junctions import Junctions, RootPlaces
@@ -27,8 +27,7 @@ class Root:
     def __init__(self, junctions: Junctions, places: RootPlaces) -> None:
         """Begin with nothing."""
         self.junctions, self.places = junctions, places
-        pairs = joined(places, [Remainder(c, np.zeros((0, 0))) for c in junctions.columns])
-        pattern, self._order = places.structure(pairs, places.positions)
+        pattern, self._order = places.layout
         self.matrix = BlockMatrix.zeros(pattern)
         self.right: Array = np.zeros(junctions.n_columns)
         """Σs."""

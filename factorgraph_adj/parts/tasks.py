@@ -111,9 +111,6 @@ def labels_of(part: Loaded, keys: Keys, numbers: Keys) -> list[tuple[str, str]]:
 @_task
 def begin(part: Loaded, setup: Setup) -> Begun:
     """Take in the junctions, and write the first state."""
-    for name in ("setup", "kept", "equations"):
-        part.__dict__.pop(name, None)
-    part.last, part._weighed = None, None
     return part.begin(setup)
 
 
@@ -289,7 +286,7 @@ def _status(field: str) -> float:
 def _same_junctions(part: Loaded, a: Any, b: Any) -> bool:
     """Return whether two states have the same values of the junctions."""
     for v in part.setup.variables:
-        number = part.unknowns[v.kind].number[v.name]
+        number = part.number(v)
         if not np.array_equal(a[v.kind][number], b[v.kind][number]):
             return False
     return True

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import AdjustmentError, ApproximationError, DatumError, InputError, Problem
 from .loaded import Job
-from .messages import Refused
+from .messages import Refused, in_part
 from .tasks import forget
 
 if TYPE_CHECKING:
@@ -230,11 +230,7 @@ def _bytes(value: Any) -> int:
 def _error(refused: Sequence[tuple[str, Refused]]) -> AdjustmentError:
     """Return one error for those of several parts."""
     kinds = {r.kind for _, r in refused}
-    problems = [
-        Problem(what, f"part {name!r}, {where}" if where else f"part {name!r}")
-        for name, r in refused
-        for where, what in r.lines
-    ]
+    problems = [in_part(name, where, what) for name, r in refused for where, what in r.lines]
     if kinds == {"ApproximationError"}:
         return ApproximationError(problems)
     if kinds <= {"InputError", "ApproximationError"}:
