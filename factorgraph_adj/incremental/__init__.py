@@ -1,1 +1,1 @@
-"""Adjustment of observations as they arrive, in one iSAM2."""
+"""Adjustment of observations as they arrive: a batch solution, and what joined or left since."""

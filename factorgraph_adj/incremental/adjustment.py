@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from itertools import islice
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..errors import AdjustmentError, InputError, Problem, known
+from ..errors import InputError, Problem, known
 from ..network.entities import Camera, Photo, Point
 from ..network.network import DatumChoice, Network
 from ..observations import AnyObservation, Correlated, Observation
@@ -20,39 +18,22 @@ from ..quality.reliability import Reliability, check_probabilities, reliability
 from ..quality.snooping import snoop
 from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
-from ..stochastic import StandardDeviation
 from ..types import Array
-from . import records
-from .absorbing import Absorbing, Arrival, joined
-from .book import Book
-from .engine import Engine
+from . import commands, records
+from .arrival import Arrival, Waiting, waiting_of
+from .beginning import begin, restored
+from .flow import State
 from .journal import Journal
-from .local import known_network
-from .trial import MOST_ROWS, parts
-from .units import Unit, named
+from .ledger import Ledger, Some
+from .rebasing import known_network
+from .rules import Rules
 from .verdicts import Policy, Verdict
-from .view import solution_of, without_tree
+from .view import solution_of
 
 POLICIES = ("accept", "flag", "reject")
-MOST_WEIGHT = 1e12
-"""Factor of weights beyond which nothing is meant by it."""
 
 
-@dataclass(frozen=True)
-class Waiting:
-    """An observation that waits."""
-
-    id: str
-    """Its id."""
-    kind: str
-    """Its kind."""
-    label: str
-    """Readable name."""
-    lacks: str
-    """What is missing until it can enter."""
-
-
-class IncrementalAdjustment(Absorbing):
+class IncrementalAdjustment:
     """A network that is adjusted while its observations arrive.
 
     Every observation is predicted from all others and tested before it counts; what is not
@@ -104,49 +85,18 @@ class IncrementalAdjustment(Absorbing):
             InputError: an option or the network's input is bad, or the journal has content.
         """
         _check_options(policy, alpha, accuracy, datum)
-        self.policy: Policy = policy
-        """What becomes of observations beyond the critical value."""
-        self.alpha = alpha
-        """Probability of a false alarm of one test."""
+        chosen = network.datum if datum is None else datum
         self.resumed = ""
         """What `resume` found torn at the end of its journal; empty if nothing."""
+        self._rules = Rules(policy, alpha, accuracy, chosen)
         self._journal: Journal | None = None
-        self._solution: Solution | None = None
-        self._spared = set()
-        self._depth, self._starting_over, self._most_split = 0, False, np.inf
-        self._was = None
-        chosen = network.datum if datum is None else datum
-        self._book = Book(network.copy())
-        self._book.network.datum = chosen
-        self._engine = Engine(self._book.network, datum=chosen, accuracy=accuracy)
-        self._begin(start)
+        self._solution: tuple[State, Solution] | None = None
+        own = network.copy()
+        own.datum = chosen
+        self._state = begin(Ledger.of(own), self._rules, start)
         if journal is not None:
             options = {"policy": policy, "alpha": alpha, "accuracy": accuracy, "datum": chosen}
             self._journal = Journal.create(journal, records.header(network, options), durable=False)
-
-    def _begin(self, start: Solution | None) -> None:
-        """Put the network's own observations in; what they do not determine waits."""
-        book = self._book
-        if not book.inside:
-            return
-        loose: list[Unit] = []
-        network = book.adjustable()
-        solution = self._adjusted(network, start)
-        if solution is None or not solution.converged:
-            loose = self._set_aside()
-            if loose:
-                network = book.adjustable()
-                solution = self._adjusted(network, start)
-        if book.inside:
-            try:
-                self._hold(network, solution, start)
-            except AdjustmentError:
-                loose = [*book.take_all(), *loose]
-            else:
-                self._engine.settled = False
-                book.fill(self._engine.register)
-        if loose:
-            self._absorb(loose, test=False)
 
     @classmethod
     def resume(cls, journal: str | Path) -> IncrementalAdjustment:
@@ -164,22 +114,40 @@ class IncrementalAdjustment(Absorbing):
             network, options = records.start_of(header)
             _check_options(options["policy"], options["alpha"], options["accuracy"], None)
             out = cls.__new__(cls)
-            out.policy, out.alpha = options["policy"], options["alpha"]
-            out.resumed, out._solution, out._journal = torn, None, None
-            out._spared, out._depth = set(), 0
-            out._starting_over, out._most_split, out._was = False, np.inf, None
-            out._book = Book(network)
             network.datum = options["datum"]
-            out._engine = Engine(network, datum=options["datum"], accuracy=options["accuracy"])
-            out._begin(None)
+            out._rules = Rules(**options)
+            out.resumed, out._solution, out._journal = torn, None, None
+            begun = begin(Ledger.of(network), out._rules, None)
+            ledger = begun.ledger.recorded()
             for line, entry in enumerate(entries, start=2):
-                records.replay(entry, out._book, where=f"{journal}:{line}")
-            out._restore()
+                ledger = records.replay(entry, ledger, where=f"{journal}:{line}")
+            out._state = begun if not entries else restored(ledger, begun, out._rules)
         except BaseException:
             opened.close()
             raise
         out._journal = opened
         return out
+
+    @property
+    def policy(self) -> Policy:
+        """What becomes of observations beyond the critical value."""
+        return self._rules.policy
+
+    @property
+    def alpha(self) -> float:
+        """Probability of a false alarm of one test."""
+        return self._rules.alpha
+
+    def _changed(
+        self, do: str, result: tuple[State, Arrival], fields: Mapping[str, Any] | None = None
+    ) -> Arrival:
+        """Write the difference of two ledgers to the journal, then take the new state over."""
+        state, arrival = result
+        if self._journal is not None:
+            changed = records.difference(self._state.ledger, state.ledger)
+            self._journal.append({"do": do, **(fields or {}), **changed})
+        self._state = replace(state, ledger=state.ledger.recorded())
+        return arrival
 
     # -- arriving -----------------------------------------------------------------------------
 
@@ -209,26 +177,10 @@ class IncrementalAdjustment(Absorbing):
         Raises:
             InputError: everything that is wrong with the input; nothing has changed then.
         """
-        observations = _listed(observations)
+        listed = _listed(observations)
         new = tuple(points), tuple(photos), tuple(cameras)
-        draft = self._book.with_entities(*new) if any(new) else self._book.network
-        units = self._book.units(draft, list(observations))
-        entry = self._entry("add", **records.entities(*new))
-        if sum(u.n_scalars for u in units) > MOST_ROWS:
-            with self._all_or_nothing(entry):
-                self._take_over(draft)
-                found = Arrival()
-                for part in parts(units):
-                    found = joined(found, self._absorb(part, test=True))
-            return found
-        before = self._book.network
-        self._take_over(draft)
-        try:
-            return self._absorb(units, test=True, entry=entry)
-        except BaseException:
-            if draft is not before:
-                self._take_over(before)
-            raise
+        result = commands.add(self._state, listed, self._rules, *new)
+        return self._changed("add", result, records.entities(*new))
 
     # -- changing -----------------------------------------------------------------------------
 
@@ -244,10 +196,7 @@ class IncrementalAdjustment(Absorbing):
         Raises:
             InputError: every id that there is not; nothing has changed then.
         """
-        wanted = self._known_ids([ids] if isinstance(ids, str) else list(ids))
-        with self._all_or_nothing({"do": "remove"}):
-            waits = self._remove(wanted)
-        return Arrival((), waits)
+        return self._changed("remove", commands.remove(self._state, _ids(ids), self._rules))
 
     def replace(self, id: str, observation: Observation) -> Arrival:
         """Put a new observation in the place of another, under the same id; it is tested.
@@ -255,12 +204,8 @@ class IncrementalAdjustment(Absorbing):
         Raises:
             InputError: no such id, or what is wrong with the observation; nothing has changed.
         """
-        self._known_ids([id])
-        with self._all_or_nothing({"do": "replace"}):
-            self._remove([id])
-            units = self._book.units(self._book.network, [named(observation, id)])
-            found = self._absorb(units, test=True)
-        return found
+        result = commands.put_in_place(self._state, id, observation, self._rules)
+        return self._changed("replace", result)
 
     def reweight(self, ids: str | Iterable[str], factor: float) -> Arrival:
         """Multiply the weights of observations by a factor: their σ are divided by its root.
@@ -274,21 +219,8 @@ class IncrementalAdjustment(Absorbing):
         Raises:
             InputError: unknown ids, or a bad factor; nothing has changed then.
         """
-        wanted = self._known_ids([ids] if isinstance(ids, str) else list(ids))
-        if not 1.0 / MOST_WEIGHT <= factor <= MOST_WEIGHT:
-            what = f"the factor of weights must be between {1 / MOST_WEIGHT:g} and {MOST_WEIGHT:g}"
-            raise InputError(f"{what}, not {factor}")
-        with self._all_or_nothing({"do": "reweight"}):
-            units = list({u.ids[0]: u for u in map(self._book.unit, wanted)}.values())
-            left_out = [self._book.status(u.ids[0]) in ("suspect", "rejected") for u in units]
-            self._remove([i for u in units for i in u.ids])
-            scaled = [_scaled(u, 1.0 / np.sqrt(factor)) for u in units]
-            found = Arrival()
-            for test in (False, True):
-                part = [u for u, out in zip(scaled, left_out, strict=True) if out == test]
-                if part:
-                    found = joined(found, self._absorb(part, test=test))
-        return found
+        result = commands.reweight(self._state, _ids(ids), factor, self._rules)
+        return self._changed("reweight", result)
 
     def accept(self, ids: str | Iterable[str]) -> Arrival:
         """Put suspects, or rejected observations, in after all.
@@ -296,12 +228,7 @@ class IncrementalAdjustment(Absorbing):
         Raises:
             InputError: every id that is neither; nothing has changed then.
         """
-        wanted = [ids] if isinstance(ids, str) else list(ids)
-        with self._all_or_nothing({"do": "accept"}):
-            units = self._book.release(wanted)
-            self._solution = None
-            found = self._absorb(units, test=False)
-        return found
+        return self._changed("accept", commands.accept(self._state, _ids(ids), self._rules))
 
     def discard(self, ids: str | Iterable[str]) -> None:
         """Throw suspects out: they count as rejected.
@@ -309,9 +236,7 @@ class IncrementalAdjustment(Absorbing):
         Raises:
             InputError: every id that is not a suspect; nothing has changed then.
         """
-        wanted = [ids] if isinstance(ids, str) else list(ids)
-        with self._all_or_nothing({"do": "discard"}):
-            self._book.discard(wanted)
+        self._changed("discard", (commands.discard(self._state, _ids(ids)), Arrival()))
 
     def snoop(self, **options: Any) -> Snooping:
         """Search the whole network for gross errors, and take out what is found.
@@ -329,12 +254,8 @@ class IncrementalAdjustment(Absorbing):
         ids = [r.id for r in found.rejected]
         ids += [i for p in found.points_set_aside for i in p.rays]
         if ids:
-            with self._all_or_nothing({"do": "snoop"}):
-                inside = [i for i in dict.fromkeys(ids) if self._book.in_graph(i)]
-                weights = [i for i in dict.fromkeys(ids) if i not in inside]
-                units = list(dict.fromkeys(self._book.unit(i) for i in inside))
-                self._remove([*(i for u in units for i in u.ids), *weights])
-                self._book.reject(units)
+            unique = list(dict.fromkeys(ids))
+            self._changed("snoop", commands.reject(self._state, unique, self._rules, "snooping"))
         return found
 
     def settle(self) -> None:
@@ -342,94 +263,68 @@ class IncrementalAdjustment(Absorbing):
 
         In a free network the coordinates are then on the inner constraints over all datum points.
         """
-        book = self._book
-        if self._engine.empty and not book.pool:
+        if self._state.system is None and not self.n_waiting:
             return
-        with self._all_or_nothing(self._entry("settle")):
-            self._solution = None
-            if not self._engine.empty:
-                self._engine.settle()
-                self._let_go(())
-            if book.pool:
-                book.retries.clear()
-                found = self._absorb(list(book.pool.values()), test=True)
-                if any(v.verdict != "waiting" for v in found.verdicts):
-                    self._engine.settle()
+        self._changed("settle", commands.settle(self._state, self._rules))
 
     # -- asking -------------------------------------------------------------------------------
 
     @property
     def waiting(self) -> tuple[Waiting, ...]:
         """What waits, and what it lacks."""
-        return tuple(w for u in self._book.pool.values() for w in self._waiting_of(u))
+        return tuple(waiting_of(self._state, self._state.ledger.having("waiting")))
 
     def latest_waiting(self, most: int) -> tuple[Waiting, ...]:
         """Return what began to wait last, the latest first: ``most`` units at most."""
-        units = islice(reversed(self._book.pool.values()), most)
-        return tuple(w for u in units for w in self._waiting_of(u))
+        some = self._state.ledger.having("waiting")
+        latest = Some(some.units[-most:], some.rays[-most:])
+        return tuple(reversed(tuple(waiting_of(self._state, latest))))[:most]
 
     @property
     def n_waiting(self) -> int:
         """Number of observations that wait."""
-        return sum(len(u.ids) for u in self._book.pool.values())
-
-    def _waiting_of(self, unit: Unit) -> Iterator[Waiting]:
-        lacks = self._book.why(unit, self._engine.register)
-        for ident, o in zip(unit.ids, unit.observations, strict=True):
-            yield Waiting(ident, o.kind, o.label(), lacks)
+        some = self._state.ledger.having("waiting")
+        return sum(len(u.ids) for u in some.units) + len(some.rays)
 
     @property
     def suspects(self) -> tuple[Verdict, ...]:
         """Observations beyond the critical value that are left out until they are decided on."""
-        return tuple(v for _, found in self._book.suspects.values() for v in found)
+        return tuple(self._state.ledger.verdicts("suspect"))
 
     @property
     def rejected(self) -> tuple[Verdict, ...]:
         """Observations that were rejected."""
-        return tuple(v for _, found in self._book.rejected.values() for v in found)
+        return tuple(self._state.ledger.verdicts("rejected"))
 
     def network(self) -> Network:
         """Return the network as it stands: what is in the graph, to save or to adjust in batch.
 
         Approximate values that were found stand in it as given ones.
         """
-        return known_network(self._book.network, self._engine.register)
+        return known_network(self._state.ledger, self._state.system)
 
     def solution(self) -> Solution:
         """Return the solution: the same as that of the batch adjustment.
 
-        Its covariances are those of iSAM2's Bayes tree.
-
         Raises:
             InputError: nothing is in the graph.
         """
-        if self._solution is None:
-            if self._engine.empty:
-                raise InputError("nothing is determined yet: there is no solution")
-            self._engine.to_datum()
-            self._solution = solution_of(self._engine)
-        return self._solution
+        if self._state.system is None:
+            raise InputError("nothing is determined yet: there is no solution")
+        if self._solution is None or self._solution[0] is not self._state:
+            self._solution = self._state, solution_of(self._state, self._rules)
+        return self._solution[1]
 
     def reliability(self, *, alpha: float | None = None, power: float = 0.80) -> Reliability:
-        """Return the reliability of every observation, from iSAM2's own Bayes tree.
-
-        All observations are linearised anew for it. Where that is not precise enough for points
-        with next to nothing to say where they are, the normal equations are factorised as by
-        `adjust`.
+        """Return the reliability of every observation, linearised where everything is by now.
 
         Raises:
             InputError: a bad probability, or nothing is in the graph.
-            AdjustmentError: the network is too weak even for that.
+            AdjustmentError: the network is too weak for it.
         """
         chosen = self.alpha if alpha is None else alpha
         check_probabilities(chosen, power)
-        if not self._engine.settled and not self._engine.empty:
-            self._solution = None
-            self._engine.linearise_here()
-        solution = self.solution()
-        with suppress(AdjustmentError):
-            return reliability(solution, alpha=chosen, power=power)
-        return reliability(without_tree(solution), alpha=chosen, power=power)
+        return reliability(self.solution(), alpha=chosen, power=power)
 
     def estimate(self, name: str) -> Array:
         """Return the coordinates of a point, (3,) metres.
@@ -439,13 +334,13 @@ class IncrementalAdjustment(Absorbing):
         Raises:
             InputError: no such point, or it is not determined yet.
         """
-        if self._engine.held:
-            return self.solution().point(self._determined(name))
-        table = self._engine.register["point"]
         self._determined(name)
-        if name not in table.number:
-            return np.array(self._book.network.points[name].coordinates)
-        return np.array(table.value.view[table.number[name]])
+        system = self._state.system
+        value = None if system is None else system.value("point", name)
+        if value is None:
+            return np.array(self._state.ledger.network.points[name].coordinates)
+        free = system is not None and system.base.datum is not None
+        return self.solution().point(name) if free else value
 
     def covariance(self, a: str, b: str | None = None) -> Array:
         """Return the covariance of a point, or between two points, (3, 3) metres²; σ0 = 1.
@@ -453,10 +348,15 @@ class IncrementalAdjustment(Absorbing):
         Raises:
             InputError: no such point, or it is not determined yet.
         """
-        names = [self._determined(n) for n in ((a,) if b is None or a == b else (a, b))]
-        if self._engine.held:
-            return self.solution().covariance(a, b)
-        return self._engine.point_covariance(names[0], names[-1])
+        names = [self._determined(n) for n in (a, a if b is None else b)]
+        system, out = self._state.system, np.zeros((3, 3))
+        if system is None or not all(system.known("point", n) for n in names):
+            return out
+        if system.base.datum is not None:
+            return self.solution().covariance(*names)
+        found = system.cofactors(("point", names[0]), ("point", names[1]))
+        out[: found.shape[0], : found.shape[1]] = found
+        return out
 
     def standard_deviations(self, name: str) -> Array:
         """Return the standard deviations of a point, (3,) metres."""
@@ -476,8 +376,7 @@ class IncrementalAdjustment(Absorbing):
         Raises:
             InputError: no such id.
         """
-        unit = self._book.unit(id)
-        return unit.observations[unit.ids.index(id)]
+        return self._state.ledger.observation(id)
 
     @property
     def described(self) -> Network:
@@ -485,22 +384,33 @@ class IncrementalAdjustment(Absorbing):
 
         Its observations are those in the graph.
         """
-        return self._book.network
+        return self._state.ledger.described
+
+    def determined(self, name: str) -> bool:
+        """Return whether a point is determined."""
+        system = self._state.system
+        return system is not None and system.known("point", name)
 
     @property
     def n_observations(self) -> int:
         """Number of scalar rows in the graph, weighted unknowns among them."""
-        return self._engine.store.n_scalars
+        system = self._state.system
+        if system is not None and system.doubt:  # which has not all of them
+            return self.solution().n_observations
+        return 0 if system is None else system.n_rows
 
     @property
     def redundancy(self) -> int:
         """Redundancy of the network as it stands."""
-        return self._engine.redundancy
+        system = self._state.system
+        if system is not None and system.doubt:
+            return self.solution().redundancy
+        return 0 if system is None else system.redundancy
 
     @property
     def vtpv(self) -> float:
         """VᵀPv, of the linear forms."""
-        return self._engine.store.vtpv()
+        return 0.0 if self._state.system is None else self._state.system.vtpv
 
     @property
     def sigma0(self) -> float:
@@ -511,45 +421,32 @@ class IncrementalAdjustment(Absorbing):
     @property
     def settled(self) -> bool:
         """Whether nothing has changed since it was at rest."""
-        return self._engine.settled
+        return self._state.settled
 
     def __len__(self) -> int:
         """Return the number of observations in the graph."""
-        network = self._book.network
-        return len(network.observations) + network.n_image_points
+        some = self._state.ledger.having("accepted")
+        return sum(len(u.ids) for u in some.units) + len(some.rays)
 
     def __repr__(self) -> str:
         """Say what is in the graph, and what is not."""
-        book = self._book
         return (
-            f"<IncrementalAdjustment of {book.network.name!r}: {len(self)} observations, "
-            f"redundancy {self.redundancy}, {len(self.waiting)} waiting, {len(self.suspects)} "
-            f"suspects, {len(self.rejected)} rejected>"
+            f"<IncrementalAdjustment of {self._state.ledger.network.name!r}: {len(self)} "
+            f"observations, redundancy {self.redundancy}, {self.n_waiting} waiting, "
+            f"{len(self.suspects)} suspects, {len(self.rejected)} rejected>"
         )
 
     # -- helpers ------------------------------------------------------------------------------
 
     def _determined(self, name: str) -> str:
-        points = self._book.network.points
+        points = self._state.ledger.network.points
         if name not in points:
             raise InputError(f"unknown point {name!r}; known: {known(points)}")
-        if self._engine.register.known("point", name) or all(points[name].fixed):
+        if self.determined(name) or all(points[name].fixed):
             return name
-        lacks = self._book.lacks.get(("point", name), "no observation has determined it yet")
+        given = self._state.ledger.lacks
+        lacks = given.get(("point", name), "no observation has determined it yet")
         raise InputError(Problem(f"is not determined: {lacks}", f"point {name!r}"))
-
-    def _known_ids(self, ids: Sequence[str]) -> list[str]:
-        wanted = list(dict.fromkeys(ids))
-        problems = [
-            Problem("unknown observation", f"observation {i!r}")
-            for i in wanted
-            if not self._book.has(i) and i not in self._engine.store.places
-        ]
-        if problems:
-            raise InputError(problems)
-        return wanted
-
-    # -- resuming -----------------------------------------------------------------------------
 
 
 def _check_options(policy: str, alpha: float, accuracy: float, datum: str | None) -> None:
@@ -582,28 +479,6 @@ def _listed(given: object) -> list[AnyObservation]:
     return items
 
 
-def _scaled(unit: Unit, by: float) -> Unit:
-    """Return the unit with its standard deviations multiplied."""
-    covariance = None if unit.covariance is None else unit.covariance * by**2
-    return Unit(
-        unit.ids,
-        tuple(_scaled_observation(o, by) for o in unit.observations),
-        covariance,
-        unit.variables,
-        unit.unknowns,
-    )
-
-
-def _scaled_observation(o: Observation, by: float) -> Observation:
-    changes: dict[str, Any] = {}
-    sigma = getattr(o, "sigma", None)
-    if isinstance(sigma, StandardDeviation):
-        changes["sigma"] = sigma.scaled(by)
-    elif isinstance(sigma, tuple):
-        changes["sigma"] = tuple(s * by for s in sigma)
-    elif sigma is not None:
-        changes["sigma"] = sigma * by
-    covariance = getattr(o, "covariance", None)
-    if covariance is not None:
-        changes["covariance"] = np.asarray(covariance) * by**2
-    return replace(o, **changes)
+def _ids(given: str | Iterable[str]) -> list[str]:
+    """Return ids as a list."""
+    return [given] if isinstance(given, str) else list(given)

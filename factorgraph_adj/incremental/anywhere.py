@@ -19,6 +19,10 @@ WITHIN = 3.0
 """Standard deviations of a point within which it may be."""
 
 
+NARROW = 1e-4
+"""1 − cos 0.8°: rays with a smaller angle let adjustments of blocks of photos creep."""
+
+
 @dataclass(frozen=True)
 class Anywhere:
     """A point that may be anywhere."""
@@ -87,6 +91,34 @@ def anywhere(solution: Solution) -> list[Anywhere]:
         Anywhere(points.names[i], float(1.0 / np.sqrt(least[i])) if least[i] else np.inf, far[i])
         for i in np.flatnonzero(vague & (far > 0)).tolist()
     ]
+
+
+def narrow(solution: Solution) -> list[str]:
+    """Return the points that only cameras see, with rays that are nearly parallel.
+
+    The least eigenvalue of Σ(I − d dᵀ) over the directions d of the rays of a point, 1 − cos of
+    their angle for two of them, is below `NARROW`. An adjustment creeps along such rays for tens of
+    iterations where photos move too.
+
+    Args:
+        solution: a state of the network.
+    """
+    layers, state = solution.solver.layers, solution.state
+    own = np.zeros((len(state["point"]), 3, 3))
+    for block in solution.equations.blocks:
+        if block.lens is None:
+            continue
+        (_, photo), _, (_, point) = block.variables
+        sight = state["point"][point] - state["pose"][photo, 9:]
+        d = sight / np.linalg.norm(sight, axis=1)[:, None]
+        for i in range(3):
+            for j in range(3):
+                across = float(i == j) - d[:, i] * d[:, j]
+                own[:, i, j] += np.bincount(point, weights=across, minlength=len(own))
+    least = np.linalg.eigvalsh(own)[:, 0]
+    found = np.flatnonzero(layers.reduced & (least < NARROW))
+    names = solution.equations.unknowns["point"].names
+    return [names[i] for i in found.tolist()]
 
 
 def _curved(block: Block) -> bool:

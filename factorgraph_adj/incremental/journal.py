@@ -22,8 +22,10 @@ from ..errors import InputError, Problem
 if sys.platform != "win32":
     import fcntl
 
-VERSION = 1
+VERSION = 2
 """Version of the format, the value of ``journal`` in the header."""
+VERSIONS = (1, 2)
+"""Versions that can be read."""
 _SHOWN = 60
 """Characters of a bad line that a message shows."""
 _BEGIN = b'{"journal"'
@@ -293,8 +295,10 @@ def _whole_lines(data: bytes, path: Path) -> tuple[list[dict[str, Any]], str, in
     if "journal" not in header:
         what = 'is not a journal: its first line lacks "journal"'
         raise InputError(Problem(what, str(path)))
-    if header["journal"] != VERSION or isinstance(header["journal"], bool):
-        what = f"is a journal of version {header['journal']!r}; valid: {VERSION}"
+    if header["journal"] not in VERSIONS or isinstance(header["journal"], bool):
+        what = (
+            f"is a journal of version {header['journal']!r}; valid: {', '.join(map(str, VERSIONS))}"
+        )
         raise InputError(Problem(what, str(path)))
     torn, keep = "", len(data)
     if found[-1] is None:

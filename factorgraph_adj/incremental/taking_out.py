@@ -1,97 +1,122 @@
-"""What is not determined any more without some observations, and what has to go with them.
-
-With M = I − A Q Aᵀ of the rows that go, the rest determines everything exactly where M is
-regular. A null vector z of M is a motion x = Q Aᵀ z that only these rows see: the variables that
-it moves wait again, and with them every observation of theirs.
-"""
+"""Observations are taken out, and with them what only they determine."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
-from dataclasses import dataclass
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from ..models.variables import VariableKind
-from ..types import Array
-from .cliques import cofactor_times
-from .engine import Engine
-from .judging import MOVES, TIED
-from .trial import MOST_ROWS
+from ..errors import AdjustmentError
+from ..solve.solution import Solution
+from ..types import Index
+from .candidates import Candidates, Nothing
+from .flow import State, Task
+from .ledger import Ledger, Some
+from .rebasing import Draft, Failure, with_doubt
+from .rules import Rules
+from .system import System
 from .units import Unit
 
 
-@dataclass(frozen=True)
-class Loosened:
-    """What goes together."""
+class Out(NamedTuple):
+    """What is left to do once observations have been taken out."""
 
-    ids: tuple[str, ...]
-    """Ids of all rows that go, weights of unknowns among them."""
-    variables: tuple[tuple[VariableKind, int], ...]
-    """Variables that are not determined without them."""
+    state: State
+    """The state without them."""
+    tasks: tuple[Task, ...]
+    """Observations to be looked at: the rest of groups, what waits again, what had waited."""
+    start: Solution | None
+    """Where everything was, if all of it has to be found out anew."""
 
 
-def what_loosens(
-    engine: Engine,
-    units: Iterable[Unit],
-    weights: Iterable[str],
-    unit_of: Callable[[str], Unit | None],
-) -> Loosened | None:
-    """Return what goes with some units; none where that is too much to find out.
+def take_out(state: State, ids: Sequence[str], rules: Rules, cause: str = "removed") -> Out:
+    """Take observations out, wherever they are.
 
     Args:
-        engine: the network.
-        units: what is to be taken out.
-        weights: ids of weighted unknowns that lose their weights.
-        unit_of: the unit of an id; none for weights of unknowns.
+        state: the state.
+        ids: their ids, and names of weighted unknowns, which lose their weights.
+        rules: the options.
+        cause: why.
     """
-    going: dict[str, Unit | None] = {i: u for u in units for i in u.ids}
-    going |= dict.fromkeys(weights)
-    variables: set[tuple[VariableKind, int]] = set()
-    while True:
-        if engine.store.n_rows_of(going) > MOST_ROWS:
-            return None
-        trial = engine.trial_of_ids(list(going))
-        values, vectors = np.linalg.eigh(trial.judged.m)
-        null = vectors[:, values <= TIED]
-        if not null.shape[1]:
-            break
-        places = np.concatenate([engine.register.places(k) for k in trial.system.keys])
-        y = np.zeros((engine.register.n_places, null.shape[1]))
-        y[places] = trial.system.a.T @ null
-        moved = _moved(engine, cofactor_times(engine.cliques(), y))
-        if moved <= variables:
-            break
-        variables |= moved
-        for ident in touching(engine, moved):
-            unit = unit_of(ident)
-            for i in (ident,) if unit is None else unit.ids:
-                going[i] = unit
-    return Loosened(tuple(going), tuple(sorted(variables)))
+    ledger = state.ledger
+    some = ledger.find(ids)
+    weights = [i for i in ids if not ledger.has(i)]
+    inside = _inside(ledger, some)
+    rests, fixed = _rests(ledger, some, set(ids))
+    ledger = ledger.moved(some, None, cause)
+    rest = Some(tuple(rests), np.zeros(0, dtype=np.intp))
+    ledger = ledger.moved(rest, "waiting", "rest of a group", new=True)
+    ledger = ledger.without_weights(weights).without_lacks(some)
+    start = None
+    again = Some.none()
+    system = state.system
+    if system is not None and (inside or weights):
+        firsts = [u.ids[0] for u in inside.units]
+        firsts += [state.ledger.rays.name(ledger.names, r) for r in inside.rays.tolist()]
+        ledger, system, again, start = _without(
+            replace(state, ledger=ledger), system, [*firsts, *weights], rules
+        )
+    waiting = ledger.having("waiting")
+    held = frozenset((*fixed, *ledger.ids_of(again)))
+    tasks = [Task(rest.joined(again), held), Task(waiting)]
+    return Out(State(ledger, system, settled=False), tuple(t for t in tasks if t.some), start)
 
 
-def _moved(engine: Engine, x: Array) -> set[tuple[VariableKind, int]]:
-    """Return the variables that motions x (n_places, k) move, by their conditional σ."""
-    out = set()
-    padded = np.append(np.abs(x).max(axis=1), 0.0)
-    for kind, table in engine.register.tables.items():
-        if table.n:
-            far = padded[table.place.view] * np.sqrt(table.weight.view)
-            out |= {(kind, i) for i in np.flatnonzero((far > MOVES).any(axis=1)).tolist()}
-    return out
+def _inside(ledger: Ledger, some: Some) -> Some:
+    """Return those of some observations that are in the graph."""
+    units = tuple(u for u in some.units if ledger.entries[u.ids[0]].outcome == "accepted")
+    rows: Index = some.rays[ledger.rays.having("accepted")[some.rays]]
+    return Some(units, rows)
 
 
-def touching(engine: Engine, variables: Collection[tuple[VariableKind, int]]) -> list[str]:
-    """Return the ids of all rows that touch variables."""
-    wanted: dict[VariableKind, list[int]] = {}
-    for kind, number in variables:
-        wanted.setdefault(kind, []).append(number)
-    found: dict[str, None] = {}
-    for rows in engine.store.kinds.values():
-        touched = np.zeros(rows.n, dtype=bool)
-        for kind, index in zip(rows.kinds, rows.index, strict=True):
-            if kind in wanted:
-                touched |= np.isin(index.view, wanted[kind])
-        at = np.flatnonzero(touched & rows.alive.view).tolist()
-        found.update(dict.fromkeys(rows.ids[i] for i in at))
-    return list(found)
+def _rests(ledger: Ledger, some: Some, gone: set[str]) -> tuple[list[Unit], list[str]]:
+    """Return what remains of correlated groups, and the ids of those that were in the graph."""
+    rests: list[Unit] = []
+    fixed: list[str] = []
+    for unit in some.units:
+        if unit.covariance is None:
+            continue
+        left = unit.without(ledger.network, gone)
+        if left is not None:
+            rests.append(left)
+            if ledger.entries[unit.ids[0]].outcome == "accepted":
+                fixed += left.ids
+    return rests, fixed
+
+
+def _without(
+    state: State, system: System, ids: Sequence[str], rules: Rules
+) -> tuple[Ledger, System | None, Some, Solution | None]:
+    """Return ledger and system without observations, what waits again, and where it was."""
+    ledger = state.ledger
+    if not system.doubt:
+        with suppress(AdjustmentError):
+            after = system.without(ids)
+            after = None if after is None else after.within(rules.accuracy)
+            if after is not None:
+                return ledger, after, Some.none(), None
+    loose = set() if system.doubt or rules.datum == "free" else system.loosened(ids)
+    again = Some.none()
+    if loose:
+        inside = ledger.having("accepted")
+        again = Candidates(ledger, Nothing(), inside).touching(loose)
+        ledger = ledger.moved(again, "waiting", "undetermined")
+    if loose is not None and ledger.having("accepted"):
+        try:
+            found = Draft.of(ledger, system, rules.datum, dropped=loose).adjusted(rules.datum)
+        except AdjustmentError:
+            found = None
+        # Without redundancy there is a minimum, v = 0, where everything is determined.
+        if isinstance(found, System) and (found.base.converged or found.redundancy):
+            return ledger, found, again, None
+        if isinstance(found, Failure) and found.loose is None:
+            stays = system.without(ids) or system
+            return ledger, with_doubt(stays, found.reason), again, None
+    # What is determined is found out anew.
+    inside = ledger.having("accepted")
+    ledger = ledger.moved(inside, "waiting", "anew")
+    where = system.base.at(system.state)
+    return ledger, None, inside.joined(again), where

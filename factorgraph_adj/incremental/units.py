@@ -16,7 +16,6 @@ from ..network.entities import FREE_ORIENTATION, Parameter
 from ..network.network import Network
 from ..observations import KINDS, AnyObservation, Correlated, ImagePoint, Observation
 from ..types import Array
-from .register import Register
 
 Variable: TypeAlias = tuple[VariableKind, str]
 """Kind and name."""
@@ -179,8 +178,3 @@ def small_unknown(network: Network, kind: VariableKind, name: str) -> Parameter 
     elif name in given:
         return given[name]
     return FREE_ORIENTATION if UNKNOWNS[kind].absent == "found" else None
-
-
-def pending(register: Register, unit: Unit) -> list[Variable]:
-    """Return the variables of a unit that are neither known nor constants."""
-    return [v for v in unit.unknowns if not register.known(*v)]

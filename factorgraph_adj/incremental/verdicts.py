@@ -30,6 +30,8 @@ from ..types import Array, Index
 Policy: TypeAlias = Literal["accept", "flag", "reject"]
 """What becomes of an observation whose test value is beyond the critical value."""
 Outcome: TypeAlias = Literal["accepted", "suspect", "rejected", "waiting"]
+OUTCOMES: tuple[Outcome, ...] = ("accepted", "waiting", "suspect", "rejected")
+"""Every outcome, in the order in which a line of the journal lists them."""
 UNCONTROLLED = 1e-6
 """Eigenvalues of M below which an error in that direction does not show; see
 `factorgraph_adj.quality.reliability.UNCONTROLLED`."""

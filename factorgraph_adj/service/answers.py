@@ -13,8 +13,8 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import AdjustmentError, InputError, Problem
-from ..incremental.absorbing import Arrival
-from ..incremental.adjustment import IncrementalAdjustment, Waiting
+from ..incremental.adjustment import IncrementalAdjustment
+from ..incremental.arrival import Arrival, Waiting
 from ..incremental.verdicts import Gain, Verdict
 from ..io.numbers import Units, write
 from ..observations import ImagePoint, observation_kind

@@ -84,7 +84,7 @@ def adjust(
     if variance not in ("a-priori", "a-posteriori"):
         raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
     equations = compile_network(network)
-    return _adjusted(
+    return adjust_from(
         equations,
         start_of(equations, choice, start),
         free=choice == "free",
@@ -119,7 +119,7 @@ def readjust(
     equations = solution.equations
     if solution.weights is not None:
         equations = equations.reweighted(1.0 / solution.weights)
-    return _adjusted(
+    return adjust_from(
         equations,
         Start(equations.unknowns, solution.state, solution.start),
         free=(solution.network.datum if datum is None else datum) == "free",
@@ -130,13 +130,13 @@ def readjust(
     )
 
 
-def _adjusted(
+def adjust_from(
     equations: Equations,
     start: Start,
     *,
     free: bool,
-    variance: Literal["a-priori", "a-posteriori"],
-    weights: Array | None,
+    variance: Literal["a-priori", "a-posteriori"] = "a-priori",
+    weights: Array | None = None,
     tolerance: float = TOLERANCE,
     max_iterations: int = MOST_ITERATIONS,
     factors: Sequence[gtsam.NonlinearFactor] = (),

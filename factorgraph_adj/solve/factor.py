@@ -181,6 +181,25 @@ class Factor:
         x[~self.free] = 0.0
         return x
 
+    def solve_reduced(self, y: Array) -> Array:
+        """Return x of the system without the points of the first layer, after their elimination.
+
+        Args:
+            y: right sides (n_columns, k), zero at the columns of those points; so is x.
+        """
+        y = np.where(self.free[:, None], y, 0.0)
+        x = np.zeros_like(y)
+        halves = down(self.cliques, y)
+        if self.nodes is not None and self.fronts is not None:
+            columns = self.nodes.columns
+            on = columns >= 0
+            reduced = np.zeros((len(columns), y.shape[1]))
+            reduced[on] = y[columns[on]]
+            x[columns[on]] = self.fronts.solve(reduced)[on]
+        up(self.cliques, halves, x)
+        x[~self.free] = 0.0
+        return x
+
     def remaining(self, y: Array) -> Array:
         """Return what the elimination of y (n_columns, k) leaves at the kept columns, (m, k)."""
         assert self.nodes is not None and self.fronts is not None

@@ -12,6 +12,7 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array, csr_array
 
 from ..graph.equations import Equations
 from ..graph.variables import State, Unknowns
@@ -146,6 +147,47 @@ class LinearSystem:
         for c in self.equations.clusters:
             out[c.rows] = c.whitener @ out[c.rows]
         return np.concatenate([out, *(e.a @ g[e.columns] for e in self.extra)])
+
+    def sparse(self, rows: Index) -> csr_array:
+        """Return whitened partials of some rows, (k, n_columns); extra rows are not among them.
+
+        Args:
+            rows: numbers of the rows, each once, (k,).
+        """
+        parts: list[tuple[Array, Index, Index]] = []
+        inside = np.zeros(self.equations.n_rows, dtype=bool)
+        clusters = [c for c in self.equations.clusters if np.isin(c.rows, rows).any()]
+        every = self.cluster_rows() if clusters else []
+        dense = dict(zip(map(id, self.equations.clusters), every, strict=bool(clusters)))
+        for c in clusters:
+            inside[c.rows] = True
+            columns, a = dense[id(c)]
+            own, mine = np.nonzero(rows[:, None] == c.rows)
+            shape = (len(own), len(columns))
+            i, j = np.broadcast_to(own[:, None], shape), np.broadcast_to(columns, shape)
+            parts.append((a[mine].ravel(), i.ravel(), j.ravel()))
+        for lb in self.blocks:
+            block = lb.block
+            own = np.flatnonzero((rows >= block.rows.start) & (rows < block.rows.stop))
+            own = own[~inside[rows[own]]]
+            if not len(own):
+                continue
+            number, component = np.divmod(rows[own] - block.first_row, block.dimension)
+            chosen, place = np.unique(number, return_inverse=True)
+            for offset, a in zip(lb.offsets, lb.partials(chosen), strict=True):
+                if not len(a):
+                    continue
+                first = offset[number][:, None]
+                shape = (len(own), a.shape[2])
+                columns = np.broadcast_to(first + np.arange(shape[1]), shape)
+                on = np.broadcast_to(first >= 0, shape) & (a[place, component] != 0.0)
+                at = np.broadcast_to(own[:, None], shape)
+                parts.append((a[place, component][on], at[on], columns[on]))
+        shape = (len(rows), self.unknowns.n_columns)
+        if not parts:
+            return csr_array(shape)
+        values, i, j = (np.concatenate(x) for x in zip(*parts, strict=True))
+        return csr_array(coo_array((values, (i, j)), shape=shape))
 
     def cluster_rows(self) -> list[tuple[Index, Array]]:
         """Return columns (m,) and whitened partials (k, m) of every cluster."""

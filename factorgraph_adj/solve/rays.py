@@ -62,7 +62,9 @@ class Rays:
         """Number of columns of a node, and of the border."""
         self.cameras = nodes.cameras
         """Calibrations that several photos share."""
-        self._pairs(*self._parts(equations))
+        points, self.node_of_ray = self._parts(equations)
+        """Node of every ray, (n_rays,)."""
+        self._pairs(points, self.node_of_ray)
         self.coordinate_places = [
             i
             for i, b in enumerate(equations.blocks)
@@ -124,7 +126,8 @@ class Rays:
         """
         order = np.argsort(points, kind="stable").astype(np.int32)
         counts = np.bincount(points, minlength=self.n_points)
-        first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+        self._by_point, self._first = order, np.concatenate([[0], np.cumsum(counts)])
+        first = self._first[:-1]
         left, right = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
         for n in np.unique(counts[counts > 1]):
             rays = order[first[counts == n][:, None] + np.arange(n)]
@@ -145,6 +148,10 @@ class Rays:
         self.pair_starts = cuts
         self.of_first = np.searchsorted(self.pair_first, np.arange(n_nodes + 1))
         """Pairs of each first node: those from its place to the next one."""
+
+    def of_point(self, point: int) -> Index:
+        """Return the numbers of the rays to a point of the first layer."""
+        return np.asarray(self._by_point[self._first[point] : self._first[point + 1]], np.intp)
 
     @property
     def pair_codes(self) -> Index:

@@ -149,6 +149,30 @@ class ReducedPoints:
         t = z - moved.reshape(-1, 3, k).transpose(1, 2, 0)
         return self.cholesky.upper(t).transpose(2, 0, 1)
 
+    def carried(self, point: int) -> tuple[Index, Array, Array]:
+        """Return how a point follows the other unknowns: x_p = C x + L⁻ᵀ e, e with covariance I.
+
+        Args:
+            point: number of the point in the first layer.
+
+        Returns:
+            Columns of the other unknowns (m,), C = −L⁻ᵀ W (3, m), and L⁻ᵀ (3, 3).
+        """
+        rays = self.rays
+        places: list[Index] = [np.zeros(0, dtype=np.intp)]
+        w: list[Array] = [np.zeros((3, 0))]
+        for ray in rays.of_point(point).tolist():
+            node = rays.node_of_ray[ray]
+            places.append(rays.width * node + np.arange(rays.width))
+            w.append(self.w[ray])
+        if rays.side:
+            places.append(rays.places.n * rays.width + np.arange(rays.side))
+            w.append(self.shared[point])
+        columns = rays.places.columns[np.concatenate(places)]
+        on = columns >= 0
+        half = self.cholesky.upper(np.eye(3)[:, :, None], np.array([point]))[:, :, 0]
+        return columns[on], -half @ np.concatenate(w, axis=1)[:, on], half
+
     def joint(self, inverse: BlockMatrix) -> RayCovariances:
         """Return the joint covariances of points and nodes from those of the nodes.
 

@@ -212,6 +212,13 @@ class Update:
             np.append(self.residuals, np.zeros(len(b)) if v is None else v),
         )
 
+    def only(self, rows: Index) -> Update:
+        """Return the system with some of the rows, as if the others had never been there."""
+        inner = self.inner[np.ix_(rows, rows)]
+        return Update(
+            self.base, self.spread[:, rows], inner, self.signs[rows], self.residuals[rows]
+        )
+
     # -- the change -----------------------------------------------------------------------------
 
     @cached_property

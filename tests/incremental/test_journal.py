@@ -498,7 +498,7 @@ def entries_of(path) -> list[dict[str, object]]:
     """Return the entries of a journal in which nothing is torn."""
     journal, header, entries, torn = Journal.open(path, durable=False)
     journal.close()
-    assert header == {"journal": 1, **HEADER}
+    assert header == {"journal": 2, **HEADER}
     assert torn == ""
     return entries
 
@@ -536,7 +536,7 @@ def test_a_journal_torn_at_any_byte_of_its_last_line_goes_on(path):
         path.write_bytes(whole[:cut])
         journal, header, entries, torn = Journal.open(path, durable=False)
         kept = ENTRIES if cut >= len(whole) - 1 else ENTRIES[:-1]
-        assert header == {"journal": 1, **HEADER}
+        assert header == {"journal": 2, **HEADER}
         assert entries == kept, cut
         if begin < cut < len(whole) - 1:
             assert torn.startswith(f"{path}:4: the last line was torn and is left out: '{{"), cut
@@ -600,8 +600,8 @@ FOREIGN = {
     "bytes": (bytes(range(256)), "is not a journal: the first line is not its header {…}"),
     "JSON": (b"[1, 2]\n", "is not a journal: the first line is not its header {…}"),
     "observations": (b'{"kind": "azimuth"}\n{}\n', 'is not a journal: its first line lacks "jo'),
-    "another version": (b'{"journal": 2}\n', "is a journal of version 2; valid: 1"),
-    "a version that is true": (b'{"journal": true}\n', "is a journal of version True; valid: 1"),
+    "another version": (b'{"journal": 3}\n', "is a journal of version 3; valid: 1, 2"),
+    "a version that is true": (b'{"journal": true}\n', "is a journal of version True; valid: 1, 2"),
     "empty": (b"", "is empty: nothing had been recorded"),
 }
 

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental import adjustment, trial
-from factorgraph_adj.incremental.engine import Engine
+from factorgraph_adj.incremental.joining import _Entering
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.simulation.simulate import measure
@@ -151,7 +150,7 @@ def test_nothing_is_lost_when_it_is_interrupted(monkeypatch: pytest.MonkeyPatch)
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Engine, "go_on_without", interrupted)
+    monkeypatch.setattr(_Entering, "_let_go", interrupted)
     with pytest.raises(KeyboardInterrupt):
         inc.add(later)
     monkeypatch.undo()
@@ -162,8 +161,8 @@ def test_nothing_is_lost_when_it_is_interrupted(monkeypatch: pytest.MonkeyPatch)
     assert [w.id for w in inc.waiting] == list(RAYS)
 
 
-def test_readings_that_came_with_it_are_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where much arrives together a later part may let go what an earlier one put in."""
+def test_readings_that_came_with_it_are_told_once() -> None:
+    """What enters together may let go a part of itself."""
     network = block()
     readings = [o for o in network.image_points() if o.point not in LATER]
     shifted = [o for o in network.image_points() if o.point in LATER]
@@ -171,8 +170,6 @@ def test_readings_that_came_with_it_are_told_once(monkeypatch: pytest.MonkeyPatc
     inc = fga.IncrementalAdjustment(bare(network), policy="accept")
     inc.add([o for o in readings if o.point != "far"])
     rays = [o for o in readings if o.point == "far"]
-    for module in (adjustment, trial):
-        monkeypatch.setattr(module, "MOST_ROWS", 6)
     arrival = inc.add([*rays, *shifted])
     told = {v.id: v.verdict for v in arrival.verdicts}
     assert len(arrival.verdicts) == len(told) == 10

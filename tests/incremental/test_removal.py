@@ -6,12 +6,14 @@ import json
 from dataclasses import replace
 from itertools import combinations, pairwise, permutations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental.engine import Engine
+from factorgraph_adj.incremental.rebasing import Draft, Failure
+from factorgraph_adj.incremental.system import System
 from factorgraph_adj.observations import (
     Correlated,
     Direction,
@@ -20,13 +22,11 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve.singular import SingularError
 from factorgraph_adj.types import Array
 from tests.support.arrivals import bare, batch, difference, items
 
 GIVEN = {"A": (0.0, 0.0, 0.0), "B": (30.0, 0.0, 1.0), "C": (12.0, -25.0, 6.0)}
 POINTS = {"P": (10.0, 20.0, 3.0), "Q": (15.0, 10.0, 2.0)}
-INDETERMINATE = "Indeterminate linear system near variable 8070450532247928833"
 
 
 def distance(at: dict[str, Array], a: str, b: str) -> SlopeDistance:
@@ -46,11 +46,6 @@ def arc() -> fga.IncrementalAdjustment:
     return inc
 
 
-def singular(engine: Engine, *_: object) -> None:
-    """Refuse, as GTSAM does."""
-    raise SingularError(INDETERMINATE)
-
-
 def assert_at_the_minimum(inc: fga.IncrementalAdjustment) -> None:
     """Compare with the batch, settled."""
     inc.settle()
@@ -62,23 +57,21 @@ def assert_at_the_minimum(inc: fga.IncrementalAdjustment) -> None:
 
 
 @pytest.mark.parametrize("twice", [False, True])
-def test_what_the_tree_cannot_hold_is_found_out_anew(
+def test_what_an_update_cannot_hold_is_found_out_anew(
     monkeypatch: pytest.MonkeyPatch, *, twice: bool
 ) -> None:
     """It may be singular to working precision though everything is determined without rounding."""
     inc = arc()
-    last = "hold" if twice else "drop"
-    once = getattr(Engine, last)
+    once = Draft.adjusted
     with monkeypatch.context() as patch:
 
-        def undone(engine: Engine, *arguments: object) -> None:
-            try:
-                once(engine, *arguments)
-            finally:
-                patch.undo()
+        def undone(draft: Draft, *arguments: Any, **options: Any) -> System | Failure:
+            patch.undo()
+            found = once(draft, *arguments, **options)
+            return Failure("singular", ()) if twice else found
 
-        patch.setattr(Engine, "_renew_variances", singular)
-        patch.setattr(Engine, last, undone)
+        patch.setattr(System, "without", lambda *_: None)
+        patch.setattr(Draft, "adjusted", undone)
         waits = inc.remove("AP").waits
     assert not waits
     assert len(inc) == 6
@@ -86,19 +79,13 @@ def test_what_the_tree_cannot_hold_is_found_out_anew(
 
 
 def test_what_waits_again_then_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where the tree holds it."""
+    """As where the update holds it."""
     told = []
-    once = Engine.drop
-
-    def drop(engine: Engine, *arguments: object) -> None:
-        once(engine, *arguments)  # type: ignore[arg-type]
-        singular(engine)
-
     for fails in (False, True):
         inc = arc()
         with monkeypatch.context() as patch:
             if fails:
-                patch.setattr(Engine, "drop", drop)
+                patch.setattr(System, "loosened", lambda *_: None)
             told.append(sorted(inc.remove(["AP", "BP"]).waits))
         assert sorted(w.id for w in inc.waiting) == told[-1]
         assert_at_the_minimum(inc)

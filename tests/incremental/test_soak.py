@@ -179,12 +179,6 @@ SHORT = settings(
     "anything in any order, where other tests of the incremental adjustment have one thing each: "
     "what breaks here is what nobody thought of"
 )
-@pytest.mark.xfail(
-    raises=RecursionError,
-    strict=False,
-    reason="a known fault: some random orders of readings end in RecursionError inside add; "
-    "it goes when the incremental adjustment is written anew, and this mark with it",
-)
 def test_lives_of_any_events_are_those_of_the_batch():
     asked = os.environ.get("HYPOTHESIS_PROFILE") == "soak"
     run_state_machine_as_test(Life, settings=LONG if asked else SHORT)

@@ -117,8 +117,7 @@ class Watched:
         """Return what there is."""
         inc = self.inc
         described = inc.described
-        register = inc._engine.register
-        found = [n for n in described.points if register.known("point", n)]
+        found = [n for n in described.points if inc.determined(n)]
         inside = [*described.observations, *(ids_of(i)[0] for i in described.image_points())]
         return {
             "in the graph": tuple(inside),
@@ -167,7 +166,7 @@ class Watched:
         and be right again as soon as they are taken out.
         """
         inc = self.inc
-        if inc._engine.empty:
+        if not inc.n_observations:
             return Checked(self.n, len(inc), 0.0, 0.0, 0.0, 0.0)
         try:
             reference = batch(inc)
@@ -245,7 +244,7 @@ class Watched:
         before["known"] = names
         points = self.estimates(names)
         sigmas = np.array([self.inc.standard_deviations(n) for n in names]).reshape(-1, 3)
-        sound = not self.inc._engine.empty and self.inc.solution().converged
+        sound = self.inc.n_observations and self.inc.solution().converged
         self.say("resume")
         assert self.journal is not None
         del self.inc  # the journal is in use until then

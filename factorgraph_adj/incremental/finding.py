@@ -5,11 +5,14 @@ come first, then approximate values, then the rank: with known variables held, t
 the others must have full column rank, because nothing else can hold them. What the null space
 moves stays, with its observations, and the rest is looked at again. So does a point that may be
 anywhere, see `factorgraph_adj.incremental.anywhere`.
+
+What is left in the end is the largest set of variables that determines itself. It does not depend
+on the order in which its observations came: more observations make it larger, never smaller.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -30,104 +33,105 @@ from ..solve.rank import NULL, null_space
 from ..solve.solution import Solution
 from ..types import Array
 from .anywhere import anywhere
-from .local import describe, local_network
-from .register import Register
-from .units import Unit, Variable, components, pending
+from .candidates import Candidates
+from .excerpt import excerpt
+from .ledger import Some
+from .units import Variable, components
 
-DENSE = 400
-"""Columns up to which the rank is found from dense singular values."""
-DISTURBED = 3.0
-"""σ̂0 of a local adjustment above which gross errors have moved it."""
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the search."""
+
+    dense: int = 400
+    """Number of columns up to which the rank is found from dense singular values."""
+    disturbed: float = 3.0
+    """Value of σ̂0 of a local adjustment above which gross errors have moved it."""
+    rounds: int = 30
+    """Largest number of rounds of snooping in a local network."""
+    spare: int = 1
+    """Readings beyond the number of its components that a point may have and still wait on."""
+    share: float = 0.05
+    """Part of the length of a null vector in a variable from which on the variable is moved."""
+    ever_so_little: float = 1e-6
+    """The same limit in the search for the weakest of all moved variables."""
+    at_rest: float = 1e-7
+    """Bound of the last step of the local adjustment that begins a free network."""
+
+
+LIMITS = Limits()
+"""The limits of `find` and `determined`."""
 ABSURD = "some value is absurdly large"
 RUNS_AWAY = "its observations hardly determine it: their adjustment runs away"
 NOWHERE = "has no datum yet: nothing that it hangs together with is known, held or weighted"
-MOST_SNOOPED = 30
-"""Rounds of snooping in a local network."""
-SPARE = 1
-"""Readings more than its components that a point has at most to be one that may wait on."""
-SHARE = 0.05
-"""Part of a null vector's length in a variable from which on the variable counts as moved."""
-EVER_SO_LITTLE = 1e-6
-"""The same where the weakest of all that moves is looked for."""
-LEFT_AT_REST = 1e-7
-"""Bound of the last step of a local adjustment, relative to σ."""
 
 
 @dataclass(frozen=True)
 class Found:
     """What may enter."""
 
-    units: tuple[Unit, ...]
-    """Units that enter; none: nothing does."""
+    some: Some
+    """Observations that enter; none: nothing does."""
     solution: Solution | None
     """Their adjustment with what is known held."""
-    lacks: dict[Variable, str]
+    lacks: Mapping[Variable, str]
     """Why the others wait."""
-    aside: tuple[Unit, ...] = ()
-    """Units that kept those from entering; they may enter once those are in."""
 
 
 def find(
-    network: Network,
-    register: Register,
-    units: Sequence[Unit],
+    given: Candidates,
     *,
     datum: DatumChoice,
     blunders: bool,
     alpha: float,
     start: Solution | None = None,
 ) -> Found:
-    """Find what of some units can enter.
+    """Find what of some observations can enter.
 
     Args:
-        network: everything that was described.
-        register: what is known.
-        units: units that wait, joined by their waiting variables.
+        given: observations that wait, joined by their open variables.
         datum: ``free`` for the beginning of a free network.
         blunders: whether gross errors are to be expected: the adjustment then is one without what
             stands out, as a place to start from. It is not their test.
-        alpha: of the tests that find what stands out.
+        alpha: probability of a false alarm of the tests that find what stands out.
         start: where everything was, if it was; none: approximate values are found.
     """
     lacks: dict[Variable, str] = {}
-    aside: list[Unit] = []
-    left = list(units)
-    while left := _countable(network, register, left, lacks, free=datum == "free"):
-        local = local_network(network, register, left, datum=datum)
+    left = given
+    while (left := _countable(left, lacks, free=datum == "free")).some:
+        local = excerpt(left.ledger, left.known, left.some, datum=datum)
         if datum == "given" and not _placed(local):
-            return Found((), None, lacks | _all(register, left, NOWHERE))
+            return Found(Some.none(), None, lacks | _all(left, NOWHERE))
         lost: set[Variable] = set()
         whys: dict[Variable, str] = {}
         try:
             lost = _unreachable(compile_rows(local), left, lacks, datum)
             if not lost:
                 solution = _adjusted(local, datum, start)
-                lost = _anywhere(solution, register, lacks)
-                if not lost and (solution.converged or solution.redundancy):
-                    if blunders and solution.sigma0 > DISTURBED:
+                lost = _anywhere(solution, left, lacks)
+                # What disagrees may come to rest without its gross errors; what creeps is too weak.
+                disturbed = solution.sigma0 > LIMITS.disturbed
+                if not lost and (solution.converged or disturbed):
+                    if blunders and disturbed:
                         solution = _without_blunders(solution, alpha)
-                    return Found(tuple(left), solution, lacks, tuple(aside))
-                whys = _disagreeing(register, left, solution.reason)
+                    return Found(left.some, solution, lacks)
+                whys = _disagreeing(left, solution.reason)
         except OverflowError:
-            whys = _all(register, left, ABSURD)
+            whys = _all(left, ABSURD)
         except AdjustmentError as error:
-            lost = _named(register, error, left, lacks)
-            why = RUNS_AWAY if isinstance(error, DatumError) else str(error)
-            whys = _all(register, left, why)
+            lost = _named(left, error, lacks)
+            whys = _all(left, RUNS_AWAY if isinstance(error, DatumError) else str(error))
         if lost:
-            rest = [u for u in left if not lost.intersection(u.variables)]
+            left = left.without(lost)
         else:
             lacks |= whys
-            rest = firm(network, register, left)
-        stay = {u.ids[0] for u in rest}
-        aside += [u for u in left if u.ids[0] not in stay]
-        left = rest
-    return Found((), None, lacks)
+            left = left.only(firm(left))
+    return Found(Some.none(), None, lacks)
 
 
 def _adjusted(local: Network, datum: DatumChoice, start: Solution | None) -> Solution:
     """Adjust from where everything was; from approximate values where that leads nowhere."""
-    tolerance = LEFT_AT_REST if datum == "free" else 1e-4
+    tolerance = LIMITS.at_rest if datum == "free" else 1e-4
     if start is not None:
         with suppress(AdjustmentError):
             solution = adjust(local, datum=datum, start=start, tolerance=tolerance)
@@ -136,11 +140,11 @@ def _adjusted(local: Network, datum: DatumChoice, start: Solution | None) -> Sol
     return adjust(local, datum=datum, tolerance=tolerance)
 
 
-def _anywhere(solution: Solution, register: Register, lacks: dict[Variable, str]) -> set[Variable]:
+def _anywhere(solution: Solution, left: Candidates, lacks: dict[Variable, str]) -> set[Variable]:
     """Return waiting points of which their readings do not say where they are."""
     lost: set[Variable] = set()
     for point in anywhere(solution):
-        if not register.known("point", point.name):
+        if left.known.value("point", point.name) is None:
             lost.add(("point", point.name))
             lacks["point", point.name] = str(point)
     return lost
@@ -158,7 +162,7 @@ def _placed(local: Network) -> bool:
 def _without_blunders(solution: Solution, alpha: float) -> Solution:
     """Return the solution where the network is without what stands out."""
     try:
-        clean = snoop(solution.network, start=solution, alpha=alpha, max_rounds=MOST_SNOOPED)
+        clean = snoop(solution.network, start=solution, alpha=alpha, max_rounds=LIMITS.rounds)
     except AdjustmentError:
         return solution
     unknowns = solution.equations.unknowns
@@ -167,80 +171,64 @@ def _without_blunders(solution: Solution, alpha: float) -> Solution:
     return replace(solution, state=state)
 
 
-def firm(network: Network, register: Register, units: Sequence[Unit]) -> list[Unit]:
-    """Return units without those of points that have hardly more readings than they need.
+def firm(left: Candidates) -> Some:
+    """Return candidates without those of points that have hardly more readings than they need.
 
     These add next to nothing to what else enters, and a wrong one keeps all of it from a solution.
     Nothing is returned where there are no such points, or nothing else.
     """
-    rows: dict[Variable, int] = {}
-    for u in units:
-        for v in pending(register, u):
-            if v[0] == "point":
-                rows[v] = rows.get(v, 0) + u.n_scalars
     weak = set()
-    for v, n in rows.items():
-        size, own = components(network, v)
-        if n + own <= size + SPARE:
-            weak.add(v)
-    rest = [u for u in units if not weak.intersection(u.variables)]
-    return rest if weak and any(pending(register, u) for u in rest) else []
+    for v, n in left.rows.items():
+        if v[0] == "point":
+            size, own = components(left.ledger.network, v)
+            if n + own <= size + LIMITS.spare:
+                weak.add(v)
+    rest = left.without(weak)
+    return rest.some if weak and rest.rows else Some.none()
 
 
-def _all(register: Register, units: Iterable[Unit], why: str) -> dict[Variable, str]:
-    return {v: why for u in units for v in pending(register, u)}
+def _all(left: Candidates, why: str) -> dict[Variable, str]:
+    return dict.fromkeys(left.rows, why)
 
 
-def _disagreeing(register: Register, units: Iterable[Unit], reason: str) -> dict[Variable, str]:
+def _disagreeing(left: Candidates, reason: str) -> dict[Variable, str]:
     """Return for each waiting variable of which observations no adjustment came to rest, and why.
 
     Their approximate values are found, and lead to no minimum: one of them may be grossly wrong.
     """
-    of: dict[Variable, list[Unit]] = {}
-    for unit in units:
-        for v in pending(register, unit):
-            of.setdefault(v, []).append(unit)
     return {
-        v: f"{UNKNOWNS[v[0]].noun} {v[1]!r} has {describe(own, v)}, which agree nowhere: {reason}"
-        for v, own in of.items()
+        v: f"{UNKNOWNS[v[0]].noun} {v[1]!r} has {left.describe(v)}, which agree nowhere: {reason}"
+        for v in left.rows
     }
 
 
-def determined(
-    network: Network, register: Register, units: Sequence[Unit], *, datum: DatumChoice
-) -> list[Unit]:
-    """Return units whose variables have full rank together, at given or approximate values.
+def determined(given: Candidates, *, datum: DatumChoice) -> Some:
+    """Return observations whose variables have full rank together, at approximate values.
 
-    Whether their adjustment comes to rest is not looked at. The other units may still be
-    determined among themselves: `find` looks at them more closely.
-
-    Args:
-        network: everything that was described.
-        register: what is known.
-        units: all units of a network.
-        datum: given or free.
+    Whether their adjustment comes to rest is not looked at. The others may still be determined
+    among themselves: `find` looks at them more closely.
     """
     lacks: dict[Variable, str] = {}
-    left = list(units)
+    left = given
     try:
-        while left := _counted(network, register, left, lacks):
-            local = local_network(network, register, left, datum=datum)
+        while (left := counted(left, lacks)).some:
+            local = excerpt(left.ledger, left.known, left.some, datum=datum)
             if datum == "given" and not _placed(local):
-                return []
+                return Some.none()
             equations = compile_rows(local)
             state, lost = _started(equations, lacks, datum)
             if not lost:
-                loose = _loose(equations, state, left, lacks, datum, least=EVER_SO_LITTLE)
+                loose = _loose(equations, state, left, lacks, datum, least=LIMITS.ever_so_little)
                 if not loose:
-                    return left
-                lost = _weakest(network, left, loose)
-            left = [u for u in left if not lost.intersection(u.variables)]
+                    return left.some
+                lost = _weakest(left, loose)
+            left = left.without(lost)
     except (AdjustmentError, OverflowError):
         pass  # `find` names the observations
-    return []
+    return Some.none()
 
 
-def _weakest(network: Network, units: Sequence[Unit], variables: set[Variable]) -> set[Variable]:
+def _weakest(left: Candidates, variables: set[Variable]) -> set[Variable]:
     """Return those of some variables that have fewest readings beyond their components.
 
     What is loose may move much that is not: a free network tilts with a zenith angle to a point
@@ -248,78 +236,59 @@ def _weakest(network: Network, units: Sequence[Unit], variables: set[Variable]) 
     """
     spare: dict[Variable, int] = {}
     for v in variables:
-        size, own = components(network, v)
-        spare[v] = own - size
-    for u in units:
-        for v in variables.intersection(u.variables):
-            spare[v] += u.n_scalars
+        size, own = components(left.ledger.network, v)
+        spare[v] = own - size + left.rows.get(v, 0)
     least = min(spare.values())
     return {v for v, n in spare.items() if n == least}
 
 
-def _countable(
-    network: Network,
-    register: Register,
-    units: list[Unit],
-    lacks: dict[Variable, str],
-    *,
-    free: bool,
-) -> list[Unit]:
-    """Return the units of `_counted`; none where all of them are fewer rows than components."""
-    units = _counted(network, register, units, lacks)
-    waiting = dict.fromkeys(v for u in units for v in pending(register, u))
-    needs = [components(network, v) for v in waiting]
+def _countable(left: Candidates, lacks: dict[Variable, str], *, free: bool) -> Candidates:
+    """Return the candidates of `_counted`; none where all are fewer rows than components."""
+    left = counted(left, lacks)
+    needs = [components(left.ledger.network, v) for v in left.rows]
     total = sum(size for size, _ in needs)
-    n_rows = sum(u.n_scalars for u in units) + sum(own for _, own in needs)
+    n_rows = left.some.n_rows + sum(own for _, own in needs)
     if n_rows >= total - (7 if free else 0):
-        return units
-    for v in waiting:
+        return left
+    for v in left.rows:
         lacks[v] = f"{n_rows} readings for {total} unknowns that hang together"
-    return []
+    return left.only(Some.none())
 
 
-def _counted(
-    network: Network, register: Register, units: list[Unit], lacks: dict[Variable, str]
-) -> list[Unit]:
-    """Return the units whose waiting variables all have as many rows as components."""
+def counted(left: Candidates, lacks: dict[Variable, str]) -> Candidates:
+    """Return the candidates whose open variables all have as many rows as components."""
+    first = left
+    network = left.ledger.network
     needs: dict[Variable, tuple[int, int]] = {}
-    every: dict[Variable, list[Unit]] = {}
-    for u in units:
-        for v in pending(register, u):
-            every.setdefault(v, []).append(u)
-    while units:
-        rows: dict[Variable, int] = {}
-        for u in units:
-            for v in pending(register, u):
-                rows[v] = rows.get(v, 0) + u.n_scalars
+    while left.some:
         lost = set()
-        for v, n in rows.items():
+        for v, n in left.rows.items():
             if v not in needs:
                 needs[v] = components(network, v)
             size, own = needs[v]
             if n + own < size:
                 lost.add(v)
-                usable = sum(u.n_scalars for u in every[v])
+                usable = first.rows[v]
                 of_known = "" if usable == n else " are between things that can be determined"
                 lacks[v] = (
-                    f"{UNKNOWNS[v[0]].noun} {v[1]!r} has {describe(every[v], v)}: "
+                    f"{UNKNOWNS[v[0]].noun} {v[1]!r} has {first.describe(v)}: "
                     f"{n + own} of the {size} readings that it needs{of_known}"
                 )
         if not lost:
-            return units
-        units = [u for u in units if not lost & set(u.variables)]
-    return []
+            return left
+        left = left.without(lost)
+    return left
 
 
 def _unreachable(
-    equations: Equations, units: list[Unit], lacks: dict[Variable, str], datum: DatumChoice
+    equations: Equations, left: Candidates, lacks: dict[Variable, str], datum: DatumChoice
 ) -> set[Variable]:
     """Return variables without approximate values, or that the observations do not determine.
 
     Points come first: a photo may do without one of its points.
     """
     state, lost = _started(equations, lacks, datum)
-    return lost or _points_first(_loose(equations, state, units, lacks, datum))
+    return lost or _points_first(_loose(equations, state, left, lacks, datum))
 
 
 def _started(
@@ -343,24 +312,23 @@ def _started(
 def _loose(
     equations: Equations,
     state: State,
-    units: list[Unit],
+    left: Candidates,
     lacks: dict[Variable, str],
     datum: DatumChoice,
     *,
-    least: float = SHARE,
+    least: float = LIMITS.share,
 ) -> set[Variable]:
     """Return the variables that the null space of the observations at a state moves.
 
     Args:
-        equations: of the units.
+        equations: of the observations.
         state: where they are linearised.
-        units: the units.
+        left: the observations.
         lacks: gets why they are not determined.
         datum: given or free.
         least: part of a null vector's length in a variable that counts as moved.
     """
     unknowns = equations.unknowns
-    lost: set[Variable] = set()
     system = LinearSystem(equations.weighted_at(state), state)
     diagonal = system.diagonal()
     z = _null(system, diagonal)
@@ -368,19 +336,8 @@ def _loose(
         defects = find_defects(system, state, diagonal, free=True)
         if len(defects) > 1:
             keep = max(defects, key=lambda d: len(d.part))
-            outside = np.ones(unknowns.n_columns, dtype=bool)
-            outside[keep.part] = False
-            for d in defects:
-                if d is keep:
-                    continue
-                for kind, number in unknowns.active():
-                    if np.isin(unknowns.columns(kind, number), d.part).any():
-                        v = (kind, unknowns[kind].names[number])
-                        lost.add(v)
-                        lacks[v] = (
-                            f"{UNKNOWNS[kind].noun} {v[1]!r} is not joined to the free network"
-                        )
-            return lost
+            others = [d.part for d in defects if d is not keep]
+            return _in_columns(equations, np.concatenate(others), lacks)
         if defects:
             scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
             basis, _ = np.linalg.qr(scale[:, None] * defects[0].motions)
@@ -390,12 +347,12 @@ def _loose(
     if not z.shape[1]:
         return set()
     share = np.sum(z * z, axis=1)
+    lost: set[Variable] = set()
     for kind, number in unknowns.active():
         if share[unknowns.columns(kind, number)].sum() > least:
             v = (kind, unknowns[kind].names[number])
             lost.add(v)
-            of = [u for u in units if v in u.variables]
-            lacks[v] = f"{UNKNOWNS[kind].noun} {v[1]!r} is not determined by {describe(of, v)}"
+            lacks[v] = f"{UNKNOWNS[kind].noun} {v[1]!r} is not determined by {left.describe(v)}"
     if not lost:  # spread thinly over very many: all of them
         for kind, number in unknowns.active():
             if share[unknowns.columns(kind, number)].any():
@@ -405,10 +362,22 @@ def _loose(
     return lost
 
 
+def _in_columns(equations: Equations, columns: Array, lacks: dict[Variable, str]) -> set[Variable]:
+    """Return the variables of columns that are not joined to the free network."""
+    unknowns = equations.unknowns
+    lost: set[Variable] = set()
+    for kind, number in unknowns.active():
+        if np.isin(unknowns.columns(kind, number), columns).any():
+            v = (kind, unknowns[kind].names[number])
+            lost.add(v)
+            lacks[v] = f"{UNKNOWNS[kind].noun} {v[1]!r} is not joined to the free network"
+    return lost
+
+
 def _null(system: LinearSystem, diagonal: Array) -> Array:
     """Return a basis of what is undetermined, scaled by √diagonal, (n_columns, d)."""
     n = system.unknowns.n_columns
-    if n > DENSE:
+    if n > LIMITS.dense:
         return null_space(system, diagonal)
     free = np.flatnonzero(system.unknowns.free)
     if not len(free):
@@ -425,9 +394,9 @@ def _null(system: LinearSystem, diagonal: Array) -> Array:
     return out
 
 
-def _points_first(variables: set[Variable]) -> set[Variable]:
+def _points_first(variables: Iterable[Variable]) -> set[Variable]:
     """Return the points of them, if there are any: a photo may do without one of its points."""
-    return {v for v in variables if v[0] == "point"} or variables
+    return {v for v in variables if v[0] == "point"} or set(variables)
 
 
 def _why(problems: Sequence[Problem], variable: Variable) -> str:
@@ -438,28 +407,15 @@ def _why(problems: Sequence[Problem], variable: Variable) -> str:
     return str(problems[0])
 
 
-def _named(
-    register: Register, error: AdjustmentError, units: list[Unit], lacks: dict[Variable, str]
-) -> set[Variable]:
+def _named(left: Candidates, error: AdjustmentError, lacks: dict[Variable, str]) -> set[Variable]:
     """Return the waiting variables that an error is about, points first."""
-    waiting = {v for u in units for v in pending(register, u)}
     lost: set[Variable] = set()
     if isinstance(error, DatumError):
-        lost = _points_first(waiting & set(error.unknowns))
-        of: dict[Variable, list[Unit]] = {v: [] for v in lost}
-        for u in units:
-            for v in lost.intersection(u.variables):
-                of[v].append(u)
+        lost = _points_first(left.rows.keys() & set(error.unknowns))
         for v in lost:
-            lacks[v] = f"{UNKNOWNS[v[0]].noun} {v[1]!r} is not determined by {describe(of[v], v)}"
+            lacks[v] = f"{UNKNOWNS[v[0]].noun} {v[1]!r} is not determined by {left.describe(v)}"
     elif isinstance(error, InputError):
-        about: dict[str, list[Variable]] = {}
-        for unit in units:
-            late = pending(register, unit)
-            geometric = {v for v in late if v[0] in ("point", "pose")}
-            for o in unit.observations:
-                about[o.label()] = sorted(_points_first(geometric))
-        about |= {f"photo {v[1]!r}": [v] for v in waiting if v[0] == "pose"}
+        about = _labels(left)
         for p in error.problems:
             where = p.where or ""
             # The observation, or one of its components.
@@ -467,3 +423,19 @@ def _named(
                 lost.add(v)
                 lacks[v] = str(p)
     return lost
+
+
+def _labels(left: Candidates) -> dict[str, list[Variable]]:
+    """Return the open points, or photos, of every observation by its label."""
+    out: dict[str, list[Variable]] = {}
+    geometric = ("point", "pose")
+    for unit, variables in zip(left.some.units, left.of_units, strict=True):
+        found = sorted(_points_first(v for v in variables if v[0] in geometric))
+        out |= {o.label(): found for o in unit.observations}
+    rays, names = left.ledger.rays, left.ledger.names
+    (poses, photo, open_pose), _, (places, point, open_point) = left.of_rays
+    for i, row in enumerate(left.some.rays.tolist()):
+        of_point = [places[point[i]]] if open_point[point[i]] else []
+        of_photo = [poses[photo[i]]] if open_pose[photo[i]] else []
+        out[rays.observation(names, row).label()] = of_point or of_photo
+    return out | {f"photo {v[1]!r}": [v] for v in left.rows if v[0] == "pose"}

@@ -1,0 +1,124 @@
+"""How far the linear forms of a base hold where everything is by now.
+
+With v and A of the observations of the base at the present state, and v₀ + A₀ dx their linear
+forms,
+
+    g = Aᵀv − A₀ᵀ(v₀ + A₀ dx)      what the linear forms miss of the gradient
+    dx' = −Q g                     the step that is left
+    t = ‖Q^½ (AᵀA − A₀ᵀA₀) Q^½‖    largest relative error of a variance, by power iteration.
+
+A look costs a few linearisations. Between two looks both are predicted from the length
+‖dx‖ = √(dxᵀN dx) of the movement: with the curvature c = s/‖dx‖² of the largest step s relative to
+its own σ, a movement by Δ since the last look leaves at most s + t‖Δ‖ + c‖Δ‖², within a factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..graph.variables import State
+from ..solve.factor import Factor
+from ..solve.linear import LinearSystem
+from ..types import Array
+
+SEED = 1
+"""Seed of the first vector of the power iteration."""
+POWER = 4
+"""Steps of the power iteration, after which the largest eigenvalue is known to about a third."""
+GAINED = 4.0
+"""Factor by which ``gained`` may grow since a look."""
+SAFETY = 2.0
+"""Factor on what is predicted between two looks."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """A look at the linear forms, and what it predicts."""
+
+    weights: Array
+    """D⁻¹v of the update at that moment, (k,)."""
+    left: float
+    """Largest step that was left, relative to its own σ."""
+    turned: float
+    """Largest relative error of a variance, t."""
+    length: float
+    """Length of the movement from the base, ‖dx‖."""
+    curvature: float
+    """Curvature c."""
+    gained: float
+    """Largest factor by which rows that joined had made a variance smaller."""
+    direction: Array
+    """The last vector of the power iteration, (n_columns,)."""
+
+    def predicted(self, ahead: float, gained: float) -> tuple[float, float]:
+        """Return bounds of left step and t after a movement since the look.
+
+        Both are infinite where a row has determined something that was known far less before: the
+        movement along it tells nothing of the curvature there.
+
+        Args:
+            ahead: length of the movement.
+            gained: largest factor by which rows that joined make a variance smaller.
+        """
+        if gained > GAINED * self.gained:
+            return np.inf, np.inf
+        left = self.left + SAFETY * (self.turned * ahead + self.curvature * ahead**2)
+        share = ahead / self.length if self.length > 0 else 0.0
+        return left, self.turned * (1.0 + SAFETY * share)
+
+
+def missed(here: LinearSystem, there: LinearSystem, movement: Array) -> Array:
+    """Return what the linear forms miss of the gradient, (n_columns,).
+
+    Args:
+        here: the base, linearised.
+        there: the same observations at the present state.
+        movement: movement of the unknowns between them, (n_columns,).
+    """
+    n = here.equations.n_rows
+    linear = here.residual + here.times(movement[:, None])[:n, 0]
+    return np.asarray(there.gradient() - here.transposed(linear[:, None])[:, 0])
+
+
+def linearised(here: LinearSystem, state: State) -> LinearSystem:
+    """Return the observations of a base at another state.
+
+    Raises:
+        InputError: names observations whose geometry has no answer there.
+    """
+    return LinearSystem(here.equations, state)
+
+
+def turned(
+    here: LinearSystem, there: LinearSystem, factor: Factor, start: Array | None
+) -> tuple[float, Array]:
+    """Return t, and the vector of the power iteration with Q (AᵀA − A₀ᵀA₀).
+
+    Args:
+        here: the base, linearised.
+        there: the same observations at the present state.
+        factor: the factorised base.
+        start: the vector of an earlier look; none: there was none.
+    """
+    n = here.equations.n_rows
+    steps = 1
+    if start is None:
+        steps = POWER
+        noise = np.random.default_rng(SEED).standard_normal((n, 1))
+        start = factor.solve(here.transposed(noise))[:, 0]
+    x, size = start[:, None], 0.0
+    for _ in range(steps):
+        ahead = here.times(x)
+        length = float(np.linalg.norm(ahead[:n]))
+        if not length > 0:
+            return 0.0, start
+        change = there.transposed(there.times(x / length)) - here.transposed(ahead / length)
+        y = factor.solve(change)
+        # √(yᵀ N y) of y = Q δN x, with N y = δN x.
+        size = float(np.sqrt(max(float(change[:, 0] @ y[:, 0]), 0.0)))
+        if not size > 0:
+            return 0.0, start
+        x = y
+    return size, np.asarray(x[:, 0])

@@ -1,0 +1,200 @@
+"""The part of a network that some observations touch, as a network of its own.
+
+The models, the search for approximate values and the adjustment of small parts are thus those of
+every network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from ..graph.variables import calibration_name
+from ..models.variables import ENTITIES, UNKNOWNS, VariableKind, parameter_kinds
+from ..network.entities import FREE_ORIENTATION, Camera, ImageTable, Parameter, parameter_name
+from ..network.network import DatumChoice, Network
+from ..types import Array, Index
+from .ledger import Ledger, Some
+
+HELD = (True, True, True)
+"""Flags of a point that is held altogether."""
+
+
+class Known(Protocol):
+    """Variables whose values are known."""
+
+    def value(self, kind: VariableKind, name: str) -> Array | None:
+        """Return the value of a variable as in a state; none: it is not known."""
+        ...
+
+
+def excerpt(
+    ledger: Ledger, known: Known, some: Some, *, datum: DatumChoice = "given", hold: bool = True
+) -> Network:
+    """Return the network of some observations, with known variables at their values.
+
+    A camera with a calibration for each photo becomes one camera for each photo, of the name
+    that its calibration has among the unknowns.
+
+    Args:
+        ledger: everything that was described.
+        known: what is known.
+        some: the observations.
+        datum: datum of the network.
+        hold: whether known variables are held. Otherwise they are as they were described, without
+            weights; what is not known must then be held in any case.
+    """
+    return _Excerpt(ledger, known, datum, hold).of(some)
+
+
+class _Excerpt:
+    """A network that is put together."""
+
+    def __init__(self, ledger: Ledger, known: Known, datum: DatumChoice, hold: bool) -> None:
+        self.ledger, self.network, self.known, self.hold = ledger, ledger.network, known, hold
+        self.out = Network(self.network.name, frame=self.network.frame, datum=datum)
+
+    def of(self, some: Some) -> Network:
+        """Return the network of some observations."""
+        out, network, rays = self.out, self.network, self.ledger.rays
+        poses: dict[str, None] = {}
+        for kind, name in dict.fromkeys(v for u in some.units for v in u.variables):
+            if kind == "point":
+                self._point(name)
+            elif kind == "pose":
+                poses[name] = None
+            elif kind not in ENTITIES and UNKNOWNS[kind].absent != "found":
+                self._stated(kind, name)
+        names = self.ledger.names
+        numbers = np.unique(rays.point[some.rays])
+        for number in numbers.tolist():
+            self._point(names.points[number])
+        poses |= {names.photos[f]: None for f in np.unique(rays.photo[some.rays]).tolist()}
+        for name in out.verticals:  # a vertical needs its station; horizons turn with it
+            self._point(name)
+        for name in poses:
+            self._photo(name)
+        for unit in some.units:
+            out.add(unit.item)
+        self._images(some.rays)
+        for kind in (k.name for k in parameter_kinds() if k.absent == "found"):
+            found, given = out.of_kind(kind), network.of_kind(kind)
+            for key in found:
+                stated = given.get(key, FREE_ORIENTATION)
+                found[key] = self._parameter(kind, parameter_name(key), stated)
+        return out
+
+    def _images(self, rows: Index) -> None:
+        rays, names = self.ledger.rays, self.ledger.names
+        table = rays.table(rows)
+        for column, all_names, number in (
+            (table.photo, names.photos, self.out._photo_number),
+            (table.point, names.points, self.out._point_number),
+        ):
+            every, place = np.unique(column[0], return_inverse=True)
+            new = np.array([number[all_names[i]] for i in every.tolist()], dtype=np.intp)
+            column[0] = new[place]
+        self.out.images = table
+
+    def _stated(self, kind: VariableKind, name: str) -> None:
+        given = self.network.of_kind(kind)
+        compound = (k for k in given if not isinstance(k, str) and parameter_name(k) == name)
+        key = name if name in given else next(compound, None)
+        if key is not None:
+            self.out.of_kind(kind)[key] = self._parameter(kind, name, given[key])
+
+    def _point(self, name: str) -> None:
+        if name in self.out.points:
+            return
+        point = self.network.points[name]
+        value = self.known.value("point", name)
+        if value is not None:
+            at = tuple(value.tolist())
+            point = replace(
+                point, coordinates=at, sigma=None, fixed=HELD if self.hold else point.fixed
+            )
+        self.out.points[name] = point
+        self.out._point_number[name] = len(self.out._point_number)
+
+    def _photo(self, name: str) -> None:
+        photo = self.network.photos[name]
+        camera = self.network.cameras[photo.camera]
+        calibration = f"{camera.name}@{name}" if camera.per_photo else camera.name
+        if calibration not in self.out.cameras:
+            self.out.cameras[calibration] = self._camera(camera, calibration)
+        value = self.known.value("pose", name)
+        if value is not None:
+            photo = replace(
+                photo,
+                position=tuple(value[9:].tolist()),
+                rotation=value[:9].reshape(3, 3),
+                fixed=(True,) * 6 if self.hold else photo.fixed,
+                sigma_position=None,
+                sigma_attitude=None,
+            )
+        self.out.photos[name] = replace(photo, camera=calibration)
+        self.out._photo_number[name] = len(self.out._photo_number)
+
+    def _camera(self, camera: Camera, name: str) -> Camera:
+        value = self.known.value("calibration", name)
+        out = replace(camera, name=name, per_photo=False)
+        if value is None:
+            return out
+        k = len(camera.values)
+        fixed = (True,) * k if self.hold else camera.fixed
+        return replace(out, values=tuple(value[:k].tolist()), fixed=fixed, sigma=(np.inf,) * k)
+
+    def _parameter(self, kind: VariableKind, name: str, given: Parameter) -> Parameter:
+        value = self.known.value(kind, name)
+        if value is None:
+            return given
+        k = len(given.values)
+        value = UNKNOWNS[kind].given(value[None])[0]
+        fixed = (True,) * k if self.hold else given.fixed
+        return Parameter(tuple(value[:k].tolist()), fixed, (np.inf,) * k)
+
+
+def filtered(network: Network, stays: Callable[[VariableKind, str], bool]) -> Network:
+    """Return the network without some of its unknowns; its observations stay.
+
+    Args:
+        network: the network.
+        stays: whether an unknown stays, by kind and name.
+    """
+    out = network.copy()
+    photos = [
+        n
+        for n in network.photos
+        if stays("pose", n) and stays("calibration", calibration_name(network, n))
+    ]
+    points = [n for n in network.points if stays("point", n)]
+    if len(photos) < len(network.photos) or len(points) < len(network.points):
+        _keep(out, photos, points)
+    used = {f.camera for f in out.photos.values()}
+    out.cameras = {n: c for n, c in network.cameras.items() if n in used or stays("calibration", n)}
+    for kind in parameter_kinds():
+        out.parameters[kind.name] = {
+            k: p
+            for k, p in network.of_kind(kind.name).items()
+            if stays(kind.name, parameter_name(k))
+            and (not kind.at_point or (k if isinstance(k, str) else k[0]) in out.points)
+        }
+    return out
+
+
+def _keep(network: Network, photos: Sequence[str], points: Sequence[str]) -> None:
+    """Keep some photos and points; image points are numbered anew."""
+    of_photo, of_point, xy, sigma = network.images.columns()
+    ids, sources = network.images.ids, network.images.sources
+    photo_number, point_number = ({n: i for i, n in enumerate(names)} for names in (photos, points))
+    new_photo = np.array([photo_number.get(n, -1) for n in network.photos], dtype=np.intp)
+    new_point = np.array([point_number.get(n, -1) for n in network.points], dtype=np.intp)
+    network.images = ImageTable()
+    network.images.append(new_photo[of_photo], new_point[of_point], xy, sigma)
+    network.images.ids, network.images.sources = dict(ids), dict(sources)
+    network.photos = {n: network.photos[n] for n in photos}
+    network.points = {n: network.points[n] for n in points}
+    network._photo_number, network._point_number = photo_number, point_number

@@ -1,0 +1,203 @@
+"""A new base: the batch adjustment of what is in the graph, from where everything is."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import AdjustmentError, DatumError
+from ..graph.equations import Equations, compile_network
+from ..models.variables import VariableKind
+from ..network.network import DatumChoice, Network
+from ..solve.batch import OFF_DATUM, adjust_from
+from ..solve.normal import NormalEquations, Solver
+from ..solve.singular import SingularError
+from ..solve.solution import Solution
+from ..solve.start import Start, start_of
+from .anywhere import anywhere, narrow
+from .excerpt import filtered
+from .ledger import Ledger
+from .system import System
+from .units import Variable, components
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How far a new base goes, and how long it is looked for."""
+
+    close: float = 1e-5
+    """Bound of the last step relative to σ after an arrival."""
+    at_rest: tuple[float, ...] = (1e-7, 1e-6, 1e-5)
+    """The bounds that are tried to settle: rounding may keep weak networks from smaller ones."""
+    most: int = 200
+    """Largest number of iterations."""
+    quick: int = 20
+    """Number of iterations after which points with narrow rays are let go, if there are any."""
+    few: int = 20
+    """Smallest of the largest numbers of iterations where there was no minimum before."""
+    work: int = 60_000
+    """Iterations times unknowns there, which small networks may take more of."""
+
+
+EFFORT = Effort()
+"""The effort of every rebase."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """No minimum was found."""
+
+    reason: str
+    """Why."""
+    loose: tuple[Variable, ...] | None
+    """What is not determined, where that is why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """A network that is to be adjusted, and where it starts."""
+
+    equations: Equations
+    """The network."""
+    start: Start
+    """Values of its unknowns."""
+
+    @classmethod
+    def of(
+        cls,
+        ledger: Ledger,
+        system: System | None,
+        datum: DatumChoice,
+        *,
+        new: Collection[Variable] = (),
+        dropped: Collection[Variable] = (),
+        found: Sequence[Solution] = (),
+    ) -> Draft:
+        """Compile what is in the graph.
+
+        Args:
+            ledger: what is in the graph.
+            system: where the known variables are; none: nothing is known.
+            datum: given or free.
+            new: variables that enter.
+            dropped: variables that are not known any more.
+            found: where those are that enter.
+
+        Raises:
+            InputError: there is nothing to adjust.
+            ApproximationError: something has no approximate value.
+        """
+        network = known_network(ledger, system, new=new, dropped=dropped)
+        equations = compile_network(network)
+        unknowns = equations.unknowns
+        state = origin = unknowns.start()
+        moving = unknowns.moving()  # an excerpt need not know the constants of the network
+        sources = [(s.equations.unknowns, s.state, s.start) for s in found]
+        if system is not None:
+            base = system.base
+            sources.append((base.equations.unknowns, system.state, base.start))
+        for there, values, given in sources:
+            state = unknowns.carried(state, there, values, where=moving)
+            origin = unknowns.carried(origin, there, given, where=moving)
+        if any(np.isnan(x).any() for s in (state, origin) for x in s.values()):
+            return cls(equations, start_of(equations, datum, Start(unknowns, state, origin)))
+        return cls(equations, Start(unknowns, state, origin))
+
+    def normal(self, constraint: Solution | None) -> tuple[NormalEquations, np.ndarray]:
+        """Return the normal equations at the start, and what a minimal datum adds to them.
+
+        Args:
+            constraint: a solution whose minimal datum holds a free network; none: there is none.
+        """
+        equations = self.equations.weighted_at(self.start.state)
+        normal = NormalEquations(Solver.of(equations), self.start.state)
+        added = np.zeros(equations.unknowns.n_columns)
+        if constraint is not None:
+            there = constraint.equations.unknowns
+            for column in np.flatnonzero(constraint.constraint).tolist():
+                kind, name, _ = there.describe(column)
+                table, old = equations.unknowns[kind], there[kind]
+                if name in table.number:
+                    component = column - int(old.offset[old.number[name]])
+                    first = int(table.offset[table.number[name]])
+                    added[first + component] = constraint.constraint[column]
+        return normal, added
+
+    def adjusted(
+        self,
+        datum: DatumChoice,
+        *,
+        tolerances: Sequence[float] = (EFFORT.close,),
+        doubted: bool = False,
+    ) -> System | Failure:
+        """Adjust; a failure says why there is no minimum.
+
+        Args:
+            datum: given or free.
+            tolerances: bounds of the last step, of which the first that is reached is enough.
+            doubted: whether there was no minimum before, and nothing has left since.
+        """
+        n = self.equations.unknowns.n_columns
+        most = EFFORT.most
+        if doubted:
+            most = min(max(EFFORT.few, EFFORT.work // n), EFFORT.most)
+        start, slow = self.start, bool(self.equations.rays)
+        for tolerance in (tolerances[0], *tolerances) if slow else tolerances:
+            try:
+                solution = adjust_from(
+                    self.equations,
+                    start,
+                    free=datum == "free",
+                    tolerance=tolerance,
+                    max_iterations=EFFORT.quick if slow else most,
+                )
+                # Where a free network lies changes no observation.
+                if solution.converged or solution.reason == OFF_DATUM:
+                    return System.of(solution)
+            except DatumError as error:
+                return Failure(str(error), tuple(error.unknowns))
+            except (AdjustmentError, SingularError) as error:
+                return Failure(str(error), None)
+            start = Start(solution.equations.unknowns, solution.state, solution.start)
+            if slow and (points := narrow(solution)):
+                return Failure(solution.reason, tuple(("point", n) for n in points))
+            slow = False
+        vague: tuple[Variable, ...] = tuple(("point", p.name) for p in anywhere(solution))
+        return Failure(solution.reason, solution.drifting or vague or None)
+
+
+def known_network(
+    ledger: Ledger,
+    system: System | None,
+    *,
+    new: Collection[Variable] = (),
+    dropped: Collection[Variable] = (),
+) -> Network:
+    """Return the network of what is in the graph, without what is not determined.
+
+    Args:
+        ledger: what is in the graph.
+        system: what is known; none: only ``new``.
+        new: variables that enter.
+        dropped: variables that are not known any more.
+    """
+    network = ledger.described
+
+    def stays(kind: VariableKind, name: str) -> bool:
+        v = (kind, name)
+        if v in dropped:
+            return False
+        if v in new or (system is not None and system.known(kind, name)):
+            return True
+        if kind == "point":
+            return all(network.points[name].fixed)
+        return not components(network, v)[0]
+
+    return filtered(network, stays)
+
+
+def with_doubt(system: System, reason: str) -> System:
+    """Return a system that is not the minimum of everything in the graph."""
+    return replace(system, doubt=reason)
