@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, Problem, known
-from ..incremental.journal import Journal
+from ..io.journal import Journal
 from .repetition import Outcome, Task
 from .study import Experiment, encoded, key, said, written
 

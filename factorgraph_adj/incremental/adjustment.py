@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, Problem, known
+from ..io.journal import Journal
 from ..network.entities import Camera, Photo, Point
 from ..network.network import DatumChoice, Network
 from ..observations import AnyObservation, Correlated, Observation
@@ -23,7 +24,6 @@ from . import commands, records
 from .arrival import Arrival, Waiting, waiting_of
 from .beginning import begin, restored
 from .flow import State
-from .journal import Journal
 from .ledger import Ledger, Some
 from .rebasing import known_network
 from .rules import Rules

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..quality.leave_out import Tested, critical_t2
 from ..types import Array, Index
 from .deciding import Decision, by_id, decide, gain, verdict
 from .forms import Item, items_of, together
@@ -16,8 +17,7 @@ from .ledger import Ledger, Some
 from .rebasing import Draft, Failure
 from .rules import Rules
 from .system import MOST_BESIDE, System, Trial
-from .tested import Tested
-from .verdicts import Gain, Verdict, critical_t2
+from .verdicts import Gain, Verdict
 
 MOST_GAINS = 300
 """Number of items of one arrival up to which it is worked out what each adds to its points."""
@@ -177,4 +177,4 @@ def _tested(system: System, trial: Trial) -> Tested:
     m = inverse[np.ix_(new, new)]
     v = inverse[new] @ trial.update.residuals
     forms = trial.forms
-    return Tested(forms.items, forms.rows, v, lambda u: m[:, u])
+    return Tested(forms.rows, v, lambda u: m[:, u])

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..graph.variables import calibration_name
 from ..models.variables import VariableKind
@@ -149,96 +151,29 @@ class Candidates:
         """Return the candidates that touch none of some variables."""
         return self.only(self.some.less(self.touching(variables)))
 
-    def joined_with(self, others: Candidates) -> list[Some]:
-        """Return these in parts that hang together by open variables, with others that do.
-
-        Args:
-            others: further observations; those that hang together with none of these are left.
-        """
-        mine, theirs = _Graph(self), _Graph(others)
-        out: list[Some] = []
-        units, rays = mine.nothing, mine.no_rays
-        while (seed := mine.next(units, rays)) is not None:
-            reached: set[Variable] = set()
-            frontier = seed
-            found = [np.zeros_like(mine.nothing), np.zeros_like(mine.no_rays)]
-            beside = [np.zeros_like(theirs.nothing), np.zeros_like(theirs.no_rays)]
-            alone = mine.first(units, rays)
-            while frontier:
-                reached |= frontier
-                more: set[Variable] = set()
-                for graph, (u, r) in ((mine, found), (theirs, beside)):
-                    new_units, new_rays = graph.touched(frontier)
-                    new_units, new_rays = new_units & ~u, new_rays & ~r
-                    more |= graph.variables(new_units, new_rays)
-                    u |= new_units
-                    r |= new_rays
-                frontier = more - reached
-            if not reached:  # no open variable at all
-                found[0], found[1] = alone
-            out.append(mine.some(*found).joined(theirs.some(*beside)))
-            units, rays = units | found[0], rays | found[1]
-        return out
-
-
-class _Graph:
-    """Which candidates touch which open variables."""
-
-    def __init__(self, candidates: Candidates) -> None:
-        self.candidates = candidates
-        self.nothing: Mask = np.zeros(len(candidates.some.units), dtype=bool)
-        self.no_rays: Mask = np.zeros(len(candidates.some.rays), dtype=bool)
-        self.of: dict[Variable, list[int]] = {}
-        for i, variables in enumerate(candidates.of_units):
+    def parts(self) -> list[Some]:
+        """Return the candidates in parts that hang together by open variables."""
+        if not self.some:
+            return []
+        number: dict[Variable, int] = {}
+        edges: list[tuple[Index, Index]] = []  # candidate and open variable
+        for i, variables in enumerate(self.of_units):
             for v in variables:
-                self.of.setdefault(v, []).append(i)
-        self.number = [
-            {v: i for i, v in enumerate(every) if is_open[i]}
-            for every, _, is_open in candidates.of_rays
-        ]
+                edges.append((np.array([i]), np.array([number.setdefault(v, len(number))])))
+        first = len(self.some.units)
+        for every, index, is_open in self.of_rays:
+            own = np.array([number.setdefault(v, len(number)) for v in every], dtype=np.intp)
+            on = np.flatnonzero(is_open[index])
+            edges.append((first + on, own[index[on]]))
+        n = first + len(self.some.rays)
+        own, variable = (np.concatenate(x) for x in zip(*edges, strict=True))
+        shape = (n + len(number),) * 2
+        graph = coo_array((np.ones(len(own)), (own, n + variable)), shape=shape)
+        label = connected_components(graph, directed=False)[1][:n]
+        return [self._chosen(np.flatnonzero(label == k)) for k in dict.fromkeys(label.tolist())]
 
-    def first(self, units: Mask, rays: Mask) -> tuple[Mask, Mask]:
-        """Return the first candidate that is not yet in a part, as flags."""
-        u, r = np.zeros_like(units), np.zeros_like(rays)
-        left = np.flatnonzero(~units)
-        if len(left):
-            u[left[0]] = True
-        else:
-            r[np.flatnonzero(~rays)[0]] = True
-        return u, r
-
-    def next(self, units: Mask, rays: Mask) -> set[Variable] | None:
-        """Return the open variables of the first candidate that is not yet in a part."""
-        if units.all() and rays.all():
-            return None
-        return self.variables(*self.first(units, rays))
-
-    def variables(self, units: Mask, rays: Mask) -> set[Variable]:
-        """Return the open variables of candidates."""
-        out = {v for i in np.flatnonzero(units) for v in self.candidates.of_units[i]}
-        if rays.any():
-            for every, index, is_open in self.candidates.of_rays:
-                used = np.zeros(len(every), dtype=bool)
-                used[index[rays]] = True
-                out.update(every[i] for i in np.flatnonzero(used & is_open).tolist())
-        return out
-
-    def touched(self, variables: Collection[Variable]) -> tuple[Mask, Mask]:
-        """Return which candidates touch some variables."""
-        units, rays = self.nothing.copy(), self.no_rays.copy()
-        for v in variables:
-            units[self.of.get(v, [])] = True
-        for (every, index, _), number in zip(self.candidates.of_rays, self.number, strict=True):
-            at = [number[v] for v in variables if v in number]
-            if at:
-                used = np.zeros(len(every), dtype=bool)
-                used[at] = True
-                rays |= used[index]
-        return units, rays
-
-    def some(self, units: Mask, rays: Mask) -> Some:
-        """Return flagged candidates."""
-        chosen = self.candidates.some
-        return Some(
-            tuple(chosen.units[i] for i in np.flatnonzero(units).tolist()), chosen.rays[rays]
-        )
+    def _chosen(self, numbers: Index) -> Some:
+        """Return candidates by their numbers, units before rays."""
+        first = len(self.some.units)
+        units = tuple(self.some.units[i] for i in numbers[numbers < first].tolist())
+        return Some(units, self.some.rays[numbers[numbers >= first] - first])

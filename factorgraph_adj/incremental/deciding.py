@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..quality.leave_out import Figures, Tested, critical_t2
 from ..types import Array, Mask
 from .forms import Item
 from .system import TIED
-from .tested import Figures, Tested
 from .units import Variable
-from .verdicts import Gain, Outcome, Verdict, critical_t2
+from .verdicts import Gain, Outcome, Verdict
 
 NOTHING = 1e-9
 """Eigenvalue of M, and part of σ, that are rounding."""
@@ -56,7 +56,7 @@ def decide(
             alone determine.
         touching: returns the variables of an item.
     """
-    out = Decision(stay=list(range(len(tested.items))))
+    out = Decision(stay=list(range(len(tested.rows))))
     while out.stay:
         ratios = np.where(fixed, 0.0, tested.ratios(alpha))[out.stay]
         worst = int(np.argmax(ratios))

@@ -6,15 +6,13 @@ every network.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
-from ..graph.variables import calibration_name
 from ..models.variables import ENTITIES, UNKNOWNS, VariableKind, parameter_kinds
-from ..network.entities import FREE_ORIENTATION, Camera, ImageTable, Parameter, parameter_name
+from ..network.entities import FREE_ORIENTATION, Camera, Parameter, parameter_name
 from ..network.network import DatumChoice, Network
 from ..types import Array, Index
 from .ledger import Ledger, Some
@@ -155,46 +153,3 @@ class _Excerpt:
         value = UNKNOWNS[kind].given(value[None])[0]
         fixed = (True,) * k if self.hold else given.fixed
         return Parameter(tuple(value[:k].tolist()), fixed, (np.inf,) * k)
-
-
-def filtered(network: Network, stays: Callable[[VariableKind, str], bool]) -> Network:
-    """Return the network without some of its unknowns; its observations stay.
-
-    Args:
-        network: the network.
-        stays: whether an unknown stays, by kind and name.
-    """
-    out = network.copy()
-    photos = [
-        n
-        for n in network.photos
-        if stays("pose", n) and stays("calibration", calibration_name(network, n))
-    ]
-    points = [n for n in network.points if stays("point", n)]
-    if len(photos) < len(network.photos) or len(points) < len(network.points):
-        _keep(out, photos, points)
-    used = {f.camera for f in out.photos.values()}
-    out.cameras = {n: c for n, c in network.cameras.items() if n in used or stays("calibration", n)}
-    for kind in parameter_kinds():
-        out.parameters[kind.name] = {
-            k: p
-            for k, p in network.of_kind(kind.name).items()
-            if stays(kind.name, parameter_name(k))
-            and (not kind.at_point or (k if isinstance(k, str) else k[0]) in out.points)
-        }
-    return out
-
-
-def _keep(network: Network, photos: Sequence[str], points: Sequence[str]) -> None:
-    """Keep some photos and points; image points are numbered anew."""
-    of_photo, of_point, xy, sigma = network.images.columns()
-    ids, sources = network.images.ids, network.images.sources
-    photo_number, point_number = ({n: i for i, n in enumerate(names)} for names in (photos, points))
-    new_photo = np.array([photo_number.get(n, -1) for n in network.photos], dtype=np.intp)
-    new_point = np.array([point_number.get(n, -1) for n in network.points], dtype=np.intp)
-    network.images = ImageTable()
-    network.images.append(new_photo[of_photo], new_point[of_point], xy, sigma)
-    network.images.ids, network.images.sources = dict(ids), dict(sources)
-    network.photos = {n: network.photos[n] for n in photos}
-    network.points = {n: network.points[n] for n in points}
-    network._photo_number, network._point_number = photo_number, point_number

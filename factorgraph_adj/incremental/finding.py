@@ -4,7 +4,7 @@ A waiting variable enters with all observations that join it to what enters or i
 come first, then approximate values, then the rank: with known variables held, the partials by
 the others must have full column rank, because nothing else can hold them. What the null space
 moves stays, with its observations, and the rest is looked at again. So does a point that may be
-anywhere, see `factorgraph_adj.incremental.anywhere`.
+anywhere, see `factorgraph_adj.solve.anywhere`.
 
 What is left in the end is the largest set of variables that determines itself. It does not depend
 on the order in which its observations came: more observations make it larger, never smaller.
@@ -26,13 +26,13 @@ from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
 from ..quality.snooping import snoop
+from ..solve.anywhere import anywhere
 from ..solve.batch import adjust
 from ..solve.datum import find_defects
 from ..solve.linear import LinearSystem
 from ..solve.rank import NULL, null_space
 from ..solve.solution import Solution
 from ..types import Array
-from .anywhere import anywhere
 from .candidates import Candidates
 from .excerpt import excerpt
 from .ledger import Some

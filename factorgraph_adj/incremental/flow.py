@@ -125,13 +125,13 @@ class _Loop:
         lacks: dict[Variable, str] = {}
         if late.some:
             beside = waiting.less(some) if task.most == np.inf else Some.none()
-            left = counted(candidates.only(late.some.joined(beside)), lacks).some
+            left = counted(candidates.only(late.some.joined(beside)), lacks)
             lacks = {v: why for v, why in lacks.items() if v in late.rows}
-            late = late.only(left.less(left.less(late.some)))
-            pool = candidates.only(Candidates(ledger, known, left.less(late.some)).late)
-            for part in late.joined_with(pool):
+            for part in left.only(left.late).parts():
+                if part.less(late.some).n_rows == part.n_rows:
+                    continue  # nothing of it has just come
                 entry = find(
-                    late.only(part),
+                    left.only(part),
                     datum="free" if begins else "given",
                     blunders=self.rules.policy != "accept",
                     alpha=self.rules.alpha,

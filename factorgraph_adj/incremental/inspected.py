@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from ..graph.variables import calibration_name
+from ..quality.leave_out import Tested
 from ..solve.factor import Factor
 from ..solve.leverage import leverages
 from ..solve.linear import LinearSystem
@@ -18,7 +19,6 @@ from ..types import Array, Index, Mask
 from .deciding import gain
 from .forms import Item, rows_of
 from .system import MOVES
-from .tested import Tested
 from .units import Variable
 from .verdicts import Gain
 
@@ -73,8 +73,8 @@ class Inspected:
         if not moved:
             v = v - self.a @ self.factor.solve(self.normal.gradient[:, None])[:, 0]
         if len(self.every) <= FEW:
-            return Tested(self.items, self.rows, v, lambda u: self._whole[:, u])
-        return Tested(self.items, self.rows, v, self._columns, self._blocks)
+            return Tested(self.rows, v, lambda u: self._whole[:, u])
+        return Tested(self.rows, v, self._columns, self._blocks)
 
     def _columns(self, rows: Index) -> Array:
         """Return M_·u of some rows u, (k, u)."""

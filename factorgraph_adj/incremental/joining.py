@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..quality.leave_out import critical_t2
 from ..solve.solution import Solution
 from .beside import MOST_GAINS
 from .candidates import Candidates, Nothing
@@ -26,7 +27,7 @@ from .rebasing import Draft, Failure, with_doubt
 from .rules import Rules
 from .system import System
 from .units import Variable
-from .verdicts import Gain, Verdict, critical_t2
+from .verdicts import Gain, Verdict
 
 MOST_JUDGED = 5
 """Number of times that what enters together is judged, each time without what did not fit."""

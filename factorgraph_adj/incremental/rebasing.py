@@ -11,13 +11,13 @@ from ..errors import AdjustmentError, DatumError
 from ..graph.equations import Equations, compile_network
 from ..models.variables import VariableKind
 from ..network.network import DatumChoice, Network
+from ..network.selection import filtered
+from ..solve.anywhere import anywhere, narrow
 from ..solve.batch import OFF_DATUM, adjust_from
 from ..solve.normal import NormalEquations, Solver
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..solve.start import Start, start_of
-from .anywhere import anywhere, narrow
-from .excerpt import filtered
 from .ledger import Ledger
 from .system import System
 from .units import Variable, components

@@ -17,11 +17,11 @@ import numpy as np
 from ..graph.equations import compile_rows
 from ..graph.variables import Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
+from ..solve.drift import Drift, linearised, missed, turned
+from ..solve.lifted import ROOM, Lifted
 from ..solve.solution import Solution
 from ..solve.update import Update
 from ..types import Array, Index
-from .cofactors import ROOM, Lifted
-from .drift import Drift, linearised, missed, turned
 from .excerpt import excerpt
 from .forms import Forms, Item, together
 from .ledger import Ledger

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -11,11 +11,11 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..graph.image_blocks import find_images
 from ..graph.make_blocks import weighted_blocks
-from ..graph.variables import Unknowns
+from ..graph.variables import Unknowns, calibration_name
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
 from ..observations import Observation
 from ..types import Array, Mask
-from .entities import Key, Parameter, parameter_key, parameter_name
+from .entities import ImageTable, Key, Parameter, parameter_key, parameter_name
 from .network import Network
 
 Stated: TypeAlias = tuple[VariableKind, Key]
@@ -258,3 +258,46 @@ def _drop_points(network: Network, lost: Iterable[str]) -> None:
             for key in [k for k in table if name == (k if isinstance(k, str) else k[0])]:
                 del table[key]
     network._point_number = {name: i for i, name in enumerate(network.points)}
+
+
+def filtered(network: Network, stays: Callable[[VariableKind, str], bool]) -> Network:
+    """Return the network without some of its unknowns; its observations stay.
+
+    Args:
+        network: the network.
+        stays: whether an unknown stays, by kind and name.
+    """
+    out = network.copy()
+    photos = [
+        n
+        for n in network.photos
+        if stays("pose", n) and stays("calibration", calibration_name(network, n))
+    ]
+    points = [n for n in network.points if stays("point", n)]
+    if len(photos) < len(network.photos) or len(points) < len(network.points):
+        _keep_entities(out, photos, points)
+    used = {f.camera for f in out.photos.values()}
+    out.cameras = {n: c for n, c in network.cameras.items() if n in used or stays("calibration", n)}
+    for kind in parameter_kinds():
+        out.parameters[kind.name] = {
+            k: p
+            for k, p in network.of_kind(kind.name).items()
+            if stays(kind.name, parameter_name(k))
+            and (not kind.at_point or (k if isinstance(k, str) else k[0]) in out.points)
+        }
+    return out
+
+
+def _keep_entities(network: Network, photos: Sequence[str], points: Sequence[str]) -> None:
+    """Keep some photos and points; image points are numbered anew."""
+    of_photo, of_point, xy, sigma = network.images.columns()
+    ids, sources = network.images.ids, network.images.sources
+    photo_number, point_number = ({n: i for i, n in enumerate(names)} for names in (photos, points))
+    new_photo = np.array([photo_number.get(n, -1) for n in network.photos], dtype=np.intp)
+    new_point = np.array([point_number.get(n, -1) for n in network.points], dtype=np.intp)
+    network.images = ImageTable()
+    network.images.append(new_photo[of_photo], new_point[of_point], xy, sigma)
+    network.images.ids, network.images.sources = dict(ids), dict(sources)
+    network.photos = {n: network.photos[n] for n in photos}
+    network.points = {n: network.points[n] for n in points}
+    network._photo_number, network._point_number = photo_number, point_number

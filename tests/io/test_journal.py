@@ -17,11 +17,11 @@ import pytest
 from factorgraph_adj import observations as o
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame
-from factorgraph_adj.incremental import journal as module
-from factorgraph_adj.incremental.journal import Journal
+from factorgraph_adj.io import journal as module
 from factorgraph_adj.io import json_records as j
 from factorgraph_adj.io.context import ImageAxes, RecordContext
 from factorgraph_adj.io.gama import read_gama
+from factorgraph_adj.io.journal import Journal
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.write_project import write_project
 from factorgraph_adj.network.entities import Photo, Point
@@ -811,7 +811,7 @@ MOST_SEEN = 2000
 """Entries after which a process is killed at the latest."""
 WRITER = """
 import sys
-from factorgraph_adj.incremental.journal import Journal
+from factorgraph_adj.io.journal import Journal
 journal = Journal.create(sys.argv[1], {}, durable=False)
 n = 0
 while True:

@@ -15,9 +15,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..solve.solution import Solution
-from ..solve.trust import sample
 from ..types import Array, Index
+from .solution import Solution
+from .trust import sample
 
 SAMPLES = 16
 """Number of samples from which standard deviations are estimated."""

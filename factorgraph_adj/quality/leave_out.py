@@ -1,7 +1,8 @@
-"""Test statistics of arriving items, each against everything else, itself left out.
+"""Test statistics of observations, each against everything else, itself left out.
 
-With the arriving rows whitened, their residuals v and redundancy matrix M = I − A Q Aᵀ after they
-were put in (to first order, Q with them), every item u is as if predicted by all the others:
+An item is an observation or a correlated group. With the rows of several items whitened, their
+residuals v and redundancy matrix M = I − A Q Aᵀ in an adjustment with all of them, every item u is
+as if predicted by all the others:
 
     d_u = M_uu⁻¹ v_u             innovation, computed − observed
     D_u = M_uu⁻¹                 its covariance
@@ -18,12 +19,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from ..types import Array, Index, Mask
-from .forms import Item
-from .verdicts import UNCONTROLLED, critical_t2
+from .distributions import chi2_quantile
+from .reliability import UNCONTROLLED
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +51,6 @@ class Tested:
 
     def __init__(
         self,
-        items: Sequence[Item],
         rows: Sequence[Index],
         v: Array,
         m: Callable[[Index], Array],
@@ -58,18 +59,17 @@ class Tested:
         """Take over n items with k rows.
 
         Args:
-            items: the items.
             rows: rows of each item.
             v: residuals, (k,).
             m: returns the columns M_·u (k, u) of some rows u.
             blocks: M_uu of every item, padded with zeros, (n, d, d); none: they come from ``m``.
         """
-        self.items, self.rows = items, rows
+        self.rows = rows
         self.v = v.copy()
         self._m = m
         most = max((len(r) for r in rows), default=1)
-        self.place = np.zeros((len(items), most), dtype=np.intp)
-        self.valid: Mask = np.zeros((len(items), most), dtype=bool)
+        self.place = np.zeros((len(rows), most), dtype=np.intp)
+        self.valid: Mask = np.zeros((len(rows), most), dtype=bool)
         for i, own in enumerate(rows):
             self.place[i, : len(own)] = own
             self.valid[i, : len(own)] = True
@@ -156,3 +156,9 @@ class Tested:
             t2[chosen],
             dof[chosen],
         )
+
+
+@lru_cache(maxsize=256)
+def critical_t2(alpha: float, dof: int) -> float:
+    """Return the critical value of T²: the quantile 1 − α of χ² with ``dof`` degrees."""
+    return chi2_quantile(1.0 - alpha, dof) if dof else np.nan

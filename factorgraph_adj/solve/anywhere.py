@@ -13,7 +13,7 @@ import numpy as np
 
 from ..graph.blocks import Block
 from ..observations import KINDS
-from ..solve.solution import Solution
+from .solution import Solution
 
 WITHIN = 3.0
 """Standard deviations of a point within which it may be."""

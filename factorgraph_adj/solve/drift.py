@@ -8,8 +8,8 @@ forms,
     t = ‖Q^½ (AᵀA − A₀ᵀA₀) Q^½‖    largest relative error of a variance, by power iteration.
 
 A look costs a few linearisations. Between two looks both are predicted from the length
-‖dx‖ = √(dxᵀN dx) of the movement: with the curvature c = s/‖dx‖² of the largest step s relative to
-its own σ, a movement by Δ since the last look leaves at most s + t‖Δ‖ + c‖Δ‖², within a factor.
+‖dx‖ = √(dxᵀN dx) of the movement: the step, relative to σ, grows with the square of the length,
+and t with the length.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..graph.variables import State
-from ..solve.factor import Factor
-from ..solve.linear import LinearSystem
 from ..types import Array
+from .factor import Factor
+from .linear import LinearSystem
 
 SEED = 1
 """Seed of the first vector of the power iteration."""
@@ -29,8 +29,6 @@ POWER = 4
 """Steps of the power iteration, after which the largest eigenvalue is known to about a third."""
 GAINED = 4.0
 """Factor by which ``gained`` may grow since a look."""
-SAFETY = 2.0
-"""Factor on what is predicted between two looks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +62,9 @@ class Drift:
         """
         if gained > GAINED * self.gained:
             return np.inf, np.inf
-        left = self.left + SAFETY * (self.turned * ahead + self.curvature * ahead**2)
+        left = self.left + self.curvature * (2.0 * self.length * ahead + ahead**2)
         share = ahead / self.length if self.length > 0 else 0.0
-        return left, self.turned * (1.0 + SAFETY * share)
+        return left, self.turned * (1.0 + share)
 
 
 def missed(here: LinearSystem, there: LinearSystem, movement: Array) -> Array:
