@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from ..models.variables import UNKNOWNS
-from .candidates import Candidates, Nothing
+from .candidates import Candidates, known_in
 from .deciding import waiting
 from .flow import State, Told
 from .forms import items_of
@@ -56,22 +56,27 @@ def arrival_of(before: State, after: State, told: Told, given: Iterable[str]) ->
         given: ids of the observations that were given.
     """
     ids = dict.fromkeys(given)
-    then, now = (set(s.ledger.ids_of(s.ledger.having("waiting"))) for s in (before, after))
-    late = after.ledger.find(i for i in ids if i in now)
+
+    def waited(state: State, some: Iterable[str]) -> set[str]:
+        ledger = state.ledger
+        return set(ledger.ids_of(ledger.among(ledger.find(some), "waiting")))
+
+    late = after.ledger.among(after.ledger.find(ids), "waiting")
     every = told.verdicts | {v.id: v for v in _verdicts_of_waiting(after, late)}
     verdicts = [every[i] for i in ids if i in every]
+    others = [i for i in told.verdicts if i not in ids]
+    then, now = waited(before, others), waited(after, others)
     entered = [
-        v
-        for i, v in told.verdicts.items()
-        if i not in ids and i in then and i not in now and after.ledger.has(i)
+        told.verdicts[i] for i in others if i in then and i not in now and after.ledger.has(i)
     ]
-    again = dict.fromkeys(
+    moved = dict.fromkeys(
         i
         for change in after.ledger.changes
         for i, was in change.before.items()
-        if was == "accepted" and i in now and i not in ids
+        if was == "accepted" and i not in ids
     )
-    waits = [i for i in again if before.ledger.status(i) == "accepted"]
+    now = waited(after, moved)
+    waits = [i for i in moved if i in now and before.ledger.status(i) == "accepted"]
     return Arrival((*verdicts, *entered), tuple(waits))
 
 
@@ -82,8 +87,7 @@ def waiting_of(state: State, some: Some) -> Iterator[Waiting]:
 
 
 def _verdicts_of_waiting(state: State, some: Some) -> Iterator[Verdict]:
-    known = Nothing() if state.system is None else state.system
-    candidates = Candidates(state.ledger, known, some)
+    candidates = Candidates(state.ledger, known_in(state.system), some)
     items = items_of(state.ledger, some)
     open_variables = [list(v) for v in candidates.of_units]
     for i in range(len(some.rays)):

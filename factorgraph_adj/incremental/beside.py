@@ -9,18 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import AdjustmentError
-from ..quality.leave_out import Tested, critical_t2
+from ..quality.leave_out import Tested
 from ..types import Array, Index
-from .deciding import Decision, by_id, decide, gain, verdict
+from .deciding import Decision, accepted, by_id, decide, gain, verdict
 from .forms import Item, items_of, together
 from .ledger import Ledger, Some
 from .rebasing import Draft, Failure
 from .rules import Rules
 from .system import MOST_BESIDE, System, Trial
 from .verdicts import Gain, Verdict
-
-MOST_GAINS = 300
-"""Number of items of one arrival up to which it is worked out what each adds to its points."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +90,9 @@ class Beside:
             return self.system
         return self.system.with_trial(self.kept)
 
-    def state(self, rules: Rules) -> tuple[Ledger, System] | None:
+    def state(self) -> tuple[Ledger, System] | None:
         """Return ledger and system with the items; none where only a new base keeps the promise."""
+        rules = self.rules
         out = [self.items[i] for i in self.decision.out]
         stay = together([self.items[i] for i in self.decision.stay])
         told = by_id(self._left_out())
@@ -136,21 +134,9 @@ class Beside:
         yield from self._left_out()
         if self.kept is None:
             return
-        tested = _tested(self.system, self.kept)
-        forms = self.kept.forms
-        every = np.arange(len(forms.items))
-        figures = tested.figures(forms.raw, every)
-        with_gains = len(every) <= MOST_GAINS and self.rules.datum == "given"
-        for i, item in enumerate(forms.items):
-            yield from verdict(
-                item,
-                "accepted",
-                figures,
-                i,
-                critical=critical_t2(self.rules.alpha, int(figures.dof[i])),
-                entered=item.ids[0] not in given,
-                gains=self._gains(i, tested.block(i)) if with_gains else (),
-            )
+        tested, forms = _tested(self.system, self.kept), self.kept.forms
+        gains = self._gains if self.rules.datum == "given" else None
+        yield from accepted(forms.items, tested, forms.raw, self.rules.alpha, given, gains)
 
     def _gains(self, i: int, m: Array) -> tuple[Gain, ...]:
         """Return what an item adds to its points."""

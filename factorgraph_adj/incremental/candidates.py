@@ -17,9 +17,6 @@ from .excerpt import Known
 from .ledger import Ledger, Some
 from .units import Variable, components
 
-OF_RAYS: tuple[VariableKind, ...] = ("pose", "calibration", "point")
-"""Kinds of the variables of an image point."""
-
 
 class Nothing:
     """Knows no variable."""
@@ -28,6 +25,11 @@ class Nothing:
         """Return no value."""
         del kind, name
         return None
+
+
+def known_in(system: Known | None) -> Known:
+    """Return what knows the variables of a system; none: nothing is known."""
+    return Nothing() if system is None else system
 
 
 @dataclass(frozen=True, eq=False)

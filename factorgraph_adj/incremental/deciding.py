@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +14,9 @@ from .system import TIED
 from .units import Variable
 from .verdicts import Gain, Outcome, Verdict
 
+MOST_GAINS = 300
+"""Largest number of items of one arrival for which it is worked out what each adds to its points.
+"""
 NOTHING = 1e-9
 """Eigenvalue of M, and part of σ, that are rounding."""
 
@@ -129,6 +132,39 @@ def verdict(
             )
         )
     return out
+
+
+def accepted(
+    items: Sequence[Item],
+    tested: Tested,
+    raw: Sequence[Array],
+    alpha: float,
+    given: Collection[str],
+    gains: Callable[[int, Array], tuple[Gain, ...]] | None,
+) -> Iterator[Verdict]:
+    """Iterate over the verdicts on items that stay.
+
+    Args:
+        items: the items.
+        tested: their tests, with no item left out.
+        raw: L of each item with Σ = L Lᵀ.
+        alpha: probability of a false alarm of one test.
+        given: ids of observations that did not wait before.
+        gains: returns what an item, given its number and M, adds to its points; none: gains are
+            not worked out. They never are for more than `MOST_GAINS` items.
+    """
+    figures = tested.figures(raw, np.arange(len(items)))
+    worked_out = gains if len(items) <= MOST_GAINS else None
+    for i, item in enumerate(items):
+        yield from verdict(
+            item,
+            "accepted",
+            figures,
+            i,
+            critical=critical_t2(alpha, int(figures.dof[i])),
+            entered=item.ids[0] not in given,
+            gains=worked_out(i, tested.block(i)) if worked_out is not None else (),
+        )
 
 
 def waiting(item: Item, lacks: str) -> list[Verdict]:

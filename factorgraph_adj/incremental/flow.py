@@ -16,7 +16,7 @@ import numpy as np
 
 from ..solve.solution import Solution
 from .beside import Beside
-from .candidates import Candidates, Nothing
+from .candidates import Candidates, Nothing, known_in
 from .finding import counted, find, firm
 from .joining import Entered, Entry, Refused, enter
 from .ledger import Ledger, Some
@@ -113,18 +113,16 @@ class _Loop:
         """Find what of a task, and of what waits with it, is determined, and put it in."""
         ledger, system = self.state.ledger, self.state.system
         begins = system is None and self.rules.datum == "free"
-        waiting = ledger.having("waiting")
-        some = task.some.less(task.some.less(waiting))  # an earlier task may have taken some in
+        some = ledger.among(task.some, "waiting")  # an earlier task may have taken some in
         if not some:
             return
-        known = Nothing() if system is None else system
-        candidates = Candidates(ledger, known, some)
+        candidates = Candidates(ledger, known_in(system), some)
         ready = Some.none() if begins else candidates.ready
         late = candidates.only(some) if begins else candidates.only(candidates.late)
         found: list[Entry] = []
         lacks: dict[Variable, str] = {}
         if late.some:
-            beside = waiting.less(some) if task.most == np.inf else Some.none()
+            beside = ledger.having("waiting").less(some) if task.most == np.inf else Some.none()
             left = counted(candidates.only(late.some.joined(beside)), lacks)
             lacks = {v: why for v, why in lacks.items() if v in late.rows}
             for part in left.only(left.late).parts():
@@ -153,24 +151,21 @@ class _Loop:
         """Put observations between known variables in, beside the system where that holds."""
         system = self.state.system
         assert system is not None
-        tried = Beside.of(self.state.ledger, system, ready, self._fixed(task), self.rules)
+        tried = Beside.of(self.state.ledger, system, ready, task.fixed | self.fixed, self.rules)
         if tried is None:
             self._enter(task, ready, [])
             return
-        after = tried.state(self.rules)
+        after = tried.state()
         if after is None:
             self._enter(task, ready, [])
             return
         self.told.take(tried.verdicts(self.given))
         self.state = State(*after, settled=False)
 
-    def _fixed(self, task: Task) -> frozenset[str]:
-        return task.fixed | self.fixed
-
     def _enter(self, task: Task, ready: Some, found: list[Entry]) -> None:
         """Put observations in with what enters with them; see `joining`."""
         before = self.state
-        fixed = self._fixed(task)
+        fixed = task.fixed | self.fixed
         result = enter(before.ledger, before.system, ready, found, fixed, self.rules, self.given)
         if isinstance(result, Entered):
             self.told.take(result.verdicts)
@@ -199,12 +194,10 @@ class _Loop:
 
     def _wait_on(self, task: Task, ready: Some, found: list[Entry], result: Refused) -> None:
         """Let what was to enter wait; try what is ready alone, and what is left in parts."""
-        entering = Some.none()
-        for e in found:
-            entering = entering.joined(e.some)
+        entering = Some.of([e.some for e in found])
         if ready and found:
             self.tasks.insert(0, Task(ready, task.fixed))
-        known = Nothing() if self.state.system is None else self.state.system
+        known = known_in(self.state.system)
         candidates = Candidates(self.state.ledger, known, entering)
         lacks = dict.fromkeys(candidates.rows, TOO_WEAK)
         self.state = replace(self.state, ledger=self.state.ledger.with_lacks(lacks))
@@ -220,13 +213,7 @@ class _Loop:
         """Split what reached no solution together: what is firm before the rest, or in halves."""
         if len(found) > 1:
             half = len(found) // 2
-            out = []
-            for some in (found[:half], found[half:]):
-                joined = Some.none()
-                for e in some:
-                    joined = joined.joined(e.some)
-                out.append(joined)
-            return out
+            return [Some.of([e.some for e in part]) for part in (found[:half], found[half:])]
         inside = firm(candidates)
         return [inside, candidates.some.less(inside)] if inside else []
 

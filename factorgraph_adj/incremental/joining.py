@@ -14,11 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import AdjustmentError
-from ..quality.leave_out import critical_t2
 from ..solve.solution import Solution
-from .beside import MOST_GAINS
-from .candidates import Candidates, Nothing
-from .deciding import Decision, by_id, decide, verdict
+from ..types import Array
+from .candidates import Candidates, known_in
+from .deciding import Decision, accepted, by_id, decide, verdict
 from .finding import LIMITS
 from .forms import Item, items_of, together
 from .inspected import Inspected
@@ -119,9 +118,8 @@ class _Entering:
     def run(self) -> Entered | Refused:
         """Put everything in, and test it, until nothing is left out."""
         before = self.ledger
-        entering = self.ready
+        entering = Some.of([self.ready, *(e.some for e in self.found)])
         for e in self.found:
-            entering = entering.joined(e.some)
             self._take_new(e.some)
         self._fill()
         self.ledger = self.ledger.moved(entering, "accepted", "arrival")
@@ -172,8 +170,7 @@ class _Entering:
         )
 
     def _take_new(self, some: Some) -> None:
-        known = self.system if self.system is not None else Nothing()
-        self.new |= Candidates(self.ledger, known, some).rows.keys()
+        self.new |= Candidates(self.ledger, known_in(self.system), some).rows.keys()
 
     def _fill(self) -> None:
         """Write approximate values that were found into the ledger, where none were given."""
@@ -235,7 +232,7 @@ class _Entering:
         self.ledger = self.ledger.with_lacks(dict.fromkeys(decision.loose, CONTRADICT))
         self.verdicts += told
         self.stay = [self.stay[i] for i in sorted(decision.stay)]
-        known = self.system if self.system is not None else Nothing()
+        known = known_in(self.system)
         observed = Candidates(self.ledger, known, together(self.stay)).rows.keys()
         lost = decision.loose | (self.new - observed)
         self.dropped |= lost
@@ -247,25 +244,13 @@ class _Entering:
             return
         inspected = self._inspected(base)
         tested = inspected.tested(moved=True)
-        figures = tested.figures(inspected.raw, np.arange(len(self.stay)))
-        with_gains = len(self.stay) <= MOST_GAINS and self.rules.datum == "given"
-        for i, item in enumerate(self.stay):
-            gains: tuple[Gain, ...] = ()
-            if with_gains:
-                gains = inspected.gains(
-                    i,
-                    tested.block(i),
-                    lambda n: np.diag(base.base.covariance(n)),
-                )
-            yield from verdict(
-                item,
-                "accepted",
-                figures,
-                i,
-                critical=critical_t2(self.rules.alpha, int(figures.dof[i])),
-                entered=item.ids[0] not in self.given,
-                gains=gains,
-            )
+
+        def gains(i: int, m: Array) -> tuple[Gain, ...]:
+            return inspected.gains(i, m, lambda n: np.diag(base.base.covariance(n)))
+
+        asked = gains if self.rules.datum == "given" else None
+        alpha = self.rules.alpha
+        yield from accepted(self.stay, tested, inspected.raw, alpha, self.given, asked)
 
     # -- where there is no solution -----------------------------------------------------------
 

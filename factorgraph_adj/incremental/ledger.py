@@ -54,10 +54,16 @@ class Some(NamedTuple):
         """Return no observations."""
         return cls((), np.zeros(0, dtype=np.intp))
 
+    @classmethod
+    def of(cls, several: Sequence[Some]) -> Some:
+        """Return all of several selections, each observation once."""
+        units = {u.ids[0]: u for some in several for u in some.units}
+        rays = np.concatenate([cls.none().rays, *(some.rays for some in several)])
+        return cls(tuple(units.values()), np.unique(rays))
+
     def joined(self, other: Some) -> Some:
         """Return these and others, each once."""
-        units = {u.ids[0]: u for u in (*self.units, *other.units)}
-        return Some(tuple(units.values()), np.union1d(self.rays, other.rays))
+        return Some.of([self, other])
 
     def less(self, other: Some) -> Some:
         """Return these without others."""
@@ -377,6 +383,12 @@ class Ledger:
         """Return all observations with an outcome."""
         units = tuple(e.unit for e in self.entries.values() if e.outcome == outcome)
         return Some(units, np.flatnonzero(self.rays.having(outcome)))
+
+    def among(self, some: Some, outcome: Outcome) -> Some:
+        """Return those of some observations of the ledger that have an outcome."""
+        there = ((u, self.entries.get(u.ids[0])) for u in some.units)
+        units = tuple(u for u, e in there if e is not None and e.outcome == outcome)
+        return Some(units, some.rays[self.rays.having(outcome)[some.rays]])
 
     def ids_of(self, some: Some) -> list[str]:
         """Return the ids of observations."""

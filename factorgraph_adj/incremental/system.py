@@ -17,8 +17,9 @@ import numpy as np
 from ..graph.equations import compile_rows
 from ..graph.variables import Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
-from ..solve.drift import Drift, linearised, missed, turned
+from ..solve.drift import Drift, missed, turned
 from ..solve.lifted import ROOM, Lifted
+from ..solve.linear import LinearSystem
 from ..solve.solution import Solution
 from ..solve.update import Update
 from ..types import Array, Index
@@ -34,8 +35,8 @@ SHARE = 0.5
 residuals are large the minimum is further away than such a step, as second partials count too:
 there it is this divided by σ̂0."""
 TURNED = 1.3
-"""Part of the promised accuracy that the relative error of a variance may be: that of a standard
-deviation is half of it, and the power iteration may find a third too little."""
+"""Part of the promised accuracy that the relative error of a variance may be. The error of a
+standard deviation is half of it; the rest is room for what the power iteration misses."""
 MOVES = 1e-2
 """Movement relative to the conditional standard deviation from which on a variable takes part in a
 motion that nothing determines."""
@@ -70,8 +71,6 @@ class System:
     """Rows that joined or left."""
     joined: Mapping[str, Index] = field(default_factory=dict)
     """Rows of the update that joined, by id."""
-    left: frozenset[str] = frozenset()
-    """Ids of the base whose rows left."""
     slots: Mapping[int, int] = field(default_factory=dict)
     """Slots of points that only cameras see, by their numbers in the first layer."""
     offset: Array | None = None
@@ -257,7 +256,7 @@ class System:
     def _look(self) -> tuple[System, Array]:
         """Look at the linear forms; return the system that knows how far they hold, and g."""
         here = self.base.normal().system
-        there = linearised(here, self.state)
+        there = LinearSystem(here.equations, self.state)
         g = missed(here, there, self.movement)
         if self.followed is not None:
             g = g - self.followed
@@ -371,8 +370,7 @@ class System:
             if self.offset is not None:
                 v = v + a @ self.offset
             update = update.with_rows(f.at, f.b, v, sign=-1.0)
-        left = self.left | set(own)
-        return replace(self, update=update, joined=joined, slots=slots, left=left, drift=None)
+        return replace(self, update=update, joined=joined, slots=slots, drift=None)
 
     def loosened(self, ids: Sequence[str]) -> set[Variable] | None:
         """Return the variables that observations alone determine; none where that is not known.

@@ -11,7 +11,6 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..solve.solution import Solution
-from ..types import Index
 from .candidates import Candidates, Nothing
 from .flow import State, Task
 from .ledger import Ledger, Some
@@ -44,7 +43,7 @@ def take_out(state: State, ids: Sequence[str], rules: Rules, cause: str = "remov
     ledger = state.ledger
     some = ledger.find(ids)
     weights = [i for i in ids if not ledger.has(i)]
-    inside = _inside(ledger, some)
+    inside = ledger.among(some, "accepted")
     rests, fixed = _rests(ledger, some, set(ids))
     ledger = ledger.moved(some, None, cause)
     rest = Some(tuple(rests), np.zeros(0, dtype=np.intp))
@@ -63,13 +62,6 @@ def take_out(state: State, ids: Sequence[str], rules: Rules, cause: str = "remov
     held = frozenset((*fixed, *ledger.ids_of(again)))
     tasks = [Task(rest.joined(again), held), Task(waiting)]
     return Out(State(ledger, system, settled=False), tuple(t for t in tasks if t.some), start)
-
-
-def _inside(ledger: Ledger, some: Some) -> Some:
-    """Return those of some observations that are in the graph."""
-    units = tuple(u for u in some.units if ledger.entries[u.ids[0]].outcome == "accepted")
-    rows: Index = some.rays[ledger.rays.having("accepted")[some.rays]]
-    return Some(units, rows)
 
 
 def _rests(ledger: Ledger, some: Some, gone: set[str]) -> tuple[list[Unit], list[str]]:

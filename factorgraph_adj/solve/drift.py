@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..graph.variables import State
 from ..types import Array
 from .factor import Factor
 from .linear import LinearSystem
@@ -26,7 +25,8 @@ from .linear import LinearSystem
 SEED = 1
 """Seed of the first vector of the power iteration."""
 POWER = 4
-"""Steps of the power iteration, after which the largest eigenvalue is known to about a third."""
+"""Number of steps of the power iteration at the first look. A later look makes one step, from the
+vector at which the look before it ended."""
 GAINED = 4.0
 """Factor by which ``gained`` may grow since a look."""
 
@@ -44,7 +44,7 @@ class Drift:
     length: float
     """Length of the movement from the base, ‖dx‖."""
     curvature: float
-    """Curvature c."""
+    """Step that is left, relative to σ, for the square of the length of the movement."""
     gained: float
     """Largest factor by which rows that joined had made a variance smaller."""
     direction: Array
@@ -78,15 +78,6 @@ def missed(here: LinearSystem, there: LinearSystem, movement: Array) -> Array:
     n = here.equations.n_rows
     linear = here.residual + here.times(movement[:, None])[:n, 0]
     return np.asarray(there.gradient() - here.transposed(linear[:, None])[:, 0])
-
-
-def linearised(here: LinearSystem, state: State) -> LinearSystem:
-    """Return the observations of a base at another state.
-
-    Raises:
-        InputError: names observations whose geometry has no answer there.
-    """
-    return LinearSystem(here.equations, state)
 
 
 def turned(
