@@ -9,28 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError
 from ..io.journal import Journal
 from ..network.entities import Camera, Photo, Point
 from ..network.network import DatumChoice, Network
-from ..observations import AnyObservation, Correlated, Observation
+from ..observations import AnyObservation, Observation
 from ..quality.rejections import Snooping
 from ..quality.reliability import Reliability, check_probabilities, reliability
-from ..quality.snooping import snoop
 from ..solve.estimates import CalibrationEstimate, PoseEstimate
 from ..solve.solution import Solution
 from ..types import Array
-from . import commands, records
+from . import commands, points, records
 from .arrival import Arrival, Waiting, waiting_of
 from .beginning import begin, restored
 from .flow import State
-from .ledger import Ledger, Some
-from .rebasing import known_network
+from .ledger import Ledger
+from .rebasing import known_network, solution_of
 from .rules import Rules
-from .verdicts import Policy, Verdict
-from .view import solution_of
-
-POLICIES = ("accept", "flag", "reject")
+from .verdicts import Outcome, Policy, Verdict
 
 
 class IncrementalAdjustment:
@@ -84,7 +80,6 @@ class IncrementalAdjustment:
         Raises:
             InputError: an option or the network's input is bad, or the journal has content.
         """
-        _check_options(policy, alpha, accuracy, datum)
         chosen = network.datum if datum is None else datum
         self.resumed = ""
         """What `resume` found torn at the end of its journal; empty if nothing."""
@@ -112,7 +107,6 @@ class IncrementalAdjustment:
         opened, header, entries, torn = Journal.open(journal, durable=False)
         try:
             network, options = records.start_of(header)
-            _check_options(options["policy"], options["alpha"], options["accuracy"], None)
             out = cls.__new__(cls)
             network.datum = options["datum"]
             out._rules = Rules(**options)
@@ -177,7 +171,7 @@ class IncrementalAdjustment:
         Raises:
             InputError: everything that is wrong with the input; nothing has changed then.
         """
-        listed = _listed(observations)
+        listed = commands.listed(observations)
         new = tuple(points), tuple(photos), tuple(cameras)
         result = commands.add(self._state, listed, self._rules, *new)
         return self._changed("add", result, records.entities(*new))
@@ -196,7 +190,7 @@ class IncrementalAdjustment:
         Raises:
             InputError: every id that there is not; nothing has changed then.
         """
-        return self._changed("remove", commands.remove(self._state, _ids(ids), self._rules))
+        return self._changed("remove", commands.remove(self._state, ids, self._rules))
 
     def replace(self, id: str, observation: Observation) -> Arrival:
         """Put a new observation in the place of another, under the same id; it is tested.
@@ -219,7 +213,7 @@ class IncrementalAdjustment:
         Raises:
             InputError: unknown ids, or a bad factor; nothing has changed then.
         """
-        result = commands.reweight(self._state, _ids(ids), factor, self._rules)
+        result = commands.reweight(self._state, ids, factor, self._rules)
         return self._changed("reweight", result)
 
     def accept(self, ids: str | Iterable[str]) -> Arrival:
@@ -228,7 +222,7 @@ class IncrementalAdjustment:
         Raises:
             InputError: every id that is neither; nothing has changed then.
         """
-        return self._changed("accept", commands.accept(self._state, _ids(ids), self._rules))
+        return self._changed("accept", commands.accept(self._state, ids, self._rules))
 
     def discard(self, ids: str | Iterable[str]) -> None:
         """Throw suspects out: they count as rejected.
@@ -236,7 +230,7 @@ class IncrementalAdjustment:
         Raises:
             InputError: every id that is not a suspect; nothing has changed then.
         """
-        self._changed("discard", (commands.discard(self._state, _ids(ids)), Arrival()))
+        self._changed("discard", (commands.discard(self._state, ids), Arrival()))
 
     def snoop(self, **options: Any) -> Snooping:
         """Search the whole network for gross errors, and take out what is found.
@@ -250,12 +244,12 @@ class IncrementalAdjustment:
         Raises:
             InputError: nothing is in the graph.
         """
-        found = snoop(self.network(), start=self.solution(), **{"alpha": self.alpha, **options})
-        ids = [r.id for r in found.rejected]
-        ids += [i for p in found.points_set_aside for i in p.rays]
-        if ids:
-            unique = list(dict.fromkeys(ids))
-            self._changed("snoop", commands.reject(self._state, unique, self._rules, "snooping"))
+        solution, chosen = self.solution(), {"alpha": self.alpha, **options}
+        after, arrival, found = commands.snooped(
+            self._state, self.network(), solution, self._rules, chosen
+        )
+        if after is not self._state:
+            self._changed("snoop", (after, arrival))
         return found
 
     def settle(self) -> None:
@@ -276,15 +270,13 @@ class IncrementalAdjustment:
 
     def latest_waiting(self, most: int) -> tuple[Waiting, ...]:
         """Return what began to wait last, the latest first: ``most`` units at most."""
-        some = self._state.ledger.having("waiting")
-        latest = Some(some.units[-most:], some.rays[-most:])
-        return tuple(reversed(tuple(waiting_of(self._state, latest))))[:most]
+        waiting = self._state.ledger.having("waiting")
+        return tuple(reversed(tuple(waiting_of(self._state, waiting[-most:]))))[:most]
 
     @property
     def n_waiting(self) -> int:
         """Number of observations that wait."""
-        some = self._state.ledger.having("waiting")
-        return sum(len(u.ids) for u in some.units) + len(some.rays)
+        return self._count("waiting")
 
     @property
     def suspects(self) -> tuple[Verdict, ...]:
@@ -312,7 +304,10 @@ class IncrementalAdjustment:
         if self._state.system is None:
             raise InputError("nothing is determined yet: there is no solution")
         if self._solution is None or self._solution[0] is not self._state:
-            self._solution = self._state, solution_of(self._state, self._rules)
+            self._solution = (
+                self._state,
+                solution_of(self._state.ledger, self._state.system, self._rules),
+            )
         return self._solution[1]
 
     def reliability(self, *, alpha: float | None = None, power: float = 0.80) -> Reliability:
@@ -334,13 +329,7 @@ class IncrementalAdjustment:
         Raises:
             InputError: no such point, or it is not determined yet.
         """
-        self._determined(name)
-        system = self._state.system
-        value = None if system is None else system.value("point", name)
-        if value is None:
-            return np.array(self._state.ledger.network.points[name].coordinates)
-        free = system is not None and system.base.datum is not None
-        return self.solution().point(name) if free else value
+        return points.estimate(self._state, name, self.solution)
 
     def covariance(self, a: str, b: str | None = None) -> Array:
         """Return the covariance of a point, or between two points, (3, 3) metres²; σ0 = 1.
@@ -348,15 +337,7 @@ class IncrementalAdjustment:
         Raises:
             InputError: no such point, or it is not determined yet.
         """
-        names = [self._determined(n) for n in (a, a if b is None else b)]
-        system, out = self._state.system, np.zeros((3, 3))
-        if system is None or not all(system.known("point", n) for n in names):
-            return out
-        if system.base.datum is not None:
-            return self.solution().covariance(*names)
-        found = system.cofactors(("point", names[0]), ("point", names[1]))
-        out[: found.shape[0], : found.shape[1]] = found
-        return out
+        return points.covariance(self._state, a, a if b is None else b, self.solution)
 
     def standard_deviations(self, name: str) -> Array:
         """Return the standard deviations of a point, (3,) metres."""
@@ -425,8 +406,7 @@ class IncrementalAdjustment:
 
     def __len__(self) -> int:
         """Return the number of observations in the graph."""
-        some = self._state.ledger.having("accepted")
-        return sum(len(u.ids) for u in some.units) + len(some.rays)
+        return self._count("accepted")
 
     def __repr__(self) -> str:
         """Say what is in the graph, and what is not."""
@@ -438,47 +418,8 @@ class IncrementalAdjustment:
 
     # -- helpers ------------------------------------------------------------------------------
 
-    def _determined(self, name: str) -> str:
-        points = self._state.ledger.network.points
-        if name not in points:
-            raise InputError(f"unknown point {name!r}; known: {known(points)}")
-        if self.determined(name) or all(points[name].fixed):
-            return name
-        given = self._state.ledger.lacks
-        lacks = given.get(("point", name), "no observation has determined it yet")
-        raise InputError(Problem(f"is not determined: {lacks}", f"point {name!r}"))
-
-
-def _check_options(policy: str, alpha: float, accuracy: float, datum: str | None) -> None:
-    problems = []
-    if policy not in POLICIES:
-        problems.append(Problem(f"unknown policy {policy!r}; valid: {', '.join(POLICIES)}"))
-    if not 0 < alpha < 1:
-        problems.append(Problem(f"alpha must be between 0 and 1, not {alpha}"))
-    if not 0 < accuracy <= 0.1:
-        problems.append(Problem(f"accuracy must be in (0, 0.1], not {accuracy}"))
-    if datum not in (None, "given", "free"):
-        problems.append(Problem(f"unknown datum {datum!r}; valid: given, free"))
-    if problems:
-        raise InputError(problems)
-
-
-def _listed(given: object) -> list[AnyObservation]:
-    """Return observations as a list."""
-    if isinstance(given, Observation | Correlated):
-        return [given]
-    several = isinstance(given, Iterable) and not isinstance(given, str)
-    items: list[Any] = list(given) if several else [given]  # type: ignore[call-overload]
-    problems = [
-        Problem("is no observation: see factorgraph_adj.observations", repr(i)[:80])
-        for i in items
-        if not isinstance(i, Observation | Correlated)
-    ]
-    if problems:
-        raise InputError(problems)
-    return items
-
-
-def _ids(given: str | Iterable[str]) -> list[str]:
-    """Return ids as a list."""
-    return [given] if isinstance(given, str) else list(given)
+    def _count(self, outcome: Outcome) -> int:
+        """Return the number of observations with an outcome."""
+        ledger = self._state.ledger
+        found = ledger.having(outcome)
+        return len(ledger.rows.images(found)) + sum(len(u.ids) for _, u in ledger.rows.units(found))

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..models.variables import UNKNOWNS
+from ..types import Index
 from .candidates import Candidates, known_in
-from .deciding import waiting
 from .flow import State, Told
-from .forms import items_of
-from .ledger import Some
+from .judging import untested
+from .rows import CODE
 from .verdicts import Verdict
 
 ALONE = "all that it touches is given, and nothing else is determined yet"
@@ -55,48 +57,43 @@ def arrival_of(before: State, after: State, told: Told, given: Iterable[str]) ->
         told: verdicts on the tested observations.
         given: ids of the observations that were given.
     """
+    ledger, then = after.ledger, before.ledger
     ids = dict.fromkeys(given)
-
-    def waited(state: State, some: Iterable[str]) -> set[str]:
-        ledger = state.ledger
-        return set(ledger.ids_of(ledger.among(ledger.find(some), "waiting")))
-
-    late = after.ledger.among(after.ledger.find(ids), "waiting")
-    every = told.verdicts | {v.id: v for v in _verdicts_of_waiting(after, late)}
+    late = ledger.rows.among(ledger.find(ids), "waiting")
+    every = told | {v.id: v for v in _verdicts_of_waiting(after, late)}
     verdicts = [every[i] for i in ids if i in every]
-    others = [i for i in told.verdicts if i not in ids]
-    then, now = waited(before, others), waited(after, others)
-    entered = [
-        told.verdicts[i] for i in others if i in then and i not in now and after.ledger.has(i)
-    ]
-    moved = dict.fromkeys(
-        i
-        for change in after.ledger.changes
-        for i, was in change.before.items()
-        if was == "accepted" and i not in ids
-    )
-    now = waited(after, moved)
-    waits = [i for i in moved if i in now and before.ledger.status(i) == "accepted"]
-    return Arrival((*verdicts, *entered), tuple(waits))
+    others = then.find(i for i in told if i not in ids)
+    out = [CODE["waiting"], CODE["suspect"]]
+    waited = then.ids_of(others[np.isin(then.rows.status[others], out)])
+    rows = ledger.find(waited)
+    changed = ledger.rows.status[rows] != CODE["waiting"]
+    # A suspect that was tested again, and is still one, is not told again.
+    still = np.isin(rows, then.having("suspect")) & (ledger.rows.status[rows] == CODE["suspect"])
+    inside = ledger.ids_of(rows[changed & ~still])
+    both = set(inside).intersection(waited).difference(ids)
+    entered = [v for i, v in told.items() if i in both]
+    # Rows of the state before have kept their numbers.
+    was = then.having("accepted")
+    left = then.ids_of(was[ledger.rows.status[was] != CODE["accepted"]])
+    wait = set(ledger.ids_of(ledger.rows.among(ledger.find(left), "waiting")))
+    waits = tuple(i for i in left if i not in ids and i in wait)
+    return Arrival((*verdicts, *entered), waits)
 
 
-def waiting_of(state: State, some: Some) -> Iterator[Waiting]:
+def waiting_of(state: State, rows: Index) -> Iterator[Waiting]:
     """Iterate over observations that wait, with what each lacks."""
-    for v in _verdicts_of_waiting(state, some):
+    for v in _verdicts_of_waiting(state, rows):
         yield Waiting(v.id, v.kind, v.label, v.lacks)
 
 
-def _verdicts_of_waiting(state: State, some: Some) -> Iterator[Verdict]:
-    candidates = Candidates(state.ledger, known_in(state.system), some)
-    items = items_of(state.ledger, some)
-    open_variables = [list(v) for v in candidates.of_units]
-    for i in range(len(some.rays)):
-        open_variables.append(
-            [every[index[i]] for every, index, is_open in candidates.of_rays if is_open[index[i]]]
-        )
-    for item, variables in zip(items, open_variables, strict=True):
+def _verdicts_of_waiting(state: State, rows: Index) -> Iterator[Verdict]:
+    ledger = state.ledger
+    lacking = Candidates(ledger, known_in(state.system), rows).lacking()
+    for unit, variables in zip(ledger.units(rows), lacking, strict=True):
         lacks = dict.fromkeys(
-            state.ledger.lacks.get(v) or f"{UNKNOWNS[v[0]].noun} {v[1]!r} is not determined yet"
+            ledger.lacks.get(v) or f"{UNKNOWNS[v[0]].noun} {v[1]!r} is not determined yet"
             for v in variables
         )
-        yield from waiting(item, "; ".join(lacks) or ALONE)
+        if (own := ledger.lacks.get(unit.ids[0])) is not None:
+            lacks[own] = None
+        yield from untested(unit, "waiting", "; ".join(lacks) or ALONE)

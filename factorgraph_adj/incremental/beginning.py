@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from contextlib import suppress
 
+import numpy as np
+
 from ..errors import AdjustmentError
-from ..graph.variables import calibration_name
+from ..graph.dependence import Variable
+from ..models.variables import VariableKind
+from ..solve.anywhere import anywhere
 from ..solve.batch import adjust_from
 from ..solve.solution import Solution
+from ..types import Index
 from .candidates import Candidates, Nothing
-from .finding import counted, determined
+from .entering import rays_alone
+from .finding import Search
 from .flow import State, Task, absorb
-from .joining import rays_alone
-from .ledger import Ledger, Some
+from .ledger import Ledger
 from .rebasing import EFFORT, Draft, Failure
 from .rules import Rules
 from .system import System
-from .units import Variable, components
 
 MOST_LET_GO = 5
 """Largest number of adjustments at the start, each without points that the one before named."""
@@ -31,40 +35,69 @@ def begin(ledger: Ledger, rules: Rules, start: Solution | None) -> State:
         start: a solution of the network, or of one like it.
     """
     inside = ledger.having("accepted")
-    if not inside:
+    if not len(inside):
         return State(ledger)
-    stay = counted(Candidates(ledger, Nothing(), inside), {}).some
+    ledger, system = adjusted(ledger, rules, start)
+    if not isinstance(system, System):
+        stay = Search(Candidates(ledger, Nothing(), inside), rules.datum, {}).determined()
+        ledger, system = adjusted(_without(ledger, inside, stay), rules, start)
+    if not isinstance(system, System):
+        ledger = _without(ledger, inside, stay)
+        found = Candidates(ledger, Nothing(), stay)
+        system = _at_its_start(ledger, found, rules, start, system)
+        if system is None:
+            ledger = _without(ledger, inside, stay[:0])
+    return _entered(State(ledger, system, settled=False), inside, rules)
+
+
+def adjusted(
+    ledger: Ledger, rules: Rules, start: Solution | None
+) -> tuple[Ledger, System | Failure | None]:
+    """Adjust what is in, without what is not determined: that waits.
+
+    Args:
+        ledger: what is in.
+        rules: the options.
+        start: where everything was, or may be; none: approximate values are found.
+
+    Returns:
+        The ledger, and the system; why there is none, if that can be said.
+    """
+    inside = ledger.having("accepted")
+    stay = Search(Candidates(ledger, Nothing(), inside), rules.datum, {}).counted()
+    system: System | Failure | None = None
     for _ in range(MOST_LET_GO):
-        tried = ledger.moved(inside.less(stay), "waiting", "undetermined")
-        system = _adjusted(tried, stay, rules, start) if stay else None
+        ledger = _without(ledger, inside, stay.rows)
+        system = _adjusted(ledger, stay, rules, start)
         if isinstance(system, System):
-            return _entered(State(tried, system, settled=False), inside, rules)
-        named = system.loose if isinstance(system, Failure) else None
-        fewer = stay.less(rays_alone(tried, named or ()))
-        if len(fewer.rays) == len(stay.rays):
+            vague: list[Variable] = [("point", p.name) for p in anywhere(system.base)]
+            gone = stay.touching(vague)
+        elif system is None or not system.loose:
             break
-        stay = fewer
-    stay = determined(Candidates(ledger, Nothing(), inside), datum=rules.datum)
-    loose = inside.less(stay)
-    if loose:
-        ledger = ledger.moved(loose, "waiting", "undetermined")
-        if stay:
-            system = _adjusted(ledger, stay, rules, start)
-    if stay and not isinstance(system, System):
-        system = _at_its_start(ledger, stay, rules, start, system)
-    if stay and system is None:
-        ledger = ledger.moved(stay, "waiting", "undetermined")
-    state = State(ledger, system if isinstance(system, System) else None, settled=False)
-    return _entered(state, inside, rules)
+        elif system.singular and rules.datum == "given":
+            gone = stay.touching(system.loose)
+        else:
+            gone = rays_alone(ledger, system.loose)
+        if not len(gone):
+            break
+        stay = stay.only(np.setdiff1d(stay.rows, gone))
+    return ledger, system
 
 
-def _entered(state: State, inside: Some, rules: Rules) -> State:
-    """Let what waits of a network's own observations enter, if it can."""
+def _without(ledger: Ledger, inside: Index, stay: Index) -> Ledger:
+    """Return the ledger where only some of a network's observations are in."""
+    ledger = ledger.moved(np.setdiff1d(inside, stay), "waiting", "undetermined")
+    return ledger.moved(ledger.rows.among(stay, "waiting"), "accepted", "arrival")
+
+
+def _entered(state: State, inside: Index, rules: Rules) -> State:
+    """Let the others of a network's own observations enter, if they can."""
     state = _with_values(state)
     waiting = state.ledger.having("waiting")
-    if waiting:
-        fixed = frozenset(state.ledger.ids_of(inside))
-        state, _ = absorb(state, [Task(waiting, fixed)], rules)
+    if len(waiting):
+        state, _ = absorb(state, [Task(waiting, inside)], rules)
+    if state.system is not None:
+        state.system.prepared()
     return state
 
 
@@ -77,14 +110,14 @@ def restored(ledger: Ledger, begun: State, rules: Rules) -> State:
         rules: the options.
     """
     inside = ledger.having("accepted")
-    if not inside:
+    if not len(inside):
         return State(ledger)
     start = None if begun.system is None else begun.system.base
-    system = _adjusted(ledger, inside, rules, start)
-    if not isinstance(system, System):
-        found = _at_its_start(ledger, inside, rules, start, system)
-        return State(ledger, found, settled=False)
-    return settled(State(ledger, system), rules)
+    every = Candidates(ledger, Nothing(), inside)
+    system = _adjusted(ledger, every, rules, start)
+    if isinstance(system, System):
+        return settled(State(ledger, system), rules)
+    return State(ledger, _at_its_start(ledger, every, rules, start, system), settled=False)
 
 
 def settled(state: State, rules: Rules) -> State:
@@ -95,77 +128,50 @@ def settled(state: State, rules: Rules) -> State:
     found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
     if isinstance(found, Failure):
         return state
-    return State(state.ledger, found, settled=True)
+    return State(state.ledger, found.prepared(), settled=True)
+
+
+def _draft(ledger: Ledger, stay: Candidates, rules: Rules, start: Solution | None) -> Draft:
+    found = () if start is None else (start,)
+    return Draft.of(ledger, None, rules.datum, new=stay.counts.keys(), found=found)
 
 
 def _adjusted(
-    ledger: Ledger, inside: Some, rules: Rules, start: Solution | None
+    ledger: Ledger, stay: Candidates, rules: Rules, start: Solution | None
 ) -> System | Failure | None:
     """Return the system of a network's adjustment; none where it ends in an error."""
-    try:
-        found = () if start is None else (start,)
-        draft = Draft.of(ledger, None, rules.datum, new=_observed(ledger, inside), found=found)
-        return draft.adjusted(rules.datum)
-    except AdjustmentError:
-        return None
+    with suppress(AdjustmentError):
+        if len(stay.rows):
+            return _draft(ledger, stay, rules, start).adjusted(rules.datum)
+    return None
 
 
 def _at_its_start(
     ledger: Ledger,
-    inside: Some,
+    stay: Candidates,
     rules: Rules,
     start: Solution | None,
-    failure: System | Failure | None,
+    failure: Failure | None,
 ) -> System | None:
     """Return the system at the values with which it begins; none: it is not determined there."""
-    reason = failure.reason if isinstance(failure, Failure) else "no minimum was found"
+    reason = "no minimum was found" if failure is None else failure.reason
     with suppress(AdjustmentError):
-        found = () if start is None else (start,)
-        draft = Draft.of(ledger, None, rules.datum, new=_observed(ledger, inside), found=found)
-        free = rules.datum == "free"
-        steps = 1 if free else 0  # with which the datum is found
-        solution = adjust_from(draft.equations, draft.start, free=free, max_iterations=steps)
-        return System.of(solution, reason)
+        if len(stay.rows):
+            draft = _draft(ledger, stay, rules, start)
+            free = rules.datum == "free"
+            steps = 1 if free else 0  # with which the datum is found
+            solution = adjust_from(draft.equations, draft.start, free=free, max_iterations=steps)
+            return System.of(solution, reason)
     return None
-
-
-def _observed(ledger: Ledger, inside: Some) -> set[Variable]:
-    """Return the unknowns that observations touch, or that weights determine."""
-    network, names, rays = ledger.described, ledger.names, ledger.rays
-    out: set[Variable] = {v for u in inside.units for v in u.unknowns}
-    photos = {names.photos[f] for f in set(rays.photo[inside.rays].tolist())}
-    out |= {("pose", f) for f in photos}
-    out |= {("calibration", calibration_name(network, f)) for f in photos}
-    out |= {("point", names.points[p]) for p in set(rays.point[inside.rays].tolist())}
-    every: list[Variable] = [("point", n) for n in network.points]
-    every += [("pose", n) for n in network.photos]
-    every += [("calibration", n) for n in network.cameras]
-    every += [(kind, n) for kind, n in _stated(ledger)]
-    for v in every:
-        free, weighted = components(network, v)
-        if free == weighted:
-            out.add(v)
-    return out
-
-
-def _stated(ledger: Ledger) -> list[Variable]:
-    """Return the unknowns besides points, photos and cameras that were stated."""
-    from ..network.entities import parameter_name
-
-    network = ledger.network
-    return [
-        (kind, parameter_name(key)) for kind, given in network.parameters.items() for key in given
-    ]
 
 
 def _with_values(state: State) -> State:
     """Write approximate values that were found into the ledger, where none were given."""
     if state.system is None:
         return state
-    base = state.system.base
-    ledger = state.ledger
-    for kind in ("point", "pose"):
+    base, ledger = state.system.base, state.ledger
+    kinds: tuple[VariableKind, ...] = ("point", "pose")
+    for kind in kinds:
         table = base.equations.unknowns[kind]
-        values = dict(zip(table.names, base.start[kind], strict=True))
-        ledger = ledger.with_values(kind, values)
+        ledger = ledger.with_values(kind, dict(zip(table.names, base.start[kind], strict=True)))
     return State(ledger, state.system, state.settled)

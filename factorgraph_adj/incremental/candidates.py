@@ -1,25 +1,32 @@
-"""Observations that may enter: what of theirs is not known, counted over units and image points."""
+"""Observations that may enter: which of their variables are not known, counted in arrays."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
+from ..graph.dependence import Variable
 from ..graph.variables import calibration_name
 from ..models.variables import VariableKind
 from ..types import Array, Index, Mask
 from .excerpt import Known
-from .ledger import Ledger, Some
-from .units import Variable, components
+from .ledger import Ledger
 
 
 class Nothing:
     """Knows no variable."""
+
+    def known(self, kind: VariableKind, name: str) -> bool:
+        """Return no."""
+        del kind, name
+        return False
 
     def value(self, kind: VariableKind, name: str) -> Array | None:
         """Return no value."""
@@ -32,6 +39,19 @@ def known_in(system: Known | None) -> Known:
     return Nothing() if system is None else system
 
 
+class Links(NamedTuple):
+    """Which candidates depend on which variables, a pair in each place."""
+
+    variables: tuple[Variable, ...]
+    """All variables."""
+    number: Mapping[Variable, int]
+    """Their numbers."""
+    candidate: Index
+    """Numbers of candidates, (e,)."""
+    variable: Index
+    """Numbers of variables, (e,)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Candidates:
     """Some observations, and which of their variables are open: neither known nor constants."""
@@ -40,142 +60,134 @@ class Candidates:
     """Where they stand."""
     known: Known
     """What is known."""
-    some: Some
-    """The observations."""
+    rows: Index
+    """Their rows."""
 
     @cached_property
-    def of_rays(self) -> tuple[tuple[list[Variable], Index, Mask], ...]:
-        """Pose, calibration and point of the rays.
-
-        For each kind: the variables, the number of each ray's among them (m,), and which are open.
-        """
-        rays, names, rows = self.ledger.rays, self.ledger.names, self.some.rays
-        photos, photo = np.unique(rays.photo[rows], return_inverse=True)
-        points, point = np.unique(rays.point[rows], return_inverse=True)
+    def links(self) -> Links:
+        """Which candidates depend on which variables."""
+        rows, names = self.ledger.rows, self.ledger.names
+        number: dict[Variable, int] = {}
+        own: list[int] = []
+        to: list[int] = []
+        is_ray = rows.photo[self.rows] >= 0
+        places = np.flatnonzero(~is_ray)
+        for place, (_, unit) in zip(places.tolist(), rows.units(self.rows), strict=True):
+            for v in unit.variables:
+                own.append(place)
+                to.append(number.setdefault(v, len(number)))
+        candidate, variable = [np.array(own, dtype=np.intp)], [np.array(to, dtype=np.intp)]
+        at = np.flatnonzero(is_ray)
+        photos, photo = np.unique(rows.photo[self.rows[at]], return_inverse=True)
+        points, point = np.unique(rows.point[self.rows[at]], return_inverse=True)
         poses: list[Variable] = [("pose", names.photos[f]) for f in photos.tolist()]
-        lenses = [calibration_name(self.ledger.network, name) for _, name in poses]
-        number = {name: i for i, name in enumerate(dict.fromkeys(lenses))}
-        of_photo = np.array([number[name] for name in lenses], dtype=np.intp)
-        cameras: list[Variable] = [("calibration", name) for name in number]
-        places: list[Variable] = [("point", names.points[p]) for p in points.tolist()]
-        return tuple(
-            (every, index, np.array([self._open(v) for v in every], dtype=bool))
-            for every, index in ((poses, photo), (cameras, of_photo[photo]), (places, point))
-        )
-
-    def _open(self, variable: Variable) -> bool:
-        if self.known.value(*variable) is not None:
-            return False
-        return components(self.ledger.network, variable)[0] > 0
+        lens = [calibration_name(self.ledger.network, name) for _, name in poses]
+        of_photo: list[Variable] = [("calibration", name) for name in lens]
+        places_of: list[Variable] = [("point", names.points[p]) for p in points.tolist()]
+        for every, index in ((poses, photo), (of_photo, photo), (places_of, point)):
+            numbers = [number.setdefault(v, len(number)) for v in every]
+            candidate.append(at)
+            variable.append(np.array(numbers, dtype=np.intp)[index])
+        return Links(tuple(number), number, np.concatenate(candidate), np.concatenate(variable))
 
     @cached_property
-    def of_units(self) -> tuple[tuple[Variable, ...], ...]:
-        """The open variables of every unit."""
-        return tuple(
-            tuple(v for v in u.unknowns if self.known.value(*v) is None) for u in self.some.units
-        )
+    def open(self) -> Mask:
+        """Which variables are open."""
+        known, needs = self.known.known, self.ledger.needs
+        every = (not known(*v) and needs(v)[0] > 0 for v in self.links.variables)
+        return np.fromiter(every, dtype=bool, count=len(self.links.variables))
 
     @cached_property
-    def rows(self) -> Mapping[Variable, int]:
+    def scalars(self) -> Index:
+        """Number of scalar rows of every candidate."""
+        out = np.full(len(self.rows), 2, dtype=np.intp)
+        rows = self.ledger.rows
+        at = np.flatnonzero(rows.photo[self.rows] < 0)
+        out[at] = [u.n_scalars for _, u in rows.units(self.rows)]
+        return out
+
+    @cached_property
+    def counts(self) -> Mapping[Variable, int]:
         """Number of scalar rows of every open variable."""
-        out: dict[Variable, int] = {}
-        for unit, variables in zip(self.some.units, self.of_units, strict=True):
-            for v in variables:
-                out[v] = out.get(v, 0) + unit.n_scalars
-        for every, index, is_open in self.of_rays:
-            counts = 2 * np.bincount(index, minlength=len(every))
-            for i in np.flatnonzero(is_open).tolist():
-                out[every[i]] = out.get(every[i], 0) + int(counts[i])
-        return out
+        links = self.links
+        weights = self.scalars[links.candidate]
+        n = np.bincount(links.variable, weights=weights, minlength=len(links.variables))
+        return {links.variables[i]: int(n[i]) for i in np.flatnonzero(self.open).tolist()}
 
     @cached_property
-    def _observing(self) -> Mapping[Variable, dict[str, int]]:
-        """Number of observations of every open variable by their kind."""
-        out: dict[Variable, dict[str, int]] = {}
-        for unit, variables in zip(self.some.units, self.of_units, strict=True):
-            for v in variables:
-                counts = out.setdefault(v, {})
-                for o in unit.observations:
-                    counts[o.kind] = counts.get(o.kind, 0) + 1
-        for every, index, is_open in self.of_rays:
-            n = np.bincount(index, minlength=len(every))
-            for i in np.flatnonzero(is_open).tolist():
-                out.setdefault(every[i], {})["image"] = int(n[i])
-        return out
+    def _by_variable(self) -> csr_array:
+        links = self.links
+        shape = len(links.variables), len(self.rows)
+        return csr_array((np.ones(len(links.variable)), (links.variable, links.candidate)), shape)
+
+    def _of(self, variable: Variable) -> Index:
+        """Return the rows of the candidates that depend on a variable."""
+        number = self.links.number.get(variable)
+        if number is None:
+            return self.rows[:0]
+        found = self._by_variable
+        return np.asarray(self.rows[found.indices[found.indptr[number] : found.indptr[number + 1]]])
 
     def describe(self, variable: Variable) -> str:
-        """Say what observes an open variable: ``2 image rays, 1 direction``."""
-        words = {"image": "image ray" if variable[0] == "point" else "image point"}
-        return ", ".join(
-            f"{n} {words.get(k, k.replace('_', ' '))}{'s' * (n > 1)}"
-            for k, n in self._observing.get(variable, {}).items()
-        )
+        """Say what observes a variable: ``2 image rays, 1 direction``."""
+        rows, own = self.ledger.rows, self._of(variable)
+        counts = Counter(o.kind for _, unit in rows.units(own) for o in unit.observations)
+        rays = len(rows.images(own))
+        if rays:
+            counts["image ray" if variable[0] == "point" else "image point"] += rays
+        return ", ".join(f"{n} {k.replace('_', ' ')}{'s' * (n > 1)}" for k, n in counts.items())
 
     @cached_property
-    def waiting(self) -> Mask:
-        """Which rays have an open variable, (m,)."""
-        out = np.zeros(len(self.some.rays), dtype=bool)
-        for _, index, is_open in self.of_rays:
-            out |= is_open[index]
+    def blocked(self) -> Mask:
+        """Which candidates have an open variable."""
+        out = np.zeros(len(self.rows), dtype=bool)
+        out[self.links.candidate[self.open[self.links.variable]]] = True
         return out
 
     @property
-    def ready(self) -> Some:
-        """The observations without an open variable."""
-        units = (u for u, v in zip(self.some.units, self.of_units, strict=True) if not v)
-        return Some(tuple(units), self.some.rays[~self.waiting])
+    def ready(self) -> Index:
+        """The candidates without an open variable."""
+        return np.asarray(self.rows[~self.blocked])
 
     @property
-    def late(self) -> Some:
-        """The other observations."""
-        units = (u for u, v in zip(self.some.units, self.of_units, strict=True) if v)
-        return Some(tuple(units), self.some.rays[self.waiting])
+    def late(self) -> Index:
+        """The other candidates."""
+        return np.asarray(self.rows[self.blocked])
+
+    def lacking(self) -> list[list[Variable]]:
+        """Return the open variables of every candidate."""
+        links = self.links
+        out: list[list[Variable]] = [[] for _ in self.rows]
+        on = self.open[links.variable]
+        for i, v in zip(links.candidate[on].tolist(), links.variable[on].tolist(), strict=True):
+            out[i].append(links.variables[v])
+        return out
 
     # -- parts --------------------------------------------------------------------------------
 
-    def only(self, some: Some) -> Candidates:
+    def only(self, rows: Index) -> Candidates:
         """Return other candidates of the same state."""
-        return Candidates(self.ledger, self.known, some)
+        return Candidates(self.ledger, self.known, rows)
 
-    def touching(self, variables: Collection[Variable]) -> Some:
-        """Return the observations that touch any of some variables."""
-        wanted = set(variables)
-        units = tuple(u for u in self.some.units if not wanted.isdisjoint(u.variables))
-        return Some(units, self.some.rays[self._touched(wanted)])
-
-    def _touched(self, wanted: Collection[Variable]) -> Mask:
-        out = np.zeros(len(self.some.rays), dtype=bool)
-        for every, index, _ in self.of_rays:
-            out |= np.array([v in wanted for v in every], dtype=bool)[index]
-        return out
+    def touching(self, variables: Collection[Variable]) -> Index:
+        """Return the candidates that touch any of some variables."""
+        links = self.links
+        wanted = np.zeros(len(links.variables), dtype=bool)
+        wanted[[links.number[v] for v in variables if v in links.number]] = True
+        return np.unique(self.rows[links.candidate[wanted[links.variable]]])
 
     def without(self, variables: Collection[Variable]) -> Candidates:
         """Return the candidates that touch none of some variables."""
-        return self.only(self.some.less(self.touching(variables)))
+        return self.only(np.setdiff1d(self.rows, self.touching(variables)))
 
-    def parts(self) -> list[Some]:
+    def parts(self) -> list[Index]:
         """Return the candidates in parts that hang together by open variables."""
-        if not self.some:
+        n, links = len(self.rows), self.links
+        if not n:
             return []
-        number: dict[Variable, int] = {}
-        edges: list[tuple[Index, Index]] = []  # candidate and open variable
-        for i, variables in enumerate(self.of_units):
-            for v in variables:
-                edges.append((np.array([i]), np.array([number.setdefault(v, len(number))])))
-        first = len(self.some.units)
-        for every, index, is_open in self.of_rays:
-            own = np.array([number.setdefault(v, len(number)) for v in every], dtype=np.intp)
-            on = np.flatnonzero(is_open[index])
-            edges.append((first + on, own[index[on]]))
-        n = first + len(self.some.rays)
-        own, variable = (np.concatenate(x) for x in zip(*edges, strict=True))
-        shape = (n + len(number),) * 2
-        graph = coo_array((np.ones(len(own)), (own, n + variable)), shape=shape)
+        on = self.open[links.variable]
+        ends = links.candidate[on], n + links.variable[on]
+        graph = csr_array((np.ones(len(ends[0])), ends), (n + len(links.variables),) * 2)
         label = connected_components(graph, directed=False)[1][:n]
-        return [self._chosen(np.flatnonzero(label == k)) for k in dict.fromkeys(label.tolist())]
-
-    def _chosen(self, numbers: Index) -> Some:
-        """Return candidates by their numbers, units before rays."""
-        first = len(self.some.units)
-        units = tuple(self.some.units[i] for i in numbers[numbers < first].tolist())
-        return Some(units, self.some.rays[numbers[numbers >= first] - first])
+        order = np.argsort(label, kind="stable")
+        return np.split(self.rows[order], np.flatnonzero(np.diff(label[order])) + 1)

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from ..errors import InputError, Problem, known
+from ..graph.dependence import Variable, components
 from ..network.entities import Camera, Photo, Point
-from ..observations import AnyObservation, Observation
-from ..stochastic import StandardDeviation
+from ..network.network import Network
+from ..network.selection import weighted_unknowns
+from ..observations import AnyObservation, Correlated, Observation
+from ..observations.identity import named
+from ..quality.rejections import Snooping
+from ..quality.snooping import snoop
+from ..solve.solution import Solution
+from ..types import Index
 from .arrival import Arrival, arrival_of
 from .beginning import settled
 from .flow import State, Task, Told, absorb
-from .ledger import Ledger, Some
+from .judging import untested
+from .ledger import Ledger
+from .rebasing import Draft
+from .rows import CODE
 from .rules import Rules
+from .system import System
 from .taking_out import take_out
-from .units import Unit, named
-from .verdicts import Verdict
 
 MOST_WEIGHT = 1e12
 """Largest factor by which a weight may be multiplied; its inverse is the smallest."""
@@ -43,20 +50,24 @@ def add(
     ledger = state.ledger
     if points or photos or cameras:
         ledger = ledger.with_entities(points, photos, cameras)
-    ledger, some = ledger.taken(observations)
-    after, told = absorb(replace(state, ledger=ledger), [Task(some)], rules)
-    return after, arrival_of(state, after, told, ledger.given(observations, some))
+    ledger, rows = ledger.taken(observations)
+    after, told = absorb(replace(state, ledger=ledger), [Task(rows, asked=True)], rules)
+    new: list[Variable] = [("point", p.name) for p in points]
+    new += [("pose", f.name) for f in photos]
+    new += [("calibration", c.name) for c in cameras]
+    after = _with_weighted(after, new, rules)
+    return after, arrival_of(state, after, told, ledger.ids_of(rows))
 
 
-def remove(state: State, ids: Sequence[str], rules: Rules) -> tuple[State, Arrival]:
+def remove(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State, Arrival]:
     """Take observations out, wherever they are.
 
     Raises:
         InputError: every id that there is not.
     """
-    ids = known_ids(state, ids)
-    after, told = _without(state, ids, rules)
-    return after, replace(arrival_of(state, after, told, ()), verdicts=())
+    weights = weighted_unknowns(state.ledger.network)
+    after, told = _without(state, known_ids(state, ids_in(ids), weights), rules)
+    return after, arrival_of(state, after, told, ())
 
 
 def put_in_place(
@@ -68,102 +79,113 @@ def put_in_place(
         InputError: no such id, or what is wrong with the observation.
     """
     known_ids(state, [ident])
-    after, first = _without(state, [ident], rules, cause="replaced")
-    ledger, some = after.ledger.taken([named(observation, ident)])
-    after, told = absorb(replace(after, ledger=ledger), [Task(some)], rules)
-    first.take(told.verdicts.values())
-    return after, arrival_of(state, after, first, [ident])
+    out = take_out(state, [ident], rules, "replaced")
+    ledger, rows = out.state.ledger.taken([named(observation, ident)])
+    tasks = [Task(rows, asked=True), *out.tasks]
+    begun = replace(out.state, ledger=ledger)
+    after, told = absorb(begun, tasks, rules, start=out.start, left=True)
+    return after, arrival_of(state, after, told, [ident])
 
 
 def reweight(
-    state: State, ids: Sequence[str], factor: float, rules: Rules
+    state: State, ids: str | Iterable[str], factor: float, rules: Rules
 ) -> tuple[State, Arrival]:
     """Multiply the weights of observations by a factor; those that were left out are tested anew.
 
     Raises:
         InputError: unknown ids, or a bad factor.
     """
-    ids = known_ids(state, ids)
+    wanted = known_ids(state, ids_in(ids))
     if not 1.0 / MOST_WEIGHT <= factor <= MOST_WEIGHT:
         what = f"the factor of weights must be between {1 / MOST_WEIGHT:g} and {MOST_WEIGHT:g}"
         raise InputError(f"{what}, not {factor}")
     before = state.ledger
-    some = _real(before, ids)
-    every = before.ids_of(some)
-    tested = {i for i in every if before.status(i) in ("suspect", "rejected")}
-    by = 1.0 / float(np.sqrt(factor))
-    scaled = [_scaled(u, by).item for u in some.units]
-    rays = (before.rays.observation(before.names, row) for row in some.rays.tolist())
-    scaled += [_scaled_observation(o, by) for o in rays]
-    after, first = _without(state, every, rules, cause="reweighted")
-    ledger, again = after.ledger.taken(scaled)
-    fixed = frozenset(i for i in every if i not in tested)
-    after, told = absorb(replace(after, ledger=ledger), [Task(again, fixed)], rules)
-    first.take(told.verdicts.values())
-    return after, arrival_of(state, after, first, every)
+    rows = before.find(wanted)
+    every = before.ids_of(rows)
+    by = 1.0 / factor**0.5
+    scaled = [u.scaled(by) for u in before.units(rows)]
+    out = take_out(state, every, rules, "reweighted")
+    ledger, again = out.state.ledger.taken(scaled)
+    fixed = again[before.rows.status[rows] == CODE["accepted"]]
+    tasks = [Task(again, fixed, asked=True), *out.tasks]
+    begun = replace(out.state, ledger=ledger)
+    after, told = absorb(begun, tasks, rules, start=out.start, left=True)
+    return after, arrival_of(state, after, told, every)
 
 
-def accept(state: State, ids: Sequence[str], rules: Rules) -> tuple[State, Arrival]:
+def accept(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State, Arrival]:
     """Put suspects, or rejected observations, in after all.
 
     Raises:
         InputError: every id that is neither.
     """
-    ledger = state.ledger
+    ledger, wanted = state.ledger, ids_in(ids)
     problems = [
         Problem("is neither suspect nor rejected", f"observation {i!r}")
-        for i in ids
+        for i in wanted
         if ledger.status(i) not in ("suspect", "rejected")
     ]
-    some = ledger.find(ids)
+    rows = ledger.find(wanted)
     if not problems:
-        problems = _measured_again(ledger, some)
+        problems = _measured_again(ledger, rows)
     if problems:
         raise InputError(problems)
-    ledger = ledger.moved(some, "waiting", "accepted by hand")
-    every = ledger.ids_of(some)
-    after, told = absorb(replace(state, ledger=ledger), [Task(some, frozenset(every))], rules)
-    return after, arrival_of(state, after, told, every)
+    ledger = ledger.moved(rows, "waiting", "accepted by hand")
+    after, told = absorb(replace(state, ledger=ledger), [Task(rows, rows, asked=True)], rules)
+    return after, arrival_of(state, after, told, ledger.ids_of(rows))
 
 
-def discard(state: State, ids: Sequence[str]) -> State:
+def discard(state: State, ids: str | Iterable[str]) -> State:
     """Throw suspects out: they count as rejected.
 
     Raises:
         InputError: every id that is not a suspect.
     """
-    ledger = state.ledger
+    ledger, wanted = state.ledger, ids_in(ids)
     suspects = ledger.having("suspect")
     problems = [
         Problem(f"is no suspect; suspects: {known(ledger.ids_of(suspects))}", f"observation {i!r}")
-        for i in ids
+        for i in wanted
         if ledger.status(i) != "suspect"
     ]
     if problems:
         raise InputError(problems)
-    some = ledger.find(ids)
     told = {v.id: replace(v, verdict="rejected") for v in ledger.verdicts("suspect")}
-    ledger = ledger.moved(some, "rejected", "discarded", verdicts=told)
+    ledger = ledger.moved(ledger.find(wanted), "rejected", "discarded", told)
     return replace(state, ledger=ledger)
 
 
 def reject(state: State, ids: Sequence[str], rules: Rules, cause: str) -> tuple[State, Arrival]:
     """Take observations out and keep them as rejected; weighted unknowns lose their weights."""
     ledger = state.ledger
-    some = _real(ledger, ids)
-    every = ledger.ids_of(some)
-    weights = [i for i in ids if not ledger.has(i)]
+    rows = ledger.find(ids)
+    every, units = ledger.ids_of(rows), ledger.units(rows)
+    weights = ledger.missing(ids)
     after, told = _without(state, [*every, *weights], rules, cause=cause)
-    items = [u.item for u in some.units]
-    items += [ledger.rays.observation(ledger.names, r) for r in some.rays.tolist()]
-    taken, again = after.ledger.taken(items)
-    verdicts = {
-        i: Verdict(i, o.kind, o.label(), "rejected", points=tuple(p for p in o.points() if p))
-        for i, o in ((i, ledger.observation(i)) for i in every)
-    }
-    taken = taken.moved(again, "rejected", cause, verdicts=verdicts)
-    after = replace(after, ledger=taken)
+    taken, again = after.ledger.taken([u.item for u in units])
+    verdicts = {v.id: v for u in units for v in untested(u, "rejected")}
+    after = replace(after, ledger=taken.moved(again, "rejected", cause, verdicts))
     return after, arrival_of(state, after, told, ())
+
+
+def snooped(
+    state: State, network: Network, solution: Solution, rules: Rules, options: Mapping[str, Any]
+) -> tuple[State, Arrival, Snooping]:
+    """Search a whole network for gross errors; what is found is rejected.
+
+    Args:
+        state: the state.
+        network: its network.
+        solution: its solution.
+        rules: the options of the adjustment.
+        options: those of `factorgraph_adj.snoop`.
+    """
+    found = snoop(network, start=solution, **options)
+    ids = [r.id for r in found.rejected]
+    ids += [i for p in found.points_set_aside for i in p.rays]
+    if not ids:
+        return state, Arrival(), found
+    return *reject(state, list(dict.fromkeys(ids)), rules, "snooping"), found
 
 
 def settle(state: State, rules: Rules) -> tuple[State, Arrival]:
@@ -171,15 +193,13 @@ def settle(state: State, rules: Rules) -> tuple[State, Arrival]:
     after, told = settled(state, rules), Told()
     for _ in range(MOST_ROUNDS):
         waiting = after.ledger.having("waiting")
-        if not waiting:
+        if not len(waiting):
             break
-        then = len(waiting.units) + len(waiting.rays)
         after, more = absorb(after, [Task(waiting)], rules)
-        told.take(more.verdicts.values())
-        left = after.ledger.having("waiting")
+        told |= more
         if not after.settled:
             after = settled(after, rules)
-        if len(left.units) + len(left.rays) == then:
+        if len(after.ledger.having("waiting")) == len(waiting):
             break
     return after, arrival_of(state, after, told, ())
 
@@ -187,17 +207,19 @@ def settle(state: State, rules: Rules) -> tuple[State, Arrival]:
 # -- helpers --------------------------------------------------------------------------------------
 
 
-def known_ids(state: State, ids: Sequence[str]) -> list[str]:
+def known_ids(state: State, ids: Sequence[str], weights: Collection[str] = ()) -> list[str]:
     """Return ids without repetition.
+
+    Args:
+        state: the state.
+        ids: ids of observations.
+        weights: names of weighted unknowns, which may be among them.
 
     Raises:
         InputError: every id that there is not.
     """
     wanted = list(dict.fromkeys(ids))
-    missing = [i for i in wanted if not state.ledger.has(i)]
-    if missing and state.system is not None:
-        found = state.system.base.equations.find(missing)
-        missing = [i for i, rows in zip(missing, found, strict=True) if not len(rows)]
+    missing = [i for i in state.ledger.missing(wanted) if i not in weights]
     if missing:
         raise InputError([Problem("unknown observation", f"observation {i!r}") for i in missing])
     return wanted
@@ -208,42 +230,56 @@ def _without(
 ) -> tuple[State, Told]:
     """Take observations out, and look at what is left to be looked at."""
     out = take_out(state, ids, rules, cause)
-    return absorb(out.state, out.tasks, rules, start=out.start)
+    return absorb(out.state, out.tasks, rules, start=out.start, left=True)
 
 
-def _real(ledger: Ledger, ids: Sequence[str]) -> Some:
-    return ledger.find([i for i in ids if ledger.has(i)])
+def _with_weighted(state: State, new: Sequence[Variable], rules: Rules) -> State:
+    """Return the state with those of new unknowns in the solution that weights determine."""
+    system, network = state.system, state.ledger.network
+    if system is None:
+        return state
+    for v in new:
+        if v[0] == "calibration" and network.cameras[v[1]].per_photo:
+            continue
+        free, weighted = components(network, v)
+        if 0 < free == weighted and not system.known(*v):
+            break
+    else:
+        return state
+    draft = Draft.of(state.ledger, system, rules.datum)
+    found = draft.adjusted(rules.datum, doubted=bool(system.doubt))
+    return State(state.ledger, found, settled=False) if isinstance(found, System) else state
 
 
-def _measured_again(ledger: Ledger, some: Some) -> list[Problem]:
+def _measured_again(ledger: Ledger, chosen: Index) -> list[Problem]:
     """Return rejected image points that have been measured again since."""
-    rays, problems = ledger.rays, []
-    for row in some.rays.tolist():
-        others = rays.measured(int(rays.photo[row]), np.array([rays.point[row]]))
+    rows, problems = ledger.rows, []
+    for row in rows.images(chosen).tolist():
+        others = rows.measured(int(rows.photo[row]), rows.point[[row]])
         others = others[others != row]
-        if (rays.status[others] != rays.status[row]).any():
+        if (rows.status[others] != rows.status[row]).any():
             what = "the point has been measured in this photo again since"
-            problems.append(Problem(what, f"observation {rays.name(ledger.names, row)!r}"))
+            (name,) = rows.ids(ledger.names, row)
+            problems.append(Problem(what, f"observation {name!r}"))
     return problems
 
 
-def _scaled(unit: Unit, by: float) -> Unit:
-    """Return the unit with its standard deviations multiplied."""
-    covariance = None if unit.covariance is None else unit.covariance * by**2
-    scaled = tuple(_scaled_observation(o, by) for o in unit.observations)
-    return Unit(unit.ids, scaled, covariance, unit.variables, unit.unknowns)
+def listed(given: object) -> list[AnyObservation]:
+    """Return observations as a list."""
+    if isinstance(given, Observation | Correlated):
+        return [given]
+    several = isinstance(given, Iterable) and not isinstance(given, str)
+    items: list[Any] = list(given) if several else [given]  # type: ignore[call-overload]
+    problems = [
+        Problem("is no observation: see factorgraph_adj.observations", repr(i)[:80])
+        for i in items
+        if not isinstance(i, Observation | Correlated)
+    ]
+    if problems:
+        raise InputError(problems)
+    return items
 
 
-def _scaled_observation(o: Observation, by: float) -> Observation:
-    changes: dict[str, Any] = {}
-    sigma = getattr(o, "sigma", None)
-    if isinstance(sigma, StandardDeviation):
-        changes["sigma"] = sigma.scaled(by)
-    elif isinstance(sigma, tuple):
-        changes["sigma"] = tuple(s * by for s in sigma)
-    elif sigma is not None:
-        changes["sigma"] = sigma * by
-    covariance = getattr(o, "covariance", None)
-    if covariance is not None:
-        changes["covariance"] = np.asarray(covariance) * by**2
-    return replace(o, **changes)
+def ids_in(given: str | Iterable[str]) -> list[str]:
+    """Return ids as a list."""
+    return [given] if isinstance(given, str) else list(given)

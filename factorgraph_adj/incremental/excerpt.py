@@ -15,7 +15,7 @@ from ..models.variables import ENTITIES, UNKNOWNS, VariableKind, parameter_kinds
 from ..network.entities import FREE_ORIENTATION, Camera, Parameter, parameter_name
 from ..network.network import DatumChoice, Network
 from ..types import Array, Index
-from .ledger import Ledger, Some
+from .ledger import Ledger
 
 HELD = (True, True, True)
 """Flags of a point that is held altogether."""
@@ -24,13 +24,17 @@ HELD = (True, True, True)
 class Known(Protocol):
     """Variables whose values are known."""
 
+    def known(self, kind: VariableKind, name: str) -> bool:
+        """Return whether a variable is known."""
+        ...
+
     def value(self, kind: VariableKind, name: str) -> Array | None:
         """Return the value of a variable as in a state; none: it is not known."""
         ...
 
 
 def excerpt(
-    ledger: Ledger, known: Known, some: Some, *, datum: DatumChoice = "given", hold: bool = True
+    ledger: Ledger, known: Known, rows: Index, *, datum: DatumChoice = "given", hold: bool = True
 ) -> Network:
     """Return the network of some observations, with known variables at their values.
 
@@ -40,12 +44,12 @@ def excerpt(
     Args:
         ledger: everything that was described.
         known: what is known.
-        some: the observations.
+        rows: the observations.
         datum: datum of the network.
         hold: whether known variables are held. Otherwise they are as they were described, without
             weights; what is not known must then be held in any case.
     """
-    return _Excerpt(ledger, known, datum, hold).of(some)
+    return _Excerpt(ledger, known, datum, hold).of(rows)
 
 
 class _Excerpt:
@@ -55,47 +59,42 @@ class _Excerpt:
         self.ledger, self.network, self.known, self.hold = ledger, ledger.network, known, hold
         self.out = Network(self.network.name, frame=self.network.frame, datum=datum)
 
-    def of(self, some: Some) -> Network:
-        """Return the network of some observations."""
-        out, network, rays = self.out, self.network, self.ledger.rays
+    def of(self, chosen: Index) -> Network:
+        """Return the network of some rows."""
+        out, network, rows, names = self.out, self.network, self.ledger.rows, self.ledger.names
+        units = [unit for _, unit in rows.units(chosen)]
         poses: dict[str, None] = {}
-        for kind, name in dict.fromkeys(v for u in some.units for v in u.variables):
+        for kind, name in dict.fromkeys(v for u in units for v in u.variables):
             if kind == "point":
                 self._point(name)
             elif kind == "pose":
                 poses[name] = None
             elif kind not in ENTITIES and UNKNOWNS[kind].absent != "found":
                 self._stated(kind, name)
-        names = self.ledger.names
-        numbers = np.unique(rays.point[some.rays])
-        for number in numbers.tolist():
+        rays = rows.images(chosen)
+        for number in np.unique(rows.point[rays]).tolist():
             self._point(names.points[number])
-        poses |= {names.photos[f]: None for f in np.unique(rays.photo[some.rays]).tolist()}
+        poses |= {names.photos[f]: None for f in np.unique(rows.photo[rays]).tolist()}
         for name in out.verticals:  # a vertical needs its station; horizons turn with it
             self._point(name)
         for name in poses:
             self._photo(name)
-        for unit in some.units:
+        for unit in units:
             out.add(unit.item)
-        self._images(some.rays)
+        out.images = rows.table(rays)
+        for column, all_names, number_of in (
+            (out.images.photo, names.photos, out.photo_number),
+            (out.images.point, names.points, out.point_number),
+        ):
+            every, place = np.unique(column[0], return_inverse=True)
+            new = np.array([number_of[all_names[i]] for i in every.tolist()], dtype=np.intp)
+            column[0] = new[place]
         for kind in (k.name for k in parameter_kinds() if k.absent == "found"):
             found, given = out.of_kind(kind), network.of_kind(kind)
             for key in found:
                 stated = given.get(key, FREE_ORIENTATION)
                 found[key] = self._parameter(kind, parameter_name(key), stated)
         return out
-
-    def _images(self, rows: Index) -> None:
-        rays, names = self.ledger.rays, self.ledger.names
-        table = rays.table(rows)
-        for column, all_names, number in (
-            (table.photo, names.photos, self.out._photo_number),
-            (table.point, names.points, self.out._point_number),
-        ):
-            every, place = np.unique(column[0], return_inverse=True)
-            new = np.array([number[all_names[i]] for i in every.tolist()], dtype=np.intp)
-            column[0] = new[place]
-        self.out.images = table
 
     def _stated(self, kind: VariableKind, name: str) -> None:
         given = self.network.of_kind(kind)
@@ -115,7 +114,7 @@ class _Excerpt:
                 point, coordinates=at, sigma=None, fixed=HELD if self.hold else point.fixed
             )
         self.out.points[name] = point
-        self.out._point_number[name] = len(self.out._point_number)
+        self.out.point_number[name] = len(self.out.point_number)
 
     def _photo(self, name: str) -> None:
         photo = self.network.photos[name]
@@ -134,7 +133,7 @@ class _Excerpt:
                 sigma_attitude=None,
             )
         self.out.photos[name] = replace(photo, camera=calibration)
-        self.out._photo_number[name] = len(self.out._photo_number)
+        self.out.photo_number[name] = len(self.out.photo_number)
 
     def _camera(self, camera: Camera, name: str) -> Camera:
         value = self.known.value("calibration", name)

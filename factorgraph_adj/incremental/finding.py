@@ -12,7 +12,7 @@ on the order in which its observations came: more observations make it larger, n
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -20,41 +20,38 @@ import numpy as np
 
 from ..approximate import reach
 from ..errors import AdjustmentError, DatumError, InputError, Problem
+from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_rows
-from ..graph.variables import State
 from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
 from ..quality.snooping import snoop
 from ..solve.anywhere import anywhere
 from ..solve.batch import adjust
-from ..solve.datum import find_defects
 from ..solve.linear import LinearSystem
-from ..solve.rank import NULL, null_space
+from ..solve.rank import UNDETERMINED, loose
 from ..solve.solution import Solution
-from ..types import Array
-from .candidates import Candidates
+from ..types import Index
+from .candidates import Candidates, Nothing
 from .excerpt import excerpt
-from .ledger import Some
-from .units import Variable, components
+from .rows import NO_ROWS
 
 
 @dataclass(frozen=True)
 class Limits:
     """Limits of the search."""
 
-    dense: int = 400
-    """Number of columns up to which the rank is found from dense singular values."""
     disturbed: float = 3.0
     """Value of σ̂0 of a local adjustment above which gross errors have moved it."""
+    gross: float = 50.0
+    """Largest whitened residual of a local adjustment that is tested after everything has moved:
+    linear forms then still hold, and the tests leave out one error after the other."""
     rounds: int = 30
     """Largest number of rounds of snooping in a local network."""
     spare: int = 1
     """Readings beyond the number of its components that a point may have and still wait on."""
-    share: float = 0.05
-    """Part of the length of a null vector in a variable from which on the variable is moved."""
-    ever_so_little: float = 1e-6
-    """The same limit in the search for the weakest of all moved variables."""
+    share: float = 1e-6
+    """Part of the squared length of a null vector from which on a variable is moved by it."""
     at_rest: float = 1e-7
     """Bound of the last step of the local adjustment that begins a free network."""
 
@@ -70,84 +67,209 @@ NOWHERE = "has no datum yet: nothing that it hangs together with is known, held 
 class Found:
     """What may enter."""
 
-    some: Some
+    rows: Index
     """Observations that enter; none: nothing does."""
     solution: Solution | None
-    """Their adjustment with what is known held."""
-    lacks: Mapping[Variable, str]
-    """Why the others wait."""
+    """Their adjustment with what is known held; none: nothing enters."""
+    lacks: Mapping[Variable | str, str]
+    """What the waiting variables lack that do not enter, and observations, by first ids."""
 
 
-def find(
-    given: Candidates,
-    *,
-    datum: DatumChoice,
-    blunders: bool,
-    alpha: float,
-    start: Solution | None = None,
-) -> Found:
-    """Find what of some observations can enter.
+@dataclass
+class Search:
+    """A search among observations that hang together by open variables."""
 
-    Args:
-        given: observations that wait, joined by their open variables.
-        datum: ``free`` for the beginning of a free network.
-        blunders: whether gross errors are to be expected: the adjustment then is one without what
-            stands out, as a place to start from. It is not their test.
-        alpha: probability of a false alarm of the tests that find what stands out.
-        start: where everything was, if it was; none: approximate values are found.
-    """
-    lacks: dict[Variable, str] = {}
-    left = given
-    while (left := _countable(left, lacks, free=datum == "free")).some:
-        local = excerpt(left.ledger, left.known, left.some, datum=datum)
-        if datum == "given" and not _placed(local):
-            return Found(Some.none(), None, lacks | _all(left, NOWHERE))
-        lost: set[Variable] = set()
-        whys: dict[Variable, str] = {}
-        try:
-            lost = _unreachable(compile_rows(local), left, lacks, datum)
+    left: Candidates
+    """The observations that may still enter."""
+    datum: DatumChoice
+    """``free`` for the beginning of a free network."""
+    lacks: dict[Variable | str, str]
+    """What variables lack that do not enter, and observations, by their first ids."""
+
+    def find(self, *, blunders: bool, alpha: float, start: Solution | None) -> Found:
+        """Find what may enter, and where it is.
+
+        Args:
+            blunders: whether gross errors are to be expected: the adjustment then is one without
+                what stands out, as a place to start from. It is not their test.
+            alpha: probability of a false alarm of the tests that find what stands out.
+            start: where everything was, if it was; none: approximate values are found.
+        """
+        while len(self.counted().rows):
+            local = self._excerpt()
+            if local is None:
+                self.lacks |= dict.fromkeys(self.left.counts, NOWHERE)
+                break
+            lost: set[Variable] = set()
+            whys: dict[Variable, str] = {}
+            bad = NO_ROWS
+            try:
+                equations = compile_rows(local)
+                lost = self._unreachable(equations)
+                if not lost:
+                    solution = self._adjusted(local, start)
+                    lost = self._anywhere(solution)
+                    # What disagrees may come to rest without its gross errors, what creeps where
+                    # everything else moves too.
+                    disturbed = solution.sigma0 > LIMITS.disturbed
+                    alone = isinstance(self.left.known, Nothing)
+                    if not lost and (solution.converged or disturbed or not alone):
+                        if blunders and disturbed:
+                            solution = _without_blunders(solution, alpha)
+                        return Found(self.left.rows, solution, self.lacks)
+                    whys = self._disagreeing(solution.reason)
+            except OverflowError:
+                whys = dict.fromkeys(self.left.counts, ABSURD)
+            except AdjustmentError as error:
+                lost, bad = self._named(error)
+                why = RUNS_AWAY if isinstance(error, DatumError) else str(error)
+                whys = dict.fromkeys(self.left.counts, why)
+            if lost:
+                self.left = self.left.without(lost)
+            elif len(bad):
+                self.left = self.left.only(np.setdiff1d(self.left.rows, bad))
+            else:
+                self.lacks |= whys
+                self.left = self.left.only(firm(self.left))
+        return Found(NO_ROWS, None, self.lacks)
+
+    def determined(self) -> Index:
+        """Return observations whose variables have full rank together, at approximate values.
+
+        Whether their adjustment comes to rest is not looked at. The others may still be determined
+        among themselves: `find` looks at them more closely.
+        """
+        with suppress(AdjustmentError, OverflowError):  # `find` names the observations
+            while len((left := self.counted()).rows):
+                local = self._excerpt()
+                if local is None:
+                    break
+                equations = compile_rows(local)
+                lost = self._unreachable(equations)
+                if not lost:
+                    return left.rows
+                self.left = left.without(lost)
+        return NO_ROWS
+
+    def counted(self, about: Collection[Variable] | None = None) -> Candidates:
+        """Let those wait whose open variables have fewer rows than components; return the rest.
+
+        Args:
+            about: variables of which it is said what they lack; none: all.
+        """
+        first, needs = self.left, self.left.ledger.needs
+        few: dict[Variable, int] = {}
+        while len(self.left.rows):
+            lost = {v: n for v, n in self.left.counts.items() if n + needs(v)[1] < needs(v)[0]}
             if not lost:
-                solution = _adjusted(local, datum, start)
-                lost = _anywhere(solution, left, lacks)
-                # What disagrees may come to rest without its gross errors; what creeps is too weak.
-                disturbed = solution.sigma0 > LIMITS.disturbed
-                if not lost and (solution.converged or disturbed):
-                    if blunders and disturbed:
-                        solution = _without_blunders(solution, alpha)
-                    return Found(left.some, solution, lacks)
-                whys = _disagreeing(left, solution.reason)
-        except OverflowError:
-            whys = _all(left, ABSURD)
-        except AdjustmentError as error:
-            lost = _named(left, error, lacks)
-            whys = _all(left, RUNS_AWAY if isinstance(error, DatumError) else str(error))
+                break
+            few |= lost
+            self.left = self.left.without(lost)
+        for v, n in few.items():
+            if about is None or v in about:
+                size, own = needs(v)
+                between = " are between things that can be determined"
+                of_known = "" if first.counts[v] == n else between
+                need = f"{n + own} of the {size} readings that it needs{of_known}"
+                self.lacks[v] = f"{_noun(v)} has {first.describe(v)}: {need}"
+        return self.left
+
+    # -- steps --------------------------------------------------------------------------------
+
+    def _excerpt(self) -> Network | None:
+        """Return the local network; none where nothing says where it is."""
+        left = self.left
+        local = excerpt(left.ledger, left.known, left.rows, datum=self.datum)
+        return local if self.datum == "free" or _placed(local) else None
+
+    def _adjusted(self, local: Network, start: Solution | None) -> Solution:
+        """Adjust from where everything was; from approximate values where that leads nowhere."""
+        tolerance = LIMITS.at_rest if self.datum == "free" else 1e-4
+        if start is not None:
+            with suppress(AdjustmentError):
+                solution = adjust(local, datum=self.datum, start=start, tolerance=tolerance)
+                if solution.converged:
+                    return solution
+        return adjust(local, datum=self.datum, tolerance=tolerance)
+
+    def _anywhere(self, solution: Solution) -> set[Variable]:
+        """Return waiting points of which their readings do not say where they are."""
+        lost: set[Variable] = set()
+        for point in anywhere(solution):
+            if not self.left.known.known("point", point.name):
+                lost.add(("point", point.name))
+                self.lacks["point", point.name] = str(point)
+        return lost
+
+    def _disagreeing(self, reason: str) -> dict[Variable, str]:
+        """Return what is said of the variables whose observations come to no rest together.
+
+        Their approximate values are found, and lead to no minimum: one may be grossly wrong.
+        """
+        return {
+            v: f"{_noun(v)} has {self.left.describe(v)}, which agree nowhere: {reason}"
+            for v in self.left.counts
+        }
+
+    def _unreachable(self, equations: Equations) -> set[Variable]:
+        """Return variables without approximate values, or that the observations do not determine.
+
+        What the null space moves stays undetermined without the others, too. In a free network the
+        largest part that it moves as a whole is the network.
+        """
+        state, problems = reach(equations, datum=self.datum)
+        lost: set[Variable] = {
+            (kind, table.names[i])
+            for kind, table in (equations.unknowns.tables if problems else {}).items()
+            for i in np.flatnonzero(np.isnan(state[kind]).any(axis=1)).tolist()
+        }
+        lost = {v for v in lost if v[0] in ("point", "pose")} or lost
+        self.lacks |= {v: _why(problems, v) for v in lost}
         if lost:
-            left = left.without(lost)
-        else:
-            lacks |= whys
-            left = left.only(firm(left))
-    return Found(Some.none(), None, lacks)
+            return lost
+        system = LinearSystem(equations.weighted_at(state), state)
+        found = loose(system, state, free=self.datum == "free", least=LIMITS.share)
+        for v, why in found.items():
+            by = f" by {self.left.describe(v)}" if why == UNDETERMINED else ""
+            self.lacks[v] = f"{_noun(v)} {why}{by}"
+        return set(found)
+
+    def _named(self, error: AdjustmentError) -> tuple[set[Variable], Index]:
+        """Return the waiting points that an error is about; observations that have none."""
+        lost: set[Variable] = set()
+        bad: list[int] = []
+        if isinstance(error, DatumError):
+            lost = _points_first(self.left.counts.keys() & set(error.unknowns))
+            for v in lost:
+                self.lacks[v] = f"{_noun(v)} {UNDETERMINED} by {self.left.describe(v)}"
+        elif isinstance(error, InputError):
+            about = _labels(self.left)
+            for p in error.problems:
+                where = p.where or ""
+                # The observation, or one of its components.
+                row, points = about.get(where, about.get(where.rpartition(" ")[0], (-1, set())))
+                lost |= points
+                self.lacks |= dict.fromkeys(points, str(p))
+                if row >= 0 and not points:
+                    bad.append(row)
+                    self.lacks[self.left.ledger.ids_of(np.array([row]))[0]] = str(p)
+        return lost, np.array(bad, dtype=np.intp)
 
 
-def _adjusted(local: Network, datum: DatumChoice, start: Solution | None) -> Solution:
-    """Adjust from where everything was; from approximate values where that leads nowhere."""
-    tolerance = LIMITS.at_rest if datum == "free" else 1e-4
-    if start is not None:
-        with suppress(AdjustmentError):
-            solution = adjust(local, datum=datum, start=start, tolerance=tolerance)
-            if solution.converged:
-                return solution
-    return adjust(local, datum=datum, tolerance=tolerance)
+def firm(left: Candidates) -> Index:
+    """Return candidates without those of points that have hardly more readings than they need.
 
-
-def _anywhere(solution: Solution, left: Candidates, lacks: dict[Variable, str]) -> set[Variable]:
-    """Return waiting points of which their readings do not say where they are."""
-    lost: set[Variable] = set()
-    for point in anywhere(solution):
-        if left.known.value("point", point.name) is None:
-            lost.add(("point", point.name))
-            lacks["point", point.name] = str(point)
-    return lost
+    These add next to nothing to what else enters, and a wrong one keeps all of it from a solution.
+    Nothing is returned where there are no such points, or nothing else.
+    """
+    weak = set()
+    for v, n in left.counts.items():
+        if v[0] == "point":
+            size, own = left.ledger.needs(v)
+            if n + own <= size + LIMITS.spare:
+                weak.add(v)
+    rest = left.without(weak)
+    return rest.rows if weak and rest.counts else NO_ROWS
 
 
 def _placed(local: Network) -> bool:
@@ -165,277 +287,30 @@ def _without_blunders(solution: Solution, alpha: float) -> Solution:
         clean = snoop(solution.network, start=solution, alpha=alpha, max_rounds=LIMITS.rounds)
     except AdjustmentError:
         return solution
-    unknowns = solution.equations.unknowns
-    found = clean.solution
+    unknowns, found = solution.equations.unknowns, clean.solution
     state = unknowns.carried(solution.state, found.equations.unknowns, found.state)
     return replace(solution, state=state)
 
 
-def firm(left: Candidates) -> Some:
-    """Return candidates without those of points that have hardly more readings than they need.
-
-    These add next to nothing to what else enters, and a wrong one keeps all of it from a solution.
-    Nothing is returned where there are no such points, or nothing else.
-    """
-    weak = set()
-    for v, n in left.rows.items():
-        if v[0] == "point":
-            size, own = components(left.ledger.network, v)
-            if n + own <= size + LIMITS.spare:
-                weak.add(v)
-    rest = left.without(weak)
-    return rest.some if weak and rest.rows else Some.none()
-
-
-def _all(left: Candidates, why: str) -> dict[Variable, str]:
-    return dict.fromkeys(left.rows, why)
-
-
-def _disagreeing(left: Candidates, reason: str) -> dict[Variable, str]:
-    """Return for each waiting variable of which observations no adjustment came to rest, and why.
-
-    Their approximate values are found, and lead to no minimum: one of them may be grossly wrong.
-    """
-    return {
-        v: f"{UNKNOWNS[v[0]].noun} {v[1]!r} has {left.describe(v)}, which agree nowhere: {reason}"
-        for v in left.rows
-    }
-
-
-def determined(given: Candidates, *, datum: DatumChoice) -> Some:
-    """Return observations whose variables have full rank together, at approximate values.
-
-    Whether their adjustment comes to rest is not looked at. The others may still be determined
-    among themselves: `find` looks at them more closely.
-    """
-    lacks: dict[Variable, str] = {}
-    left = given
-    try:
-        while (left := counted(left, lacks)).some:
-            local = excerpt(left.ledger, left.known, left.some, datum=datum)
-            if datum == "given" and not _placed(local):
-                return Some.none()
-            equations = compile_rows(local)
-            state, lost = _started(equations, lacks, datum)
-            if not lost:
-                loose = _loose(equations, state, left, lacks, datum, least=LIMITS.ever_so_little)
-                if not loose:
-                    return left.some
-                lost = _weakest(left, loose)
-            left = left.without(lost)
-    except (AdjustmentError, OverflowError):
-        pass  # `find` names the observations
-    return Some.none()
-
-
-def _weakest(left: Candidates, variables: set[Variable]) -> set[Variable]:
-    """Return those of some variables that have fewest readings beyond their components.
-
-    What is loose may move much that is not: a free network tilts with a zenith angle to a point
-    that nothing else determines. Without that point it is at rest.
-    """
-    spare: dict[Variable, int] = {}
-    for v in variables:
-        size, own = components(left.ledger.network, v)
-        spare[v] = own - size + left.rows.get(v, 0)
-    least = min(spare.values())
-    return {v for v, n in spare.items() if n == least}
-
-
-def _countable(left: Candidates, lacks: dict[Variable, str], *, free: bool) -> Candidates:
-    """Return the candidates of `_counted`; none where all are fewer rows than components."""
-    left = counted(left, lacks)
-    needs = [components(left.ledger.network, v) for v in left.rows]
-    total = sum(size for size, _ in needs)
-    n_rows = left.some.n_rows + sum(own for _, own in needs)
-    if n_rows >= total - (7 if free else 0):
-        return left
-    for v in left.rows:
-        lacks[v] = f"{n_rows} readings for {total} unknowns that hang together"
-    return left.only(Some.none())
-
-
-def counted(left: Candidates, lacks: dict[Variable, str]) -> Candidates:
-    """Return the candidates whose open variables all have as many rows as components."""
-    first = left
-    network = left.ledger.network
-    needs: dict[Variable, tuple[int, int]] = {}
-    while left.some:
-        lost = set()
-        for v, n in left.rows.items():
-            if v not in needs:
-                needs[v] = components(network, v)
-            size, own = needs[v]
-            if n + own < size:
-                lost.add(v)
-                usable = first.rows[v]
-                of_known = "" if usable == n else " are between things that can be determined"
-                lacks[v] = (
-                    f"{UNKNOWNS[v[0]].noun} {v[1]!r} has {first.describe(v)}: "
-                    f"{n + own} of the {size} readings that it needs{of_known}"
-                )
-        if not lost:
-            return left
-        left = left.without(lost)
-    return left
-
-
-def _unreachable(
-    equations: Equations, left: Candidates, lacks: dict[Variable, str], datum: DatumChoice
-) -> set[Variable]:
-    """Return variables without approximate values, or that the observations do not determine.
-
-    Points come first: a photo may do without one of its points.
-    """
-    state, lost = _started(equations, lacks, datum)
-    return lost or _points_first(_loose(equations, state, left, lacks, datum))
-
-
-def _started(
-    equations: Equations, lacks: dict[Variable, str], datum: DatumChoice
-) -> tuple[State, set[Variable]]:
-    """Return approximate values, and the variables for which there are none."""
-    state, problems = reach(equations, datum=datum)
-    lost: set[Variable] = set()
-    for kind, table in equations.unknowns.tables.items():
-        for i in np.flatnonzero(np.isnan(state[kind]).any(axis=1)).tolist():
-            if problems or kind != "calibration":
-                lost.add((kind, table.names[i]))
-    if not problems:
-        return state, set()
-    lost = {v for v in lost if v[0] in ("point", "pose")} or lost
-    for v in lost:
-        lacks[v] = _why(problems, v)
-    return state, lost
-
-
-def _loose(
-    equations: Equations,
-    state: State,
-    left: Candidates,
-    lacks: dict[Variable, str],
-    datum: DatumChoice,
-    *,
-    least: float = LIMITS.share,
-) -> set[Variable]:
-    """Return the variables that the null space of the observations at a state moves.
-
-    Args:
-        equations: of the observations.
-        state: where they are linearised.
-        left: the observations.
-        lacks: gets why they are not determined.
-        datum: given or free.
-        least: part of a null vector's length in a variable that counts as moved.
-    """
-    unknowns = equations.unknowns
-    system = LinearSystem(equations.weighted_at(state), state)
-    diagonal = system.diagonal()
-    z = _null(system, diagonal)
-    if datum == "free" and z.shape[1]:
-        defects = find_defects(system, state, diagonal, free=True)
-        if len(defects) > 1:
-            keep = max(defects, key=lambda d: len(d.part))
-            others = [d.part for d in defects if d is not keep]
-            return _in_columns(equations, np.concatenate(others), lacks)
-        if defects:
-            scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
-            basis, _ = np.linalg.qr(scale[:, None] * defects[0].motions)
-            z = z - basis @ (basis.T @ z)
-            u, s, _ = np.linalg.svd(z, full_matrices=False)
-            z = u[:, s > 0.5]
-    if not z.shape[1]:
-        return set()
-    share = np.sum(z * z, axis=1)
-    lost: set[Variable] = set()
-    for kind, number in unknowns.active():
-        if share[unknowns.columns(kind, number)].sum() > least:
-            v = (kind, unknowns[kind].names[number])
-            lost.add(v)
-            lacks[v] = f"{UNKNOWNS[kind].noun} {v[1]!r} is not determined by {left.describe(v)}"
-    if not lost:  # spread thinly over very many: all of them
-        for kind, number in unknowns.active():
-            if share[unknowns.columns(kind, number)].any():
-                v = (kind, unknowns[kind].names[number])
-                lost.add(v)
-                lacks[v] = f"{UNKNOWNS[kind].noun} {v[1]!r} has no datum yet"
-    return lost
-
-
-def _in_columns(equations: Equations, columns: Array, lacks: dict[Variable, str]) -> set[Variable]:
-    """Return the variables of columns that are not joined to the free network."""
-    unknowns = equations.unknowns
-    lost: set[Variable] = set()
-    for kind, number in unknowns.active():
-        if np.isin(unknowns.columns(kind, number), columns).any():
-            v = (kind, unknowns[kind].names[number])
-            lost.add(v)
-            lacks[v] = f"{UNKNOWNS[kind].noun} {v[1]!r} is not joined to the free network"
-    return lost
-
-
-def _null(system: LinearSystem, diagonal: Array) -> Array:
-    """Return a basis of what is undetermined, scaled by √diagonal, (n_columns, d)."""
-    n = system.unknowns.n_columns
-    if n > LIMITS.dense:
-        return null_space(system, diagonal)
-    free = np.flatnonzero(system.unknowns.free)
-    if not len(free):
-        return np.zeros((n, 0))
-    unit = np.zeros((n, len(free)))
-    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0.0)), 1.0)
-    unit[free, np.arange(len(free))] = 1.0 / scale[free]
-    a = system.times(unit)
-    _, s, vt = np.linalg.svd(a, full_matrices=True)
-    values = np.zeros(len(free))
-    values[: len(s)] = s
-    out = np.zeros((n, int((values < NULL).sum())))
-    out[free] = vt[values < NULL].T
-    return out
+def _noun(variable: Variable) -> str:
+    return f"{UNKNOWNS[variable[0]].noun} {variable[1]!r}"
 
 
 def _points_first(variables: Iterable[Variable]) -> set[Variable]:
     """Return the points of them, if there are any: a photo may do without one of its points."""
-    return {v for v in variables if v[0] == "point"} or set(variables)
+    found = set(variables)
+    return {v for v in found if v[0] == "point"} or found
 
 
 def _why(problems: Sequence[Problem], variable: Variable) -> str:
     """Return the reason that names a variable."""
-    for p in problems:
-        if repr(variable[1]) in (p.where or "") or variable[1] in (p.where or ""):
-            return str(p)
-    return str(problems[0])
+    return next((str(p) for p in problems if variable[1] in (p.where or "")), str(problems[0]))
 
 
-def _named(left: Candidates, error: AdjustmentError, lacks: dict[Variable, str]) -> set[Variable]:
-    """Return the waiting variables that an error is about, points first."""
-    lost: set[Variable] = set()
-    if isinstance(error, DatumError):
-        lost = _points_first(left.rows.keys() & set(error.unknowns))
-        for v in lost:
-            lacks[v] = f"{UNKNOWNS[v[0]].noun} {v[1]!r} is not determined by {left.describe(v)}"
-    elif isinstance(error, InputError):
-        about = _labels(left)
-        for p in error.problems:
-            where = p.where or ""
-            # The observation, or one of its components.
-            for v in about.get(where, about.get(where.rpartition(" ")[0], [])):
-                lost.add(v)
-                lacks[v] = str(p)
-    return lost
-
-
-def _labels(left: Candidates) -> dict[str, list[Variable]]:
-    """Return the open points, or photos, of every observation by its label."""
-    out: dict[str, list[Variable]] = {}
-    geometric = ("point", "pose")
-    for unit, variables in zip(left.some.units, left.of_units, strict=True):
-        found = sorted(_points_first(v for v in variables if v[0] in geometric))
-        out |= {o.label(): found for o in unit.observations}
-    rays, names = left.ledger.rays, left.ledger.names
-    (poses, photo, open_pose), _, (places, point, open_point) = left.of_rays
-    for i, row in enumerate(left.some.rays.tolist()):
-        of_point = [places[point[i]]] if open_point[point[i]] else []
-        of_photo = [poses[photo[i]]] if open_pose[photo[i]] else []
-        out[rays.observation(names, row).label()] = of_point or of_photo
-    return out | {f"photo {v[1]!r}": [v] for v in left.rows if v[0] == "pose"}
+def _labels(left: Candidates) -> dict[str, tuple[int, set[Variable]]]:
+    """Return the row of every observation by its label, and its open points; photos by name."""
+    out: dict[str, tuple[int, set[Variable]]] = {}
+    for row, variables in zip(left.rows.tolist(), left.lacking(), strict=True):
+        points = {v for v in variables if v[0] == "point"}
+        out |= {o.label(): (row, points) for o in left.ledger.unit(row).observations}
+    return out | {f"photo {v[1]!r}": (-1, {v}) for v in left.counts if v[0] == "pose"}

@@ -8,21 +8,25 @@ wrong leaves the state from which the loop began.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from ..errors import AdjustmentError, InputError
+from ..graph.dependence import Variable
+from ..network.network import DatumChoice
 from ..solve.solution import Solution
-from .beside import Beside
-from .candidates import Candidates, Nothing, known_in
-from .finding import counted, find, firm
-from .joining import Entered, Entry, Refused, enter
-from .ledger import Ledger, Some
+from ..types import Index
+from .candidates import Candidates, known_in
+from .entering import Entered, Entering
+from .finding import Found, Search, firm
+from .ledger import Ledger
+from .rows import NO_ROWS
 from .rules import Rules
 from .system import System
-from .units import Variable
 from .verdicts import Verdict
 
 TOO_WEAK = "is determined too weakly yet: no solution was reached with it"
@@ -44,32 +48,48 @@ class State:
     """Whether nothing has changed since it was at rest."""
 
 
+Told: TypeAlias = dict[str, Verdict]
+"""The latest verdict on each tested observation, by id."""
+
+
 class Task(NamedTuple):
     """Observations to be looked at."""
 
-    some: Some
+    rows: Index
     """The observations; they wait."""
-    fixed: frozenset[str] = frozenset()
-    """Ids of those that are in without a test."""
+    fixed: Index = NO_ROWS
+    """Those that are in without a test."""
+    asked: bool = False
+    """Whether it is an error if the geometry of one has no answer; otherwise that one waits."""
     most: float = np.inf
     """Number of rows of what it was split from, because no solution was reached with all of it; it
     is then looked at alone. Infinite: it was not split."""
 
 
-@dataclass
-class Told:
-    """What the loop has said of observations."""
+class Over(NamedTuple):
+    """Where a run stood before everything was begun anew."""
 
-    verdicts: dict[str, Verdict] = field(default_factory=dict)
-    """The latest verdict on each tested observation, by id."""
-
-    def take(self, verdicts: Iterable[Verdict]) -> None:
-        """Take verdicts in; later ones replace earlier ones."""
-        self.verdicts.update({v.id: v for v in verdicts})
+    state: State
+    """The state."""
+    told: Told
+    """What had been said."""
+    tasks: list[Task]
+    """What was left to be looked at."""
+    fixed: Index
+    """What was in without a test."""
+    task: Task
+    """What arrived."""
+    noticing: Index
+    """What of it notices motions that the datum had left open."""
 
 
 def absorb(
-    state: State, tasks: Collection[Task], rules: Rules, *, start: Solution | None = None
+    state: State,
+    tasks: Collection[Task],
+    rules: Rules,
+    *,
+    start: Solution | None = None,
+    left: bool = False,
 ) -> tuple[State, Told]:
     """Look at observations until nothing changes.
 
@@ -78,167 +98,221 @@ def absorb(
         tasks: what is to be looked at first.
         rules: the options.
         start: where everything was, if that has been; approximate values are found otherwise.
+        left: whether something has been taken out before.
 
     Raises:
         InputError: names observations whose geometry has no answer.
     """
-    return _Loop(state, list(tasks), rules, start).run()
+    return _Loop(state, list(tasks), rules, start, left).run()
 
 
 class _Loop:
     """One run of the loop."""
 
     def __init__(
-        self, state: State, tasks: list[Task], rules: Rules, start: Solution | None
+        self, state: State, tasks: list[Task], rules: Rules, start: Solution | None, left: bool
     ) -> None:
         self.state, self.tasks, self.rules, self.start = state, tasks, rules, start
-        self.told = Told()
-        self.given = {i for t in tasks for i in state.ledger.ids_of(t.some)}
-        self.fixed: set[str] = {i for t in tasks for i in t.fixed}
-        self.over: tuple[State, Some] | None = None
-        """The state before everything was begun anew, and what arrived; none: it was not."""
+        self.left = left
+        self.told: Told = {}
+        self.given = {i for t in tasks for i in state.ledger.ids_of(t.rows)}
+        self.fixed: Index = np.concatenate([NO_ROWS, *(t.fixed for t in tasks)])
+        self.over: Over | None = None
+        """What there was before everything was begun anew; none: it was not."""
+        self.anew = rules.datum == "free"
+        """Whether everything may be begun anew: once in a run."""
 
     def run(self) -> tuple[State, Told]:
-        """Work the list off."""
-        while self.tasks or self.over:
-            if not self.tasks:
-                self._decide_whether_anew()
-                continue
-            self._look_at(self.tasks.pop(0))
+        """Work the list off; where a new base was made, test again what had been left out."""
+        before = self.state
+        self._work()
+        told = before.ledger.rows.verdicts
+        again = self._fitting_by_now(before.system)
+        if len(again):
+            ledger = self.state.ledger.moved(again, "waiting", "tested again")
+            self.state = replace(self.state, ledger=ledger)
+            self.tasks = [Task(again)]
+            self._work()
+            still = self.state.ledger.rows.among(again, "suspect")
+            first = {v.id: v for row in still.tolist() for v in told[row]}
+            ledger = self.state.ledger.moved(still, "suspect", "tested again", first)
+            self.state = replace(self.state, ledger=ledger)
         return self.state, self.told
+
+    def _work(self) -> None:
+        while self.tasks or self.over:
+            if self.tasks:
+                self._look_at(self.tasks.pop(0))
+            else:
+                self._decide_whether_anew()
+
+    def _fitting_by_now(self, before: System | None) -> Index:
+        """Return suspects that may fit now that a base is new, or something has left."""
+        ledger, system = self.state.ledger, self.state.system
+        if self.rules.policy != "flag" or system is None or system.doubt:
+            return NO_ROWS
+        if not self.left and (before is None or system.base is before.base):
+            return NO_ROWS
+        suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(self.told))
+        return Candidates(ledger, known_in(system), suspects).ready
 
     # -- one task -----------------------------------------------------------------------------
 
     def _look_at(self, task: Task) -> None:
         """Find what of a task, and of what waits with it, is determined, and put it in."""
         ledger, system = self.state.ledger, self.state.system
+        rows = ledger.rows.among(task.rows, "waiting")  # an earlier task may have taken some in
+        if not len(rows):
+            return
+        candidates = Candidates(ledger, known_in(system), rows)
         begins = system is None and self.rules.datum == "free"
-        some = ledger.among(task.some, "waiting")  # an earlier task may have taken some in
-        if not some:
-            return
-        candidates = Candidates(ledger, known_in(system), some)
-        ready = Some.none() if begins else candidates.ready
-        late = candidates.only(some) if begins else candidates.only(candidates.late)
-        found: list[Entry] = []
-        lacks: dict[Variable, str] = {}
-        if late.some:
-            beside = ledger.having("waiting").less(some) if task.most == np.inf else Some.none()
-            left = counted(candidates.only(late.some.joined(beside)), lacks)
-            lacks = {v: why for v, why in lacks.items() if v in late.rows}
-            for part in left.only(left.late).parts():
-                if part.less(late.some).n_rows == part.n_rows:
-                    continue  # nothing of it has just come
-                entry = find(
-                    left.only(part),
-                    datum="free" if begins else "given",
-                    blunders=self.rules.policy != "accept",
-                    alpha=self.rules.alpha,
-                    start=self.start,
-                )
-                lacks |= entry.lacks
-                if entry.solution is not None:
-                    found.append(Entry(entry.some, entry.solution))
+        ready = NO_ROWS if begins else candidates.ready
+        late = rows if begins else candidates.late
+        found = self._found(task, candidates, late, "free" if begins else "given")
         if begins and len(found) > 1:  # a free network is one connected part
-            found = [max(found, key=lambda e: e.some.n_rows)]
-        self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
-        if found or system is None:
-            if found:
+            found = [max(found, key=lambda e: ledger.n_scalars(e.rows))]
+        if found or (len(ready) and system is not None):
+            self._enter(task, ready, found)
+        elif len(ready):  # beside weighted unknowns, if there are any
+            with suppress(AdjustmentError):
                 self._enter(task, ready, found)
-        elif ready:
-            self._beside(task, ready)
 
-    def _beside(self, task: Task, ready: Some) -> None:
-        """Put observations between known variables in, beside the system where that holds."""
-        system = self.state.system
-        assert system is not None
-        tried = Beside.of(self.state.ledger, system, ready, task.fixed | self.fixed, self.rules)
-        if tried is None:
-            self._enter(task, ready, [])
-            return
-        after = tried.state()
-        if after is None:
-            self._enter(task, ready, [])
-            return
-        self.told.take(tried.verdicts(self.given))
-        self.state = State(*after, settled=False)
+    def _found(
+        self, task: Task, candidates: Candidates, late: Index, datum: DatumChoice
+    ) -> list[Found]:
+        """Return what of observations with open variables, and of what waits, may enter."""
+        if not len(late):
+            return []
+        ledger = self.state.ledger
+        several = late
+        if task.most == np.inf:
+            waiting = np.setdiff1d(ledger.having("waiting"), candidates.rows)
+            several = np.union1d(late, waiting)
+        lacks: dict[Variable | str, str] = {}
+        touched = candidates.only(late).counts
+        left = Search(candidates.only(several), datum, lacks).counted(touched)
+        found = []
+        for part in left.only(left.late).parts():
+            if not np.isin(part, late).any():
+                continue  # nothing of it has just come
+            blunders, alpha = self.rules.policy != "accept", self.rules.alpha
+            search = Search(left.only(part), datum, lacks)
+            entry = search.find(blunders=blunders, alpha=alpha, start=self.start)
+            if entry.solution is not None:
+                found.append(entry)
+        self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
+        return found
 
-    def _enter(self, task: Task, ready: Some, found: list[Entry]) -> None:
-        """Put observations in with what enters with them; see `joining`."""
+    def _enter(self, task: Task, ready: Index, found: list[Found]) -> None:
+        """Put observations in with what enters with them; see `entering`."""
         before = self.state
-        fixed = task.fixed | self.fixed
-        result = enter(before.ledger, before.system, ready, found, fixed, self.rules, self.given)
+        fixed = np.append(task.fixed, self.fixed)
+        entering = Entering(
+            before.ledger, before.system, ready, found, fixed, self.rules, self.given
+        )
+        try:
+            result = entering.run()
+        except InputError as error:
+            if task.asked or not self._impossible(task, ready, error):
+                raise
+            return
         if isinstance(result, Entered):
-            self.told.take(result.verdicts)
+            self.told |= {v.id: v for v in result.verdicts}
             self.state = State(result.ledger, result.system, settled=False)
+            if result.system is None:
+                return
             if before.system is None:  # what lies between constants has waited for anything
                 self.tasks.append(Task(result.ledger.having("waiting")))
             else:
                 self._awake(result.new)
-            if ready and not found:
+            if found and len(ready):
                 self.tasks.insert(0, Task(ready, task.fixed))  # those that still wait
-            return
-        if result.loses_datum and self.over is None and before.system is not None:
-            self._begin_anew(task)
-            return
-        self._wait_on(task, ready, found, result)
+        elif result.loses_datum and self.anew and before.system is not None:
+            self._begin_anew(task, result.noticing)
+        else:
+            self._wait_on(task, ready, found)
+
+    def _impossible(self, task: Task, ready: Index, error: InputError) -> bool:
+        """Let those wait whose geometry has no answer; return whether there are any."""
+        ledger = self.state.ledger
+        about: dict[str, str] = {}
+        for p in error.problems:  # they name an observation, or one of its components
+            where = p.where or ""
+            about |= {where: str(p), where.rpartition(" ")[0]: str(p)}
+        lacks: dict[Variable | str, str] = {}
+        bad: list[int] = []
+        for row, unit in zip(ready.tolist(), ledger.units(ready), strict=True):
+            told = [about[o.label()] for o in unit.observations if o.label() in about]
+            if told:
+                lacks[unit.ids[0]] = told[0]
+                bad.append(row)
+        if bad:
+            self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
+            self.tasks.insert(0, task._replace(rows=np.setdiff1d(task.rows, bad)))
+        return bool(bad)
 
     def _awake(self, new: Collection[Variable]) -> None:
         """Look at what waits and touches what has become known."""
         if not new:
             return
-        assert self.state.system is not None
-        waiting = self.state.ledger.having("waiting")
-        touching = Candidates(self.state.ledger, self.state.system, waiting).touching(new)
-        if touching:
+        ledger = self.state.ledger
+        waiting = Candidates(ledger, known_in(self.state.system), ledger.having("waiting"))
+        if len(touching := waiting.touching(new)):
             self.tasks.append(Task(touching))
 
-    def _wait_on(self, task: Task, ready: Some, found: list[Entry], result: Refused) -> None:
+    def _wait_on(self, task: Task, ready: Index, found: Sequence[Found]) -> None:
         """Let what was to enter wait; try what is ready alone, and what is left in parts."""
-        entering = Some.of([e.some for e in found])
-        if ready and found:
+        ledger, system = self.state.ledger, self.state.system
+        entering = np.unique(np.concatenate([NO_ROWS, *(e.rows for e in found)]))
+        if len(ready) and found:
             self.tasks.insert(0, Task(ready, task.fixed))
-        known = known_in(self.state.system)
-        candidates = Candidates(self.state.ledger, known, entering)
-        lacks = dict.fromkeys(candidates.rows, TOO_WEAK)
-        self.state = replace(self.state, ledger=self.state.ledger.with_lacks(lacks))
-        doubted = self.state.system is not None and bool(self.state.system.doubt)
-        if doubted or not entering.n_rows < task.most:
-            return
+        candidates = Candidates(ledger, known_in(system), entering)
+        lacks = dict.fromkeys(candidates.counts, TOO_WEAK)
+        self.state = replace(self.state, ledger=ledger.with_lacks(lacks))
+        doubted = system is not None and bool(system.doubt)
         # Fewer each time, or it would not end; and nothing helps where there was no minimum before.
-        for part in self._fewer(candidates, found):
-            self.tasks.append(Task(part, task.fixed, most=entering.n_rows))
+        if not doubted and len(entering) < task.most:
+            for part in self._fewer(candidates, found):
+                self.tasks.append(Task(part, task.fixed, most=len(entering)))
 
     @staticmethod
-    def _fewer(candidates: Candidates, found: list[Entry]) -> list[Some]:
+    def _fewer(candidates: Candidates, found: Sequence[Found]) -> list[Index]:
         """Split what reached no solution together: what is firm before the rest, or in halves."""
         if len(found) > 1:
             half = len(found) // 2
-            return [Some.of([e.some for e in part]) for part in (found[:half], found[half:])]
+            return [np.concatenate([e.rows for e in part]) for part in (found[:half], found[half:])]
         inside = firm(candidates)
-        return [inside, candidates.some.less(inside)] if inside else []
+        return [inside, np.setdiff1d(candidates.rows, inside)] if len(inside) else []
 
     # -- beginning anew -----------------------------------------------------------------------
 
-    def _begin_anew(self, task: Task) -> None:
+    def _begin_anew(self, task: Task, noticing: Index) -> None:
         """Find out anew what is determined, now that something notices what the datum left open.
 
         Parts of a free network that do not notice it are loose then.
         """
-        self.over = self.state, task.some
+        self.over = Over(self.state, dict(self.told), self.tasks, self.fixed, task, noticing)
+        self.anew = False
         ledger = self.state.ledger
         inside = ledger.having("accepted")
-        self.fixed |= set(ledger.ids_of(inside))
+        self.fixed = np.append(self.fixed, inside)
         ledger = ledger.moved(inside, "waiting", "anew")
         self.state = State(ledger, None, settled=False)
         self.tasks = [Task(ledger.having("waiting"))]
 
     def _decide_whether_anew(self) -> None:
-        """Keep what was found anew where it is more than before; otherwise the arrival waits."""
+        """Keep what was found anew where it is more than before.
+
+        Otherwise what notices motions that the datum left open waits, and the rest is looked at.
+        """
         assert self.over is not None
-        (before, arrived), self.over = self.over, None
-        was, now = (s.ledger.having("accepted") for s in (before, self.state))
-        if now.n_rows > was.n_rows and self.state.system is not None:
+        (before, told, tasks, fixed, task, noticing), self.over = self.over, None
+        was, now = (s.ledger.n_scalars(s.ledger.having("accepted")) for s in (before, self.state))
+        if now > was and self.state.system is not None:
             return
-        self.told.verdicts.clear()
-        touched = Candidates(before.ledger, Nothing(), arrived).rows
-        self.state = replace(before, ledger=before.ledger.with_lacks(dict.fromkeys(touched, OPEN)))
+        self.told, self.fixed, self.tasks = told, fixed, tasks
+        ledger = before.ledger
+        lacks = {ledger.rows.ids(ledger.names, row)[0]: OPEN for row in noticing.tolist()}
+        self.state = replace(before, ledger=ledger.with_lacks(lacks))
+        if len(noticing):
+            self.tasks.insert(0, task._replace(rows=np.setdiff1d(task.rows, noticing)))

@@ -9,58 +9,21 @@ import numpy as np
 
 from ..graph.equations import Equations
 from ..graph.variables import Unknowns
-from ..observations import ImagePoint, Observation
+from ..observations import ImagePoint
 from ..solve.linear import LinearSystem
 from ..types import Array, Index
-from .ledger import Ledger, Some
+from .rows import NO_ROWS
 from .units import Unit
 
 
 @dataclass(frozen=True, eq=False)
-class Item:
-    """A unit or an image point, with what its verdict says of it."""
-
-    ids: tuple[str, ...]
-    """Ids of its observations."""
-    observations: tuple[Observation, ...]
-    """The observations."""
-    points: tuple[str, ...]
-    """Names of the points that they touch."""
-    unit: Unit | None
-    """The unit; none for an image point."""
-    row: int = -1
-    """Row of an image point in the ledger; −1 for a unit."""
-
-    @property
-    def some(self) -> Some:
-        """The item as a selection of observations."""
-        rows = np.array([] if self.row < 0 else [self.row], dtype=np.intp)
-        return Some(() if self.unit is None else (self.unit,), rows)
-
-
-def items_of(ledger: Ledger, some: Some) -> list[Item]:
-    """Return the items of some observations, image points last."""
-    out = [Item(u.ids, u.observations, u.points, u) for u in some.units]
-    for row in some.rays.tolist():
-        o = ledger.rays.observation(ledger.names, row)
-        out.append(Item((ledger.rays.name(ledger.names, row),), (o,), (o.point,), None, row))
-    return out
-
-
-def together(items: Sequence[Item]) -> Some:
-    """Return items as a selection of observations."""
-    units = tuple(i.unit for i in items if i.unit is not None)
-    return Some(units, np.array(sorted(i.row for i in items if i.row >= 0), dtype=np.intp))
-
-
-@dataclass(frozen=True, eq=False)
 class Forms:
-    """k rows v + A dx of some items, whitened."""
+    """k rows v + A dx of some units, whitened."""
 
-    items: tuple[Item, ...]
-    """The items."""
+    units: tuple[Unit, ...]
+    """The units."""
     rows: tuple[Index, ...]
-    """Rows of each item."""
+    """Rows of each unit."""
     v: Array
     """Residuals at the state where they were linearised, (k,)."""
     columns: Index
@@ -68,7 +31,7 @@ class Forms:
     a: Array
     """Partials, (k, m)."""
     raw: tuple[Array, ...]
-    """L of each item with Σ = L Lᵀ: what whitening is undone with, (d, d)."""
+    """L of each unit with Σ = L Lᵀ: what whitening is undone with, (d, d)."""
     at: LinearSystem
     """The excerpt of the network, linearised."""
     chosen: Index
@@ -81,7 +44,7 @@ class Forms:
     @classmethod
     def of(
         cls,
-        items: Sequence[Item],
+        units: Sequence[Unit],
         equations: Equations,
         base: Unknowns,
         moved: Callable[[Index], Array],
@@ -89,7 +52,7 @@ class Forms:
         """Linearise the observations of an excerpt, whose unknowns stand at their values.
 
         Args:
-            items: all of its observations.
+            units: all of its observations.
             equations: the excerpt; its free unknowns are unknowns of the base too.
             base: unknowns of the base.
             moved: returns the movement of columns from the base.
@@ -110,19 +73,10 @@ class Forms:
             at = unknowns.columns(kind, number)
             columns[at] = first + np.arange(len(at))
         own = np.flatnonzero(a.any(axis=0))
-        rows, raw = rows_of(items, system.equations)
-        return cls(
-            tuple(items),
-            rows,
-            system.residual,
-            columns[own],
-            a[:, own],
-            raw,
-            system,
-            np.arange(len(a)),
-            own,
-            moved(columns[own]),
-        )
+        rows, raw = rows_of(units, system.equations)
+        every, movement = np.arange(len(a)), moved(columns[own])
+        v, columns, a = system.residual, columns[own], a[:, own]
+        return cls(tuple(units), rows, v, columns, a, raw, system, every, own, movement)
 
     @property
     def residuals(self) -> Array:
@@ -130,14 +84,12 @@ class Forms:
         return np.asarray(self.v - self.a @ self.movement)
 
     def some(self, chosen: Sequence[int]) -> Forms:
-        """Return the forms of some items."""
-        rows = [self.rows[i] for i in chosen]
-        every = np.concatenate([np.zeros(0, dtype=np.intp), *rows])
-        ends = np.cumsum([len(r) for r in rows])
+        """Return the forms of some units."""
+        rows, every = stacked([self.rows[i] for i in chosen])
         return replace(
             self,
-            items=tuple(self.items[i] for i in chosen),
-            rows=tuple(np.arange(e - len(r), e) for e, r in zip(ends, rows, strict=True)),
+            units=tuple(self.units[i] for i in chosen),
+            rows=rows,
             v=self.v[every],
             a=self.a[every],
             raw=tuple(self.raw[i] for i in chosen),
@@ -168,23 +120,28 @@ class Forms:
         return float(np.linalg.norm(gap)), float(np.linalg.norm(change / size[:, None]))
 
 
+def stacked(rows: Sequence[Index]) -> tuple[tuple[Index, ...], Index]:
+    """Return the rows of each unit among those of all, and the rows of all."""
+    ends = np.cumsum([len(r) for r in rows], dtype=np.intp)
+    own = tuple(np.arange(e - len(r), e) for e, r in zip(ends, rows, strict=True))
+    return own, np.concatenate([NO_ROWS, *rows])
+
+
 def rows_of(
-    items: Sequence[Item], equations: Equations
+    units: Sequence[Unit], equations: Equations
 ) -> tuple[tuple[Index, ...], tuple[Array, ...]]:
-    """Return the rows of each item in compiled equations, and its L with Σ = L Lᵀ."""
-    found = iter(equations.find([i for item in items for i in item.ids]))
+    """Return the rows of each unit in compiled equations, and its L with Σ = L Lᵀ."""
+    found = iter(equations.find([i for unit in units for i in unit.ids]))
     rows: list[Index] = []
     raw: list[Array] = []
-    for item in items:
-        own = np.concatenate([next(found) for _ in item.ids])
-        rows.append(own)
-        if item.row >= 0:
-            (o,) = item.observations
-            assert isinstance(o, ImagePoint)
+    for unit in units:
+        rows.append(np.concatenate([next(found) for _ in unit.ids]))
+        o = unit.observations[0]
+        if isinstance(o, ImagePoint):
             sigma: Array = np.zeros(2) + np.asarray(o.sigma)
             raw.append(np.diag(sigma))
         else:
-            raw.append(_root(equations, own))
+            raw.append(_root(equations, rows[-1]))
     return tuple(rows), tuple(raw)
 
 

@@ -6,88 +6,28 @@ noted becomes a line of the journal.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from math import isnan
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, Problem
-from ..models.variables import UNKNOWNS, VariableKind
+from ..graph.dependence import Variable, components
+from ..models.variables import VariableKind
 from ..network.additions import add_entities
-from ..network.entities import FREE_ORIENTATION, Camera, ImageTable, Photo, Point, parameter_key
+from ..network.entities import Camera, ImageTable, Photo, Point
 from ..network.network import Network
 from ..network.selection import without
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
+from ..observations.identity import identity, named
 from ..types import Array, Index
-from .rays import GONE, Names, Rays
-from .units import Unit, Variable, identity, named, unit_of
+from .rows import CODE, GONE, Names, Room, Rows
+from .units import Unit
 from .verdicts import OUTCOMES, Outcome, Verdict
-
-
-class Entry(NamedTuple):
-    """A unit, and what became of it."""
-
-    unit: Unit
-    """The unit."""
-    outcome: Outcome
-    """What became of it."""
-    verdicts: tuple[Verdict, ...] = ()
-    """Verdicts on suspects and rejected units; empty for others."""
-
-
-class Some(NamedTuple):
-    """Some observations."""
-
-    units: tuple[Unit, ...]
-    """Observations and correlated groups."""
-    rays: Index
-    """Rows of image points in the ledger, in ascending order."""
-
-    def __bool__(self) -> bool:
-        """Return whether there are any."""
-        return bool(self.units) or len(self.rays) > 0
-
-    @classmethod
-    def none(cls) -> Some:
-        """Return no observations."""
-        return cls((), np.zeros(0, dtype=np.intp))
-
-    @classmethod
-    def of(cls, several: Sequence[Some]) -> Some:
-        """Return all of several selections, each observation once."""
-        units = {u.ids[0]: u for some in several for u in some.units}
-        rays = np.concatenate([cls.none().rays, *(some.rays for some in several)])
-        return cls(tuple(units.values()), np.unique(rays))
-
-    def joined(self, other: Some) -> Some:
-        """Return these and others, each once."""
-        return Some.of([self, other])
-
-    def less(self, other: Some) -> Some:
-        """Return these without others."""
-        gone = {u.ids[0] for u in other.units}
-        left = tuple(u for u in self.units if u.ids[0] not in gone)
-        return Some(left, np.setdiff1d(self.rays, other.rays))
-
-    @property
-    def n_rows(self) -> int:
-        """Number of scalar rows."""
-        return sum(u.n_scalars for u in self.units) + 2 * len(self.rays)
-
-
-class Change(NamedTuple):
-    """What happened to some observations."""
-
-    before: Mapping[str, Outcome | None]
-    """What had become of each by its id; none: it was not there."""
-    units: tuple[Unit, ...]
-    """Units that were defined anew."""
-    rays: Index
-    """Rows of the image points."""
-    cause: str
-    """Why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,22 +38,20 @@ class Ledger:
     """Points, photos and other unknowns; it has no observations."""
     names: Names
     """Names of its photos and points."""
-    entries: Mapping[str, Entry] = field(default_factory=dict)
-    """Observations and groups by their (first) id, in the order of arrival."""
-    member: Mapping[str, str] = field(default_factory=dict)
-    """First id of the group of every further member of a group."""
-    rays: Rays = field(default_factory=Rays)
-    """Image points that belong to no group."""
-    lacks: Mapping[Variable, str] = field(default_factory=dict)
-    """Why variables are not determined."""
+    rows: Rows
+    """Observations, correlated groups and image points, in the order of arrival."""
+    lacks: Mapping[Variable | str, str] = field(default_factory=dict)
+    """Why variables are not determined, and why observations, by their first ids, still wait."""
     next: int = 1
     """Number from which ids are given to observations without one."""
-    changes: tuple[Change, ...] = ()
-    """Changes since the last line of the journal."""
+    causes: Mapping[int, str] = field(default_factory=dict)
+    """Why rows have changed since the last line of the journal."""
     filled: Mapping[VariableKind, Mapping[str, Sequence[float]]] = field(default_factory=dict)
     """Approximate values that were found since then."""
     unweighted: tuple[str, ...] = ()
     """Weighted unknowns that lost their weights since then."""
+    sizes: dict[Variable, tuple[int, int]] = field(default_factory=dict)
+    """What `needs` has found for this network."""
 
     @classmethod
     def of(cls, network: Network) -> Ledger:
@@ -121,16 +59,14 @@ class Ledger:
         bare = network.copy()
         bare.observations, bare.clusters, bare.images = {}, [], ImageTable()
         group = {i: (ids, cov) for ids, cov in network.clusters for i in ids}
-        entries: dict[str, Entry] = {}
-        member: dict[str, str] = {}
+        units: dict[str, Unit] = {}
         for ident in network.observations:
             ids, covariance = group.get(ident, ((ident,), None))
-            if ids[0] not in entries:
+            if ids[0] not in units:
                 found = [named(network.observations[i], i) for i in ids]
-                entries[ids[0]] = Entry(unit_of(network, found, covariance), "accepted")
-                member |= dict.fromkeys(ids[1:], ids[0])
-        rays = Rays().with_table(network.images.copy(), "accepted")
-        return cls(bare, Names.of(bare), entries, member, rays)
+                units[ids[0]] = Unit.of(network, found, covariance)
+        rows = Rows().with_more(Room.of_units(units.values()), "accepted")
+        return cls(bare, Names.of(bare), rows.with_more(Room(network.images), "accepted"))
 
     # -- arrivals -----------------------------------------------------------------------------
 
@@ -146,254 +82,240 @@ class Ledger:
         problems = add_entities(network, points=points, photos=photos, cameras=cameras)
         if problems:
             raise InputError(problems)
-        return replace(self, network=network, names=Names.of(network))
+        return replace(self, network=network, names=Names.of(network), sizes={})
 
-    def taken(self, observations: Sequence[AnyObservation]) -> tuple[Ledger, Some]:
-        """Take new observations in as waiting, each with an id.
+    def taken(self, observations: Sequence[AnyObservation]) -> tuple[Ledger, Index]:
+        """Take new observations in as waiting, each with an id; return their rows in order.
 
         Raises:
             InputError: unknown names, ids that are there, points measured twice in a photo: all.
         """
         self._refuse(observations)
-        units: list[Unit] = []
-        table = ImageTable()
-        given: set[str] = set()
+        items, number = self._numbered(observations)
+        ids = (identity(o) or "" for item in items for o in _members(item))
+        again = self.find(ids)  # rejected, or `_refuse` had refused it
+        ledger = replace(self, next=number).moved(again, None, "replaced")
+        return ledger.appended(items, "arrival")
+
+    def _numbered(self, observations: Sequence[AnyObservation]) -> tuple[list[AnyObservation], int]:
+        """Return observations that all have ids, and the next number."""
+        used = {identity(o) for item in observations for o in _members(item)}
         number = self.next
-        for item in observations:
-            if isinstance(item, ImagePoint):
-                self._append(table, item)
-                continue
-            members = item.observations if isinstance(item, Correlated) else (item,)
-            found = []
-            for o in members:
-                ident = identity(o)
-                while ident is None:
-                    ident, number = str(number), number + 1
-                    ident = None if self.has(ident) or ident in given else ident
-                given.add(ident)
-                found.append(named(o, ident))
-            covariance = np.asarray(item.covariance) if isinstance(item, Correlated) else None
-            units.append(unit_of(self.network, found, covariance))
-        ledger = replace(self, next=number)._without_rejected(units, table)
-        first = ledger.rays.n
-        if table.size:
-            ledger = replace(ledger, rays=ledger.rays.with_table(table, "waiting"))
-        some = Some(tuple(units), np.arange(first, first + table.size))
-        return ledger.moved(some, "waiting", "arrival", new=True), some
 
-    def given(self, observations: Sequence[AnyObservation], some: Some) -> list[str]:
-        """Return the ids of observations that were taken in, in their own order."""
-        units = iter(some.units)
-        out: list[str] = []
+        def with_id(o: Observation) -> Observation:
+            nonlocal number
+            ident = identity(o)
+            if ident is None:
+                while str(number) in used or self.status(str(number)) != "gone":
+                    number += 1
+                ident, number = str(number), number + 1
+            return named(o, ident)
+
+        items: list[AnyObservation] = []
         for item in observations:
-            out += [identity(item) or ""] if isinstance(item, ImagePoint) else next(units).ids
+            if isinstance(item, Correlated):
+                items.append(replace(item, observations=tuple(map(with_id, item.observations))))
+            else:
+                items.append(with_id(item))
+        return items, number
+
+    def appended(self, items: Sequence[AnyObservation], cause: str) -> tuple[Ledger, Index]:
+        """Take observations in as waiting, which bear their ids; return their rows in order."""
+        is_ray = np.array([isinstance(item, ImagePoint) for item in items], dtype=bool)
+        table = ImageTable()
+        if is_ray.any():
+            table = self._table([o for o in items if isinstance(o, ImagePoint)])
+        units = []
+        for item in items:
+            if not isinstance(item, ImagePoint):
+                covariance = np.asarray(item.covariance) if isinstance(item, Correlated) else None
+                units.append(Unit.of(self.network, _members(item), covariance))
+        ledger = replace(self, rows=self.rows.with_more(Room.of_units(units), "waiting"))
+        ledger, rays = ledger.with_images(table, cause)
+        n = self.rows.n
+        rows = np.empty(len(items), dtype=np.intp)
+        rows[~is_ray], rows[is_ray] = n + np.arange(len(units)), rays
+        return ledger.moved(rows, "waiting", cause), rows
+
+    def with_images(self, table: ImageTable, cause: str) -> tuple[Ledger, Index]:
+        """Take image points in as waiting; return their rows."""
+        n = self.rows.n
+        ledger = replace(self, rows=self.rows.with_more(Room(table), "waiting"))
+        rows = n + np.arange(table.size)
+        return ledger.moved(rows, "waiting", cause), rows
+
+    def _table(self, rays: Sequence[ImagePoint]) -> ImageTable:
+        out, names = ImageTable(), self.names
+        out.append(
+            np.array([names.photo[o.photo] for o in rays], dtype=np.intp),
+            np.array([names.point[o.point] for o in rays], dtype=np.intp),
+            np.array([(o.x, o.y) for o in rays], dtype=float),
+            np.array([np.broadcast_to(np.asarray(o.sigma, dtype=float), 2) for o in rays]),
+        )
+        out.ids = {i: o.id for i, o in enumerate(rays) if o.id is not None}
+        out.sources = {i: o.source for i, o in enumerate(rays) if o.source is not None}
         return out
-
-    def _append(self, table: ImageTable, o: ImagePoint) -> None:
-        row = table.size
-        sigma = np.broadcast_to(np.asarray(o.sigma, dtype=float), (1, 2))
-        photo, point = self.names.photo[o.photo], self.names.point[o.point]
-        table.append(np.array([photo]), np.array([point]), np.array([[o.x, o.y]]), sigma)
-        if o.id is not None:
-            table.ids[row] = o.id
-        if o.source is not None:
-            table.sources[row] = o.source
 
     def _refuse(self, observations: Sequence[AnyObservation]) -> None:
         """Refuse bad observations, all together."""
         problems: list[Problem] = []
         seen: set[str] = set()
         there: dict[str, set[str]] = {}
-        for item in observations:
-            for o in item.observations if isinstance(item, Correlated) else (item,):
-                try:
-                    self.network._check_names(o, seen)
-                except InputError as error:
-                    problems.extend(error.problems)
+        every = [m for item in observations for m in _members(item)]
+        named_here = Counter(i for o in every if (i := identity(o)) is not None)
+        rows = self.find(named_here)
+        rejected = self.rows.status[rows] == CODE["rejected"]
+        used = set(self.ids_of(rows[~rejected]))
+        for _, unit in self.rows.units(rows[rejected]):
+            left = [i for i in unit.ids if i not in named_here]
+            if left:
+                what = f"is of a rejected group: remove {left[0]!r} and the others first"
+                problems += [
+                    Problem(what, f"observation {i!r}") for i in unit.ids if i in named_here
+                ]
+        for o in every:
+            try:
+                self.network.check_names(o, seen)
+            except InputError as error:
+                problems.extend(error.problems)
+                continue
+            ident = identity(o) or ""
+            if isinstance(o, ImagePoint):
+                if o.photo not in there:
+                    there[o.photo] = self._measured(o.photo)
+                if o.point in there[o.photo]:
+                    what = "the point is measured in this photo already"
+                    problems.append(Problem(what, o.label()))
                     continue
-                ident = identity(o) or ""
-                if isinstance(o, ImagePoint):
-                    if o.photo not in there:
-                        there[o.photo] = self._measured(o.photo)
-                    if o.point in there[o.photo]:
-                        what = "the point is measured in this photo already"
-                        problems.append(Problem(what, o.label()))
-                    there[o.photo].add(o.point)
-                elif self.status(ident) not in ("gone", "rejected"):
-                    problems.append(Problem(f"duplicate id {ident!r}", o.label()))
+                there[o.photo].add(o.point)
+            if ident in used or named_here[ident] > 1:
+                problems.append(Problem(f"duplicate id {ident!r}", o.label()))
         if problems:
             raise InputError(problems)
 
     def _measured(self, photo: str) -> set[str]:
         """Return the points that are measured in a photo, rejected image points apart."""
-        rays, number = self.rays, self.names.photo[photo]
-        there = (rays.photo == number) & (rays.status >= 0) & ~rays.having("rejected")
-        return {self.names.points[p] for p in rays.point[there].tolist()}
-
-    def _without_rejected(self, units: Sequence[Unit], table: ImageTable) -> Ledger:
-        """Drop the rejected observations whose ids come again."""
-        again = [i for u in units for i in u.ids if self.status(i) == "rejected"]
-        rows = [np.zeros(0, dtype=np.intp)]
-        if len(rejected := np.flatnonzero(self.rays.having("rejected"))):
-            code = np.array(self.rays.photo[rejected]) * len(self.names.points)
-            code += self.rays.point[rejected]
-            photo, point, *_ = table.columns()
-            rows.append(rejected[np.isin(code, photo * len(self.names.points) + point)])
-        keys = dict.fromkeys(self.member.get(i, i) for i in again)
-        old = Some(tuple(self.entries[k].unit for k in keys), np.concatenate(rows))
-        return self.moved(old, None, "replaced") if old else self
+        status, number = self.rows.status, self.names.photo[photo]
+        there = (self.rows.photo == number) & (status != GONE)
+        there &= status != OUTCOMES.index("rejected")
+        return {self.names.points[p] for p in self.rows.point[there].tolist()}
 
     # -- changes ------------------------------------------------------------------------------
 
     def moved(
         self,
-        some: Some,
+        rows: Index,
         outcome: Outcome | None,
         cause: str,
-        *,
         verdicts: Mapping[str, Verdict] | None = None,
-        new: bool = False,
     ) -> Ledger:
-        """Return the ledger where some observations have an outcome.
+        """Return the ledger where some rows have an outcome.
 
         Args:
-            some: the observations.
+            rows: the rows.
             outcome: what becomes of them; none: they are taken out.
             cause: why.
             verdicts: verdicts on suspects and rejected observations by id.
-            new: whether they were not there before.
         """
-        if not some:
+        if not len(rows):
             return self
-        told = verdicts or {}
-        entries, member = dict(self.entries), self.member
-        before: dict[str, Outcome | None] = {}
-        for unit in some.units:
-            key = unit.ids[0]
-            was = None if key not in entries else entries[key].outcome
-            before |= dict.fromkeys(unit.ids, was)
-            if outcome is None:
-                entries.pop(key, None)
-            else:
-                entries[key] = Entry(unit, outcome, tuple(told[i] for i in unit.ids if i in told))
-            if len(unit.ids) > 1:
-                member = dict(member)
-                for i in unit.ids[1:]:
-                    member.pop(i, None)
-                if outcome is not None:
-                    member |= dict.fromkeys(unit.ids[1:], key)
-        rays = self.rays
-        if len(some.rays):
-            for row in some.rays.tolist():
-                code = int(rays.status[row])
-                before[rays.name(self.names, row)] = None if new else OUTCOMES[code]
-            by_row: dict[int, Verdict] = {}
-            if told:
-                names = {r: rays.name(self.names, r) for r in some.rays.tolist()}
-                by_row = {r: told[i] for r, i in names.items() if i in told}
-            rays = rays.moved(some.rays, outcome, by_row)
-        change = Change(before, some.units, some.rays, cause)
-        return replace(
-            self,
-            entries=entries,
-            member=member,
-            rays=rays,
-            changes=(*self.changes, change),
-        )
+        told: dict[int, tuple[Verdict, ...]] = {}
+        if verdicts:
+            for row in rows.tolist():
+                ids = self.rows.ids(self.names, row)
+                told[row] = tuple(verdicts[i] for i in ids if i in verdicts)
+        causes = {**self.causes, **dict.fromkeys(rows.tolist(), cause)}
+        return replace(self, rows=self.rows.moved(rows, outcome, told), causes=causes)
 
     def without_weights(self, ids: Sequence[str]) -> Ledger:
         """Return the ledger where weighted unknowns have lost their weights, by their names."""
         if not ids:
             return self
         network = without(self.network, list(ids))
-        return replace(self, network=network, unweighted=(*self.unweighted, *ids))
+        return replace(self, network=network, unweighted=(*self.unweighted, *ids), sizes={})
 
-    def with_lacks(self, lacks: Mapping[Variable, str]) -> Ledger:
-        """Return the ledger where variables lack what is said of them."""
+    def with_lacks(self, lacks: Mapping[Any, str]) -> Ledger:
+        """Return the ledger where variables, or observations, lack what is said of them."""
         return replace(self, lacks={**self.lacks, **lacks}) if lacks else self
 
-    def without_lacks(self, gone: Some) -> Ledger:
+    def without_lacks(self, gone: Index) -> Ledger:
         """Return the ledger without what is said of variables that nothing observes any more."""
-        lost = {v for u in gone.units for v in u.unknowns if v in self.lacks}
-        lost |= {
-            v
-            for p in self.rays.point[gone.rays].tolist()
-            if (v := ("point", self.names.points[p])) in self.lacks
-        }
-        for entry in self.entries.values() if lost else ():
-            lost.difference_update(entry.unit.unknowns)
-        seen = self.rays.point[self.rays.status != GONE]
+        of_ids = {u.ids[0] for u in self.units(gone)} & self.lacks.keys()
+        lost = {v for u in self.units(gone) for v in u.variables if v in self.lacks}
+        if not lost and not of_ids:
+            return self
+        there = np.flatnonzero(self.rows.status != GONE)
+        for _, unit in self.rows.units(there):
+            lost.difference_update(unit.variables)
+        seen = self.rows.point[self.rows.images(there)]
         lost = {v for v in lost if v[0] != "point" or self.names.point[v[1]] not in seen}
-        return replace(self, lacks={v: w for v, w in self.lacks.items() if v not in lost})
+        dropped = lost | of_ids
+        return replace(self, lacks={v: w for v, w in self.lacks.items() if v not in dropped})
 
     def with_values(self, kind: VariableKind, found: Mapping[str, Array]) -> Ledger:
         """Return the ledger with approximate values where none were given."""
-        network = self.network
-        filled: dict[str, Sequence[float]] = {}
+        entities = self.network.points if kind == "point" else self.network.photos
+        changed: dict[str, Point | Photo] = {}
         for name, value in found.items():
-            changed = _filled(network, kind, name, value)
-            if changed is not None:
-                if network is self.network:
-                    network = network.copy()
-                filled[name] = np.asarray(value).tolist()
-                if isinstance(changed, Point):
-                    network.points[name] = changed
-                else:
-                    network.photos[name] = changed
-        if not filled:
+            entity = _filled(entities[name], value)
+            if entity is not None:
+                changed[name] = entity
+        if not changed:
             return self
-        before = {**self.filled, kind: {**self.filled.get(kind, {}), **filled}}
-        return replace(self, network=network, filled=before)
+        network = self.network.copy()
+        (network.points if kind == "point" else network.photos).update(changed)  # type: ignore[arg-type]
+        values = {n: np.asarray(found[n]).tolist() for n in changed}
+        filled = {**self.filled, kind: {**self.filled.get(kind, {}), **values}}
+        return replace(self, network=network, filled=filled)
 
     def recorded(self) -> Ledger:
         """Return the ledger without what was noted for the journal."""
-        return replace(self, changes=(), filled={}, unweighted=(), rays=self.rays.compacted())
+        return replace(self, causes={}, filled={}, unweighted=(), rows=self.rows.compacted())
 
     # -- questions ----------------------------------------------------------------------------
 
-    def has(self, ident: str) -> bool:
-        """Return whether there is an observation of this id."""
-        return self.status(ident) != "gone"
+    def needs(self, variable: Variable) -> tuple[int, int]:
+        """Return how many free components a variable has, and how many of them are weighted."""
+        found = self.sizes.get(variable)
+        if found is None:
+            found = self.sizes[variable] = components(self.network, variable)
+        return found
 
-    def entry(self, ident: str) -> Entry | None:
-        """Return the entry of a unit by any id of its; none where there is none."""
-        return self.entries.get(self.member.get(ident, ident))
+    def having(self, outcome: Outcome) -> Index:
+        """Return all rows with an outcome."""
+        return self.rows.having(outcome)
+
+    def find(self, ids: Iterable[str]) -> Index:
+        """Return the rows of ids, correlated groups as a whole."""
+        return self.rows.find(self.names, ids)
+
+    def missing(self, ids: Iterable[str]) -> list[str]:
+        """Return those of some ids that no observation has."""
+        every = list(ids)
+        there = set(self.ids_of(self.find(every)))
+        return [i for i in every if i not in there]
 
     def status(self, ident: str) -> str:
         """Return what became of an id; ``gone`` where there is none."""
-        entry = self.entry(ident)
-        if entry is not None:
-            return entry.outcome
-        rows = self.rays.find(self.names, [ident])
-        return OUTCOMES[int(self.rays.status[rows[-1]])] if len(rows) else "gone"
+        rows = self.find([ident])
+        return OUTCOMES[int(self.rows.status[rows[0]])] if len(rows) else "gone"
 
-    def find(self, ids: Iterable[str]) -> Some:
-        """Return the observations of ids, correlated groups as a whole."""
-        units: dict[str, Unit] = {}
-        others: list[str] = []
-        for ident in ids:
-            key = self.member.get(ident, ident)
-            if key in self.entries:
-                units[key] = self.entries[key].unit
-            else:
-                others.append(ident)
-        return Some(tuple(units.values()), self.rays.find(self.names, others))
+    def unit(self, row: int) -> Unit:
+        """Return a row as a unit."""
+        return self.rows.unit(self.network, self.names, row)
 
-    def having(self, outcome: Outcome) -> Some:
-        """Return all observations with an outcome."""
-        units = tuple(e.unit for e in self.entries.values() if e.outcome == outcome)
-        return Some(units, np.flatnonzero(self.rays.having(outcome)))
+    def units(self, rows: Index) -> list[Unit]:
+        """Return rows as units."""
+        return [self.unit(row) for row in rows.tolist()]
 
-    def among(self, some: Some, outcome: Outcome) -> Some:
-        """Return those of some observations of the ledger that have an outcome."""
-        there = ((u, self.entries.get(u.ids[0])) for u in some.units)
-        units = tuple(u for u, e in there if e is not None and e.outcome == outcome)
-        return Some(units, some.rays[self.rays.having(outcome)[some.rays]])
+    def ids_of(self, rows: Index) -> list[str]:
+        """Return the ids of the observations of rows."""
+        return [i for row in rows.tolist() for i in self.rows.ids(self.names, row)]
 
-    def ids_of(self, some: Some) -> list[str]:
-        """Return the ids of observations."""
-        out = [i for u in some.units for i in u.ids]
-        return out + [self.rays.name(self.names, r) for r in some.rays.tolist()]
+    def n_scalars(self, rows: Index) -> int:
+        """Return the number of scalar rows."""
+        rays = self.rows.images(rows)
+        return 2 * len(rays) + sum(u.n_scalars for _, u in self.rows.units(rows))
 
     def observation(self, ident: str) -> Observation:
         """Return an observation by its id.
@@ -401,66 +323,44 @@ class Ledger:
         Raises:
             InputError: no such id.
         """
-        some = self.find([ident])
-        if some.units:
-            unit = some.units[0]
-            return unit.observations[unit.ids.index(ident)]
-        if not len(some.rays):
+        rows = self.find([ident])
+        if not len(rows):
             raise InputError(Problem("unknown observation", f"observation {ident!r}"))
-        return self.rays.observation(self.names, int(some.rays[0]))
+        unit = self.unit(int(rows[0]))
+        return unit.observations[unit.ids.index(ident)]
 
     def verdicts(self, outcome: Outcome) -> Iterator[Verdict]:
         """Iterate over the verdicts on suspects, or on rejected observations."""
-        for entry in self.entries.values():
-            if entry.outcome == outcome:
-                yield from entry.verdicts
-        rows = np.flatnonzero(self.rays.having(outcome))
-        for row in rows.tolist():
-            if row in self.rays.verdicts:
-                yield self.rays.verdicts[row]
+        for row in self.having(outcome).tolist():
+            yield from self.rows.verdicts.get(row, ())
 
     @cached_property
     def described(self) -> Network:
         """Everything that was described, with the observations in the graph."""
-        return self.with_observations(self.having("accepted"))
-
-    def with_observations(self, some: Some) -> Network:
-        """Return the network with some observations."""
-        out = self.network.copy()
-        out.observations = {}
-        for unit in some.units:
-            if unit.covariance is None:
-                (o,) = unit.observations
-                out.observations[unit.ids[0]] = o
-                _state_found(out, o)
-            else:
-                out.add(unit.item)
-        out.images = self.rays.table(some.rays)
+        out, inside = self.network.copy(), self.having("accepted")
+        for _, unit in self.rows.units(inside):
+            for o in unit.observations:
+                out.insert(o)
+            if unit.covariance is not None:
+                out.clusters.append((unit.ids, unit.covariance))
+        out.images = self.rows.table(self.rows.images(inside))
         return out
 
 
-def _state_found(network: Network, o: Observation) -> None:
-    """State the unknowns that an observation brings with it, such as that of its set."""
-    for kind, attribute in o.record.parameters:
-        if UNKNOWNS[kind].absent == "found":
-            key = parameter_key(UNKNOWNS[kind], attribute, o)
-            network.of_kind(kind).setdefault(key, FREE_ORIENTATION)
+def _members(item: AnyObservation) -> tuple[Observation, ...]:
+    return item.observations if isinstance(item, Correlated) else (item,)
 
 
-def _filled(network: Network, kind: VariableKind, name: str, value: Array) -> Point | Photo | None:
+def _filled(entity: Point | Photo, value: Array) -> Point | Photo | None:
     """Return a point or photo with an approximate value; none where all of it is given."""
-    if kind == "point":
-        point = network.points[name]
-        given = np.array(point.coordinates)
-        if not np.isnan(given).any():
+    if isinstance(entity, Point):
+        given = entity.coordinates
+        if not any(map(isnan, given)):
             return None
-        found = np.where(np.isnan(given), value, given)
-        return replace(point, coordinates=tuple(found.tolist()))
-    photo = network.photos[name]
-    if photo.position is not None and photo.rotation is not None:
+        x, y, z = (v if isnan(g) else g for g, v in zip(given, value.tolist(), strict=True))
+        return replace(entity, coordinates=(x, y, z))
+    if entity.position is not None and entity.rotation is not None:
         return None
-    if photo.position is None:
-        photo = replace(photo, position=tuple(np.asarray(value)[9:].tolist()))
-    if photo.rotation is None:
-        photo = replace(photo, rotation=np.array(value[:9]).reshape(3, 3))
-    return photo
+    position = entity.position or tuple(np.asarray(value)[9:].tolist())
+    rotation = np.array(value[:9]).reshape(3, 3) if entity.rotation is None else entity.rotation
+    return replace(entity, position=position, rotation=rotation)

@@ -6,28 +6,34 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..errors import AdjustmentError, DatumError
+from ..graph.dependence import Variable, components
 from ..graph.equations import Equations, compile_network
-from ..models.variables import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
 from ..network.selection import filtered
 from ..solve.anywhere import anywhere, narrow
 from ..solve.batch import OFF_DATUM, adjust_from
+from ..solve.datum import generators, middle
+from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
+from ..solve.standing import standing
 from ..solve.start import Start, start_of
+from ..types import Array
 from .ledger import Ledger
+from .rules import Rules
 from .system import System
-from .units import Variable, components
 
 
 @dataclass(frozen=True)
 class Effort:
     """How far a new base goes, and how long it is looked for."""
 
-    close: float = 1e-5
+    close: float = 1e-4
     """Bound of the last step relative to σ after an arrival."""
     at_rest: tuple[float, ...] = (1e-7, 1e-6, 1e-5)
     """The bounds that are tried to settle: rounding may keep weak networks from smaller ones."""
@@ -43,6 +49,8 @@ class Effort:
 
 EFFORT = Effort()
 """The effort of every rebase."""
+NOTICED = 1e-6
+"""|A g| relative to Σ|A||g| from which on a row notices a motion g of a free network."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +59,10 @@ class Failure:
 
     reason: str
     """Why."""
-    loose: tuple[Variable, ...] | None
+    loose: tuple[Variable, ...] | None = None
     """What is not determined, where that is why."""
+    singular: bool = False
+    """Whether it is not determined even to first order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +135,25 @@ class Draft:
                     added[first + component] = constraint.constraint[column]
         return normal, added
 
+    def noticing(self, base: Solution, ids: Sequence[Sequence[str]]) -> list[bool]:
+        """Return which units notice a motion that the datum of a free network leaves open.
+
+        Args:
+            base: the free network without them.
+            ids: ids of each unit.
+        """
+        assert base.datum is not None
+        about = middle(base.state)
+        before = generators(base.equations, base.state, about)
+        amounts = np.linalg.lstsq(before, base.datum.motions, rcond=None)[0]
+        motions = generators(self.equations, self.start.state, about) @ amounts
+        system = LinearSystem(self.equations.weighted_at(self.start.state), self.start.state)
+        out = []
+        for unit in ids:
+            a = system.sparse(np.concatenate(self.equations.find(unit)))
+            out.append(notices(a, motions))
+        return out
+
     def adjusted(
         self,
         datum: DatumChoice,
@@ -157,9 +186,9 @@ class Draft:
                 if solution.converged or solution.reason == OFF_DATUM:
                     return System.of(solution)
             except DatumError as error:
-                return Failure(str(error), tuple(error.unknowns))
+                return Failure(str(error), tuple(error.unknowns), singular=True)
             except (AdjustmentError, SingularError) as error:
-                return Failure(str(error), None)
+                return Failure(str(error))
             start = Start(solution.equations.unknowns, solution.state, solution.start)
             if slow and (points := narrow(solution)):
                 return Failure(solution.reason, tuple(("point", n) for n in points))
@@ -184,18 +213,42 @@ def known_network(
         dropped: variables that are not known any more.
     """
     network = ledger.described
+    inside: dict[VariableKind, set[str]] = {kind: set() for kind in UNKNOWNS}
+    if system is not None:
+        inside = {kind: set(system.unknowns[kind].number) for kind in UNKNOWNS}
+    for kind, name in new:
+        inside[kind].add(name)
+    for kind, name in dropped:
+        inside[kind].discard(name)
 
-    def stays(kind: VariableKind, name: str) -> bool:
-        v = (kind, name)
-        if v in dropped:
-            return False
-        if v in new or (system is not None and system.known(kind, name)):
-            return True
-        if kind == "point":
-            return all(network.points[name].fixed)
-        return not components(network, v)[0]
+    def determined(kind: VariableKind, name: str) -> bool:
+        """Return whether nothing of an unknown needs an observation: all is held or weighted."""
+        if kind == "point" and (point := network.points[name]).sigma is None:
+            return all(point.fixed)
+        free, weighted = components(network, (kind, name))
+        return free == weighted
 
-    return filtered(network, stays)
+    return filtered(network, determined, inside=inside)
+
+
+def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
+    """Return the solution as it stands; a free network's on its inner constraints."""
+    if not system.changed and not system.doubt:
+        return system.base
+    draft = Draft.of(ledger, system, rules.datum)
+    constraint = None if system.base.datum is None else draft.normal(system.base)[1]
+    within = f"within {rules.accuracy:.0%} of each σ of the minimum"
+    return standing(draft.equations, draft.start, constraint, reason=within, doubt=system.doubt)
+
+
+def notices(a: Array | csr_array, motions: Array) -> bool:
+    """Return whether rows notice motions: |A g| > `NOTICED` Σ|A||g|.
+
+    Args:
+        a: partials of the rows, (k, m).
+        motions: the motions, (m, d).
+    """
+    return bool(np.any(np.abs(a @ motions) > NOTICED * (abs(a) @ np.abs(motions)) + 1e-300))
 
 
 def with_doubt(system: System, reason: str) -> System:

@@ -31,11 +31,12 @@ from ..io.json_records import (
 )
 from ..network.entities import Camera, ImageTable, Photo, Point
 from ..network.network import Network
-from ..observations import Correlated, ImagePoint, Observation
+from ..observations import Correlated, Observation
+from ..observations.identity import identity
 from ..types import Array, Index
-from .ledger import Ledger, Some
-from .rays import GONE
-from .units import Unit, identity, unit_of
+from .ledger import Ledger
+from .rows import GONE
+from .units import Unit
 from .verdicts import OUTCOMES, Outcome, Verdict
 
 _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
@@ -75,75 +76,62 @@ def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
         before: the ledger of the last line.
         after: the ledger now, with its changes since then.
     """
+    n, rows = before.rows.n, after.rows
+    was = np.append(before.rows.status, np.full(rows.n - n, GONE, dtype=np.int8))
+    changed = np.flatnonzero(was != rows.status)
     out: dict[str, Any] = {}
-    causes: dict[str, str] = {}
-    defined: dict[str, Unit] = {}
-    rows = np.unique(np.concatenate([np.zeros(0, dtype=np.intp), *(c.rays for c in after.changes)]))
-    units = dict.fromkeys(i for c in after.changes for u in c.units for i in u.ids)
-    for change in after.changes:
-        causes |= dict.fromkeys((i for u in change.units for i in u.ids), change.cause)
-    for ident in units:
-        was, now = before.entry(ident), after.entry(ident)
-        if now is None:
-            if was is not None:
-                out.setdefault("gone", []).append(ident)
-            continue
-        redefined = was is None or was.unit is not now.unit
-        if redefined:
-            defined[now.unit.ids[0]] = now.unit
-        elif was is not None and was.outcome == now.outcome:
-            continue
-        told = next((figures(v) for v in now.verdicts if v.id == ident), {})
-        _tell(out, now.outcome, ident, told)
-    images = _images(before, after, rows, out)
-    if defined:
-        out["observations"] = [definition(u) for u in defined.values()]
-    if images:
-        out["images"] = images
-    moved = {i for name in (*OUTCOMES, "gone") for i in out.get(name, ())}
-    why = {i: c for i, c in causes.items() if i in moved and c != "arrival"}
-    if why:
-        out["causes"] = {c: [i for i, x in why.items() if x == c] for c in set(why.values())}
-    if after.filled:
-        out["found"] = {kind: dict(values) for kind, values in after.filled.items()}
-    if after.unweighted:
-        out["unweighted"] = list(after.unweighted)
-    return out
+    defined: list[dict[str, Any]] = []
+    causes: dict[str, list[str]] = {}
+    for row, unit in rows.units(changed):
+        code, cause = int(rows.status[row]), after.causes[row]
+        ids = list(unit.ids) if code != GONE else after.missing(unit.ids)
+        if row >= n:
+            defined.append(definition(unit))
+        outcome = "gone" if code == GONE else OUTCOMES[code]
+        if outcome in _TOLD:
+            told = {v.id: figures(v) for v in rows.verdicts.get(row, ())}
+            out.setdefault(outcome, {}).update({i: told.get(i, {}) for i in ids})
+        elif ids:
+            out.setdefault(outcome, []).extend(ids)
+        if ids and cause != "arrival":
+            causes.setdefault(cause, []).extend(ids)
+    images = _images(after, rows.images(changed), n)
+    more = {"observations": defined, "images": images, "causes": causes}
+    more["found"] = {kind: dict(values) for kind, values in after.filled.items()}
+    more["unweighted"] = list(after.unweighted)
+    return out | {name: found for name, found in more.items() if found}
 
 
-def _tell(out: dict[str, Any], outcome: Outcome, ident: str, told: Mapping[str, Any]) -> None:
-    where = out.setdefault(outcome, {} if outcome in _TOLD else [])
-    if isinstance(where, dict):
-        where[ident] = told
-    else:
-        where.append(ident)
+def _images(after: Ledger, changed: Index, first: int) -> list[dict[str, Any]]:
+    """Return the image points that changed, by photo, outcome and cause.
 
-
-def _images(
-    before: Ledger, after: Ledger, rows: Index, out: dict[str, Any]
-) -> list[dict[str, Any]]:
-    """Return the image points that changed, by photo and outcome; tell the figures of tests."""
-    rays, names = after.rays, after.names
-    was = np.full(len(rows), GONE)
-    old = rows < before.rays.n
-    was[old] = before.rays.status[rows[old]]
-    now = rays.status[rows]
-    changed = rows[was != now]
-    new = set(rows[~old].tolist())
+    Args:
+        after: the ledger now.
+        changed: rows of the image points.
+        first: the first row that the last line did not have.
+    """
+    rows, names = after.rows, after.names
+    parts: dict[tuple[int, int, str, bool], list[int]] = {}
+    for row in changed.tolist():
+        key = int(rows.photo[row]), int(rows.status[row]), after.causes[row], row >= first
+        parts.setdefault(key, []).append(row)
     records = []
-    key = [(rays.photo[r], int(rays.status[r]), r in new) for r in changed.tolist()]
-    for photo, status, is_new in dict.fromkeys(key):
-        mine = changed[[k == (photo, status, is_new) for k in key]]
+    for (photo, status, cause, is_new), mine in parts.items():
         record: dict[str, Any] = {
             "photo": names.photos[photo],
             "outcome": "gone" if status == GONE else OUTCOMES[status],
-            "points": [names.points[p] for p in rays.point[mine].tolist()],
+            "points": [names.points[p] for p in rows.point[mine].tolist()],
         }
+        if cause != "arrival":
+            record["cause"] = cause
         if is_new:
-            record |= {"xy": rays.xy[mine].tolist(), "sigma": rays.sigma[mine].tolist()}
-            own = {str(i): rays.ids[r] for i, r in enumerate(mine.tolist()) if r in rays.ids}
-            record |= {"ids": own} if own else {}
-        told = [figures(rays.verdicts[r]) if r in rays.verdicts else {} for r in mine.tolist()]
+            record |= {"xy": rows.xy[mine].tolist(), "sigma": rows.sigma[mine].tolist()}
+            sources = rows.room.sources
+            given = {str(i): sources[r] for i, r in enumerate(mine) if r in sources}
+            record |= {"sources": given} if given else {}
+        own = {str(i): rows.room.ids[r] for i, r in enumerate(mine) if r in rows.room.ids}
+        record |= {"ids": own} if own else {}
+        told = [figures(v) for r in mine for v in rows.verdicts.get(r, (None,))]
         if any(told):
             record["figures"] = told
         records.append(record)
@@ -156,8 +144,10 @@ def definition(unit: Unit) -> dict[str, Any]:
     return dict(observation_fields(unit.item, id=ids if isinstance(ids, str) else list(ids)))
 
 
-def figures(verdict: Verdict) -> dict[str, Any]:
-    """Return the numbers of a verdict; those that are not finite are left out."""
+def figures(verdict: Verdict | None) -> dict[str, Any]:
+    """Return the numbers of a verdict, if there is one; those that are not finite are left out."""
+    if verdict is None:
+        return {}
     out: dict[str, Any] = {"components": list(verdict.components), "dof": verdict.dof}
     for name in _FIGURES:
         values = getattr(verdict, name)
@@ -185,27 +175,19 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
     photos = [photo_of(f, frame=ledger.network.frame) for f in line.get("photos", ())]
     if cameras or points or photos:
         ledger = ledger.with_entities(points, photos, cameras)
-    units: dict[str, Unit] = {}
-    rays: dict[str, ImagePoint] = {}
-    for fields in line.get("observations", ()):
-        item = observation_of(fields)
-        if isinstance(item, ImagePoint):  # as journals of version 1 have them
-            rays[identity(item) or ""] = item
-            continue
-        members = item.observations if isinstance(item, Correlated) else (item,)
-        covariance = np.asarray(item.covariance) if isinstance(item, Correlated) else None
-        unit = unit_of(ledger.network, members, covariance)
-        units.update(dict.fromkeys(unit.ids, unit))
-    replaced = Some.none()
-    for ident in (*units, *rays):
-        replaced = replaced.joined(ledger.find([ident]))
-    gone = ledger.find(line.get("gone", ()))
-    moved = {i: u for u in replaced.joined(gone).units for i in u.ids}
-    ledger = ledger.moved(replaced.joined(gone), None, "journal")
-    known: dict[str, Unit] = moved | units
+    items = [observation_of(fields) for fields in line.get("observations", ())]
+    members = [o for i in items for o in (i.observations if isinstance(i, Correlated) else (i,))]
+    ids = [identity(o) or "" for o in members]
+    ledger = ledger.moved(ledger.find([*ids, *line.get("gone", ())]), None, "journal")
+    ledger, _ = ledger.appended(items, "journal")
+    numbers = [int(i) + 1 for i in ids if i.isdecimal()]
+    ledger = replace(ledger, next=max([ledger.next, *numbers]))
     for outcome in OUTCOMES:
         told = line.get(outcome, ())
-        ledger = _moved(ledger, outcome, told, known, rays, where)
+        if missing := ledger.missing(told):
+            what = f"observation {missing[0]!r} is not known here: a line before is missing"
+            raise InputError(Problem(what, where))
+        ledger = _moved(ledger, ledger.find(told), outcome, told)
     for record in line.get("images", ()):
         ledger = _replay_images(ledger, record, where)
     if line.get("unweighted"):
@@ -213,89 +195,51 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
     for kind, values in line.get("found", {}).items():
         found = {n: np.array(v, dtype=float) for n, v in values.items()}
         ledger = ledger.with_values(kind, found)
-    return replace(ledger.recorded(), next=_next(ledger))
-
-
-def _next(ledger: Ledger) -> int:
-    """Return the number after the largest id that is one."""
-    recent = [i for c in ledger.changes for u in c.units for i in u.ids if i.isdecimal()]
-    return max([ledger.next, *(int(i) + 1 for i in recent)])
+    return ledger.recorded()
 
 
 def _moved(
-    ledger: Ledger,
-    outcome: Outcome,
-    told: Sequence[str] | Mapping[str, Any],
-    known: Mapping[str, Unit],
-    rays: Mapping[str, ImagePoint],
-    where: str,
+    ledger: Ledger, rows: Index, outcome: Outcome, told: Mapping[str, Any] | Sequence[str]
 ) -> Ledger:
-    """Return the ledger where the observations of a list have an outcome."""
-    units: dict[str, Unit] = {}
-    rows: list[int] = []
-    fresh: list[str] = []
-    for ident in told:
-        if ident in known:
-            units[known[ident].ids[0]] = known[ident]
-        elif ident in rays:
-            fresh.append(ident)
-        else:
-            some = ledger.find([ident])
-            if not some:
-                what = f"observation {ident!r} is not known here: a line before is missing"
-                raise InputError(Problem(what, where))
-            units |= {u.ids[0]: u for u in some.units}
-            rows += some.rays.tolist()
+    """Return the ledger where rows have an outcome, with the figures of their verdicts."""
     verdicts: dict[str, Verdict] = {}
-    if isinstance(told, Mapping):
-        for unit in units.values():
-            for i, o in zip(unit.ids, unit.observations, strict=True):
-                verdicts[i] = _verdict(i, o, unit.points, outcome, told.get(i, {}))
-        for row in rows:
-            ray = ledger.rays.observation(ledger.names, row)
-            i = ledger.rays.name(ledger.names, row)
-            verdicts[i] = _verdict(i, ray, (ray.point,), outcome, told.get(i, {}))
-    some = Some(tuple(units.values()), np.unique(np.array(rows, dtype=np.intp)))
-    ledger = ledger.moved(some, outcome, "journal", verdicts=verdicts)
-    if fresh:
-        ledger, taken = ledger.taken([rays[i] for i in fresh])
-        if isinstance(told, Mapping):
-            verdicts = {i: _verdict(i, rays[i], (rays[i].point,), outcome, told[i]) for i in fresh}
-        ledger = ledger.moved(taken, outcome, "journal", verdicts=verdicts)
-    return ledger
+    figures_of = told if isinstance(told, Mapping) else {}
+    for unit in ledger.units(rows) if figures_of else ():
+        for i, o in zip(unit.ids, unit.observations, strict=True):
+            verdicts[i] = _verdict(i, o, unit.points, outcome, figures_of.get(i, {}))
+    return ledger.moved(rows, outcome, "journal", verdicts)
 
 
 def _replay_images(ledger: Ledger, record: Mapping[str, Any], where: str) -> Ledger:
     """Return the ledger after a record of image points."""
-    names = ledger.names
-    unknown = [n for n in record["points"] if n not in names.point]
-    if record["photo"] not in names.photo or unknown:
-        what = f"photo {record['photo']!r} or a point of its is not known: a line before is missing"
+    names, photo = ledger.names, record["photo"]
+    points = [names.point.get(n, -1) for n in record["points"]]
+    if photo not in names.photo or -1 in points:
+        what = f"photo {photo!r} or a point of its is not known: a line before is missing"
         raise InputError(Problem(what, where))
-    photo = names.photo[record["photo"]]
-    points = np.array([names.point[n] for n in record["points"]], dtype=np.intp)
     if "xy" in record:
         table = ImageTable()
         xy, sigma = (np.array(record[c], dtype=float) for c in ("xy", "sigma"))
-        table.append(np.full(len(points), photo), points, xy, sigma)
+        of_photo = np.full(len(points), names.photo[photo], dtype=np.intp)
+        table.append(of_photo, np.array(points, dtype=np.intp), xy, sigma)
         table.ids = {int(i): name for i, name in record.get("ids", {}).items()}
-        first = ledger.rays.n
-        ledger = replace(ledger, rays=ledger.rays.with_table(table, "waiting"))
-        rows = np.arange(first, first + len(points))
+        table.sources = {int(i): name for i, name in record.get("sources", {}).items()}
+        ledger, rows = ledger.with_images(table, "journal")
     else:
-        found = ledger.rays.measured(photo, points)
-        place = {int(p): int(r) for p, r in zip(ledger.rays.point[found], found, strict=True)}
-        if any(int(p) not in place for p in points):
-            what = f"an image point in {record['photo']!r} is not known: a line before is missing"
+        measured = ledger.rows.measured(names.photo[photo], np.array(points, dtype=np.intp))
+        # A point may have been measured again after it was rejected: ids tell the two apart.
+        own = ledger.rows.room.ids
+        row_of = {(int(ledger.rows.point[r]), own.get(r)): r for r in measured.tolist()}
+        given = record.get("ids", {})
+        keys = [(p, given.get(str(i))) for i, p in enumerate(points)]
+        if not row_of.keys() >= set(keys):
+            what = f"an image point in {photo!r} is not known: a line before is missing"
             raise InputError(Problem(what, where))
-        rows = np.array([place[int(p)] for p in points], dtype=np.intp)
-    outcome = record["outcome"]
-    verdicts = {}
-    for row, told in zip(rows.tolist(), record.get("figures", ()), strict=False):
-        ray, i = ledger.rays.observation(names, row), ledger.rays.name(names, row)
-        verdicts[i] = _verdict(i, ray, (ray.point,), outcome, told)
-    some = Some((), np.sort(rows))
-    return ledger.moved(some, None if outcome == "gone" else outcome, "journal", verdicts=verdicts)
+        rows = np.array([row_of[k] for k in keys], dtype=np.intp)
+    if record["outcome"] == "gone":
+        return ledger.moved(rows, None, "journal")
+    told = {ledger.ids_of(rows[[i]])[0]: f for i, f in enumerate(record.get("figures", ()))}
+    return _moved(ledger, rows, record["outcome"], told or ())
 
 
 def _verdict(

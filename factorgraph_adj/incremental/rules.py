@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
 
+from ..errors import InputError, Problem
 from ..network.network import DatumChoice
-from .forms import Item
 from .verdicts import Outcome, Policy
+
+POLICIES = ("accept", "flag", "reject")
+DATUMS = ("given", "free")
 
 
 @dataclass(frozen=True)
@@ -23,11 +25,22 @@ class Rules:
     datum: DatumChoice
     """Datum of the network."""
 
+    def __post_init__(self) -> None:
+        """Refuse options that make no sense, all together."""
+        problems = []
+        if self.policy not in POLICIES:
+            valid = ", ".join(POLICIES)
+            problems.append(Problem(f"unknown policy {self.policy!r}; valid: {valid}"))
+        if not 0 < self.alpha < 1:
+            problems.append(Problem(f"alpha must be between 0 and 1, not {self.alpha}"))
+        if not 0 < self.accuracy <= 0.1:
+            problems.append(Problem(f"accuracy must be in (0, 0.1], not {self.accuracy}"))
+        if self.datum not in DATUMS:
+            problems.append(Problem(f"unknown datum {self.datum!r}; valid: {', '.join(DATUMS)}"))
+        if problems:
+            raise InputError(problems)
+
     @property
     def failed(self) -> Outcome:
         """What becomes of an observation that fails its test."""
         return "rejected" if self.policy == "reject" else "suspect"
-
-    def tests(self, item: Item, fixed: Collection[str]) -> bool:
-        """Return whether an item may be left out, given the ids of those that are in untested."""
-        return self.policy != "accept" and item.ids[0] not in fixed

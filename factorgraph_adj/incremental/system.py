@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..graph.dependence import Variable
 from ..graph.equations import compile_rows
 from ..graph.variables import Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
@@ -24,9 +25,9 @@ from ..solve.solution import Solution
 from ..solve.update import Update
 from ..types import Array, Index
 from .excerpt import excerpt
-from .forms import Forms, Item, together
+from .forms import Forms
+from .judging import MOVES, TIED
 from .ledger import Ledger
-from .units import Variable
 
 MOST_BESIDE = 256
 """Largest number of rows beside a base; with more of them a new base takes less time."""
@@ -37,26 +38,6 @@ there it is this divided by σ̂0."""
 TURNED = 1.3
 """Part of the promised accuracy that the relative error of a variance may be. The error of a
 standard deviation is half of it; the rest is room for what the power iteration misses."""
-MOVES = 1e-2
-"""Movement relative to the conditional standard deviation from which on a variable takes part in a
-motion that nothing determines."""
-TIED = 1e-5
-"""Eigenvalue of M up to which rows are all that determines something: without them its standard
-deviation would be more than 300 times as large."""
-NOTICED = 1e-6
-"""|A g| relative to Σ|A||g| from which on a row notices a motion g of a free network."""
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """Forms beside a system, with what an update makes of them."""
-
-    forms: Forms
-    """The forms."""
-    slots: Mapping[int, int]
-    """Slots of points with theirs."""
-    update: Update
-    """The update with all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +74,16 @@ class System:
         """
         lifted = Lifted(base)
         return cls(base, lifted, Update.of(lifted), doubt=doubt)
+
+    def prepared(self) -> System:
+        """Work out now what the first arrival would wait for.
+
+        Covariances of all points of photos are left: few of them are ever asked for.
+        """
+        _ = self.lifted.sigma
+        if self.base.factor.points is None:
+            _ = self.base.factor.selected
+        return self
 
     # -- what is known ------------------------------------------------------------------------
 
@@ -197,22 +188,14 @@ class System:
 
     # -- rows beside the base -----------------------------------------------------------------
 
-    def forms(self, ledger: Ledger, items: Sequence[Item]) -> Forms:
+    def forms(self, ledger: Ledger, rows: Index) -> Forms:
         """Linearise observations between known variables at the present state.
 
         Raises:
             InputError: names observations whose geometry has no answer.
         """
-        equations = compile_rows(excerpt(ledger, self, together(items), hold=False))
-        return Forms.of(items, equations, self.base.equations.unknowns, self.step_at)
-
-    def notices(self, forms: Forms) -> bool:
-        """Return whether forms notice what the datum of a free network leaves open."""
-        datum = self.base.datum
-        if datum is None:
-            return False
-        g = datum.motions[forms.columns]
-        return bool(np.any(np.abs(forms.a @ g) > NOTICED * (np.abs(forms.a) @ np.abs(g)) + 1e-300))
+        equations = compile_rows(excerpt(ledger, self, rows, hold=False))
+        return Forms.of(ledger.units(rows), equations, self.unknowns, self.step_at)
 
     def within(self, accuracy: float, arrived: Forms | None = None) -> System | None:
         """Return the system, moved if need be, within ``accuracy`` of the minimum.
@@ -307,25 +290,6 @@ class System:
         w[: len(since)] -= since
         square = float(w @ (self.update.inner @ w)) - float(w @ (self.update.signs * w))
         return float(np.sqrt(max(square, 0.0)))
-
-    def trial(self, forms: Forms) -> Trial | None:
-        """Return forms beside the system; none where a new base has to take them in."""
-        slots = dict(self.slots)
-        for point in self.lifted.touched(forms.columns):
-            slots.setdefault(point, len(slots))
-        if len(self.update.signs) + len(forms.v) > MOST_BESIDE or len(slots) > ROOM:
-            return None
-        f = self.lifted.expand(forms.columns, forms.a, slots)
-        update = self.update.with_rows(f.at, f.b, forms.residuals)
-        return Trial(forms, slots, update) if update.trusted else None
-
-    def with_trial(self, trial: Trial) -> System:
-        """Return the system with the items of a trial."""
-        before = len(self.update.signs)
-        joined = dict(self.joined)
-        for item, own in zip(trial.forms.items, trial.forms.rows, strict=True):
-            joined[item.ids[0]] = before + own
-        return replace(self, update=trial.update, joined=joined, slots=trial.slots)
 
     def without(self, ids: Sequence[str]) -> System | None:
         """Return the system without observations; none where an update cannot tell.

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..errors import AdjustmentError
 from ..solve.solution import Solution
+from ..types import Index
+from .beginning import adjusted
 from .candidates import Candidates, Nothing
 from .flow import State, Task
-from .ledger import Ledger, Some
+from .judging import untested
+from .ledger import Ledger
 from .rebasing import Draft, Failure, with_doubt
+from .rows import NO_ROWS
 from .rules import Rules
 from .system import System
-from .units import Unit
 
 
 class Out(NamedTuple):
@@ -41,62 +43,49 @@ def take_out(state: State, ids: Sequence[str], rules: Rules, cause: str = "remov
         cause: why.
     """
     ledger = state.ledger
-    some = ledger.find(ids)
-    weights = [i for i in ids if not ledger.has(i)]
-    inside = ledger.among(some, "accepted")
-    rests, fixed = _rests(ledger, some, set(ids))
-    ledger = ledger.moved(some, None, cause)
-    rest = Some(tuple(rests), np.zeros(0, dtype=np.intp))
-    ledger = ledger.moved(rest, "waiting", "rest of a group", new=True)
-    ledger = ledger.without_weights(weights).without_lacks(some)
-    start = None
-    again = Some.none()
-    system = state.system
-    if system is not None and (inside or weights):
-        firsts = [u.ids[0] for u in inside.units]
-        firsts += [state.ledger.rays.name(ledger.names, r) for r in inside.rays.tolist()]
-        ledger, system, again, start = _without(
-            replace(state, ledger=ledger), system, [*firsts, *weights], rules
-        )
-    waiting = ledger.having("waiting")
-    held = frozenset((*fixed, *ledger.ids_of(again)))
-    tasks = [Task(rest.joined(again), held), Task(waiting)]
-    return Out(State(ledger, system, settled=False), tuple(t for t in tasks if t.some), start)
-
-
-def _rests(ledger: Ledger, some: Some, gone: set[str]) -> tuple[list[Unit], list[str]]:
-    """Return what remains of correlated groups, and the ids of those that were in the graph."""
-    rests: list[Unit] = []
-    fixed: list[str] = []
-    for unit in some.units:
-        if unit.covariance is None:
-            continue
-        left = unit.without(ledger.network, gone)
-        if left is not None:
-            rests.append(left)
-            if ledger.entries[unit.ids[0]].outcome == "accepted":
-                fixed += left.ids
-    return rests, fixed
+    rows = ledger.find(ids)
+    weights = ledger.missing(ids)
+    inside = ledger.rows.among(rows, "accepted")
+    rests = {
+        row: left
+        for row, unit in ledger.rows.units(rows)
+        if (left := unit.without(ledger.network, set(ids))) is not None
+    }
+    firsts = [ledger.rows.ids(ledger.names, r)[0] for r in inside.tolist()]
+    ledger = ledger.moved(rows, None, cause)
+    ledger, rest = ledger.appended([u.item for u in rests.values()], "rest of a group")
+    fixed = rest[np.isin(list(rests), inside)]
+    out = rest[np.isin(list(rests), state.ledger.having("rejected"))]
+    told = {v.id: v for u in ledger.units(out) for v in untested(u, "rejected")}
+    ledger = ledger.moved(out, "rejected", "rest of a group", told)
+    rest = np.setdiff1d(rest, out)
+    ledger = ledger.without_weights(weights).without_lacks(rows)
+    start, again, system = None, NO_ROWS, state.system
+    if system is not None and (len(inside) or weights):
+        ledger, system, again, start = _without(ledger, system, [*firsts, *weights], rules)
+    held = np.union1d(fixed, again)
+    tasks = [Task(np.union1d(rest, again), held), Task(ledger.having("waiting"))]
+    after = State(ledger, system, settled=False)
+    return Out(after, tuple(t for t in tasks if len(t.rows)), start)
 
 
 def _without(
-    state: State, system: System, ids: Sequence[str], rules: Rules
-) -> tuple[Ledger, System | None, Some, Solution | None]:
+    ledger: Ledger, system: System, ids: Sequence[str], rules: Rules
+) -> tuple[Ledger, System | None, Index, Solution | None]:
     """Return ledger and system without observations, what waits again, and where it was."""
-    ledger = state.ledger
     if not system.doubt:
         with suppress(AdjustmentError):
             after = system.without(ids)
             after = None if after is None else after.within(rules.accuracy)
             if after is not None:
-                return ledger, after, Some.none(), None
+                return ledger, after, NO_ROWS, None
     loose = set() if system.doubt or rules.datum == "free" else system.loosened(ids)
-    again = Some.none()
+    again = NO_ROWS
     if loose:
         inside = ledger.having("accepted")
         again = Candidates(ledger, Nothing(), inside).touching(loose)
         ledger = ledger.moved(again, "waiting", "undetermined")
-    if loose is not None and ledger.having("accepted"):
+    if loose is not None and len(ledger.having("accepted")):
         try:
             found = Draft.of(ledger, system, rules.datum, dropped=loose).adjusted(rules.datum)
         except AdjustmentError:
@@ -107,8 +96,11 @@ def _without(
         if isinstance(found, Failure) and found.loose is None:
             stays = system.without(ids) or system
             return ledger, with_doubt(stays, found.reason), again, None
+    inside, where = ledger.having("accepted"), system.base.at(system.state)
+    if loose is None:
+        smaller, found = adjusted(ledger, rules, where)
+        if isinstance(found, System):
+            return smaller, found, np.setdiff1d(inside, smaller.having("accepted")), None
     # What is determined is found out anew.
-    inside = ledger.having("accepted")
     ledger = ledger.moved(inside, "waiting", "anew")
-    where = system.base.at(system.state)
-    return ledger, None, inside.joined(again), where
+    return ledger, None, np.union1d(inside, again), where

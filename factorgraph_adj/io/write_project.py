@@ -74,7 +74,7 @@ def network_files(
         InputError: a name or a unit cannot be written to a file.
     """
     units = units or Units()
-    _check_names(network)
+    check_names(network)
     files: dict[str, str] = {}
     for name, columns, rows in (
         ("points", POINT_COLUMNS, (point_record(p, units) for p in network.points.values())),
@@ -94,7 +94,7 @@ def network_files(
     return files
 
 
-def _check_names(network: Network) -> None:
+def check_names(network: Network) -> None:
     """Refuse names that a CSV cell cannot hold, and units that readers do not know."""
     named: tuple[tuple[str, Iterable[str]], ...] = (
         ("point", network.points),

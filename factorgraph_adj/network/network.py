@@ -70,8 +70,8 @@ class Network(Shown):
         self.observations: dict[str, Observation] = {}
         self.clusters: list[tuple[tuple[str, ...], Array]] = []
         self.images = ImageTable()
-        self._point_number: dict[str, int] = {}
-        self._photo_number: dict[str, int] = {}
+        self.point_number: dict[str, int] = {}
+        self.photo_number: dict[str, int] = {}
         self._next_id = 1
 
     # -- points -----------------------------------------------------------------------------
@@ -106,7 +106,7 @@ class Network(Shown):
         self.points[name] = checked_point(
             name, coordinates, fixed=fixed, sigma=sigma, datum=datum, check=check
         )
-        self._point_number[name] = len(self._point_number)
+        self.point_number[name] = len(self.point_number)
 
     def add_points(self, names: Sequence[str], coordinates: Array) -> None:
         """Add many free points with approximate coordinates (n, 3), metres; NaN: unknown."""
@@ -119,7 +119,7 @@ class Network(Shown):
         for name, at in zip(names, xyz.tolist(), strict=True):
             self._new(name, self.points, "point")
             self.points[name] = Point(name, tuple(at))
-            self._point_number[name] = len(self._point_number)
+            self.point_number[name] = len(self.point_number)
 
     # -- cameras and photos -------------------------------------------------------------------
 
@@ -194,7 +194,7 @@ class Network(Shown):
             sigma_position=sigma_position,
             sigma_attitude=sigma_attitude,
         )
-        self._photo_number[name] = len(self._photo_number)
+        self.photo_number[name] = len(self.photo_number)
 
     # -- other unknowns -----------------------------------------------------------------------
 
@@ -343,7 +343,7 @@ class Network(Shown):
         seen: set[str] = set()
         for o in flat:
             try:
-                self._check_names(o, seen)
+                self.check_names(o, seen)
             except InputError as error:
                 problems.extend(error.problems)
         if problems:
@@ -351,11 +351,11 @@ class Network(Shown):
         ids: list[str] = []
         for item in observations:
             if isinstance(item, Correlated):
-                group = [self._insert(o) for o in item.observations]
+                group = [self.insert(o) for o in item.observations]
                 self.clusters.append((tuple(group), np.asarray(item.covariance, dtype=float)))
                 ids.extend(group)
             else:
-                ids.append(self._insert(item))
+                ids.append(self.insert(item))
         return ids
 
     def add_image_points(
@@ -377,12 +377,12 @@ class Network(Shown):
         where = f"photo {photo!r}"
         self._known(photo, self.photos, "photo", where)
         measured, weights = checked_image_points(
-            photo, points, xy, sigma=sigma, known_points=self._point_number
+            photo, points, xy, sigma=sigma, known_points=self.point_number
         )
         number = np.fromiter(
-            (self._point_number[p] for p in points), dtype=np.intp, count=len(points)
+            (self.point_number[p] for p in points), dtype=np.intp, count=len(points)
         )
-        of_photo = np.full(len(points), self._photo_number[photo], dtype=np.intp)
+        of_photo = np.full(len(points), self.photo_number[photo], dtype=np.intp)
         self.images.append(of_photo, number, measured, weights)
 
     @property
@@ -420,7 +420,8 @@ class Network(Shown):
 
     # -- helpers ------------------------------------------------------------------------------
 
-    def _check_names(self, o: Observation, seen: set[str]) -> None:
+    def check_names(self, o: Observation, seen: set[str]) -> None:
+        """Check an observation's names, and its id, which ``seen`` gets; refuse bad ones."""
         record, where = o.record, o.label()
         for name in o.points():
             self._known(name, self.points, "point", where)
@@ -443,7 +444,8 @@ class Network(Shown):
             what = o.kind.replace("_", " ")
             raise InputError(Problem(f"{what} needs a geocentric or topocentric frame", where))
 
-    def _insert(self, o: Observation) -> str:
+    def insert(self, o: Observation) -> str:
+        """Add an observation whose names have been checked; return its id."""
         ident: str | None = getattr(o, "id", None)
         if isinstance(o, ImagePoint):
             row = self.images.size

@@ -120,12 +120,12 @@ def only(
     for kind, table in network.parameters.items():
         named = wanted.get(kind, set())
         out.of_kind(kind).update({k: p for k, p in table.items() if parameter_name(k) in named})
-    out._point_number = {n: i for i, n in enumerate(out.points)}
-    out._photo_number = {n: i for i, n in enumerate(out.photos)}
+    out.point_number = {n: i for i, n in enumerate(out.points)}
+    out.photo_number = {n: i for i, n in enumerate(out.photos)}
     out.images = network.images.kept(images)
     for numbers, old, new in (
-        (out.images.photo, network.photos, out._photo_number),
-        (out.images.point, network.points, out._point_number),
+        (out.images.photo, network.photos, out.photo_number),
+        (out.images.point, network.points, out.point_number),
     ):
         place = np.array([new.get(n, -1) for n in old], dtype=np.intp)
         numbers[:] = [place[each] for each in numbers]
@@ -257,32 +257,44 @@ def _drop_points(network: Network, lost: Iterable[str]) -> None:
             table = network.of_kind(kind)
             for key in [k for k in table if name == (k if isinstance(k, str) else k[0])]:
                 del table[key]
-    network._point_number = {name: i for i, name in enumerate(network.points)}
+    network.point_number = {name: i for i, name in enumerate(network.points)}
 
 
-def filtered(network: Network, stays: Callable[[VariableKind, str], bool]) -> Network:
+def filtered(
+    network: Network,
+    stays: Callable[[VariableKind, str], bool],
+    *,
+    inside: Mapping[VariableKind, Collection[str]] | None = None,
+) -> Network:
     """Return the network without some of its unknowns; its observations stay.
 
     Args:
         network: the network.
         stays: whether an unknown stays, by kind and name.
+        inside: names of the unknowns, by kind, that stay in any case; none: there are none.
     """
+    known: Mapping[VariableKind, Collection[str]] = {} if inside is None else inside
+
+    def keep(kind: VariableKind, name: str) -> bool:
+        return name in known.get(kind, ()) or stays(kind, name)
+
     out = network.copy()
     photos = [
         n
         for n in network.photos
-        if stays("pose", n) and stays("calibration", calibration_name(network, n))
+        if keep("pose", n) and keep("calibration", calibration_name(network, n))
     ]
-    points = [n for n in network.points if stays("point", n)]
+    placed = known.get("point", ())
+    points = [n for n in network.points if n in placed or stays("point", n)]
     if len(photos) < len(network.photos) or len(points) < len(network.points):
         _keep_entities(out, photos, points)
     used = {f.camera for f in out.photos.values()}
-    out.cameras = {n: c for n, c in network.cameras.items() if n in used or stays("calibration", n)}
+    out.cameras = {n: c for n, c in network.cameras.items() if n in used or keep("calibration", n)}
     for kind in parameter_kinds():
         out.parameters[kind.name] = {
             k: p
             for k, p in network.of_kind(kind.name).items()
-            if stays(kind.name, parameter_name(k))
+            if keep(kind.name, parameter_name(k))
             and (not kind.at_point or (k if isinstance(k, str) else k[0]) in out.points)
         }
     return out
@@ -300,4 +312,4 @@ def _keep_entities(network: Network, photos: Sequence[str], points: Sequence[str
     network.images.ids, network.images.sources = dict(ids), dict(sources)
     network.photos = {n: network.photos[n] for n in photos}
     network.points = {n: network.points[n] for n in points}
-    network._photo_number, network._point_number = photo_number, point_number
+    network.photo_number, network.point_number = photo_number, point_number

@@ -12,11 +12,11 @@ from scipy.sparse import coo_array, csr_array
 from ..errors import InputError, Problem
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import calibration_name
-from ..incremental.units import identity, named
 from ..network.additions import add_entities
 from ..network.entities import Camera, Photo, Point
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
+from ..observations.identity import identity, named
 from ..solve.linear import LinearSystem
 from ..types import Array, Index
 from .readings import as_planned

@@ -33,7 +33,11 @@ class Figures:
     """Figures of items, padded to the largest number of components d, (n, d)."""
 
     innovation: Array
-    """Innovations, units of the observations; NaN where nothing else controls them."""
+    """Innovations, units of the observations; NaN where nothing else controls them.
+
+    Where others control a combination of the components of a group, and none of them alone, these
+    are the smallest ones, dᵀΣ⁻¹d, that agree with it.
+    """
     sigma: Array
     """Their standard deviations; infinite where nothing else controls them."""
     w: Array
@@ -78,6 +82,7 @@ class Tested:
             blocks = whole[self.place[:, :, None], self.place[:, None, :]]
         self.blocks = np.where(self.valid[:, :, None] & self.valid[:, None, :], blocks, 0.0)
         self._left: list[Array] = []
+        self._gone: Index = np.zeros(0, dtype=np.intp)
 
     def block(self, i: int) -> Array:
         """Return M_uu of an item."""
@@ -100,7 +105,8 @@ class Tested:
     def ratios(self, alpha: float) -> Array:
         """Return T² relative to its critical value, (n,); zero where nothing controls an item."""
         t2, dof = self.statistics()
-        critical = np.array([critical_t2(alpha, k) if k else np.inf for k in range(1 + max(dof))])
+        most = int(np.max(dof, initial=0))
+        critical = np.array([critical_t2(alpha, k) if k else np.inf for k in range(1 + most)])
         # A value too far off for its square is beyond every critical value.
         return np.where(np.isnan(t2), np.inf, t2 / critical[dof])
 
@@ -110,6 +116,7 @@ class Tested:
         columns = self._m(u)
         for k in self._left:
             columns = columns - k @ k[u].T
+        columns[self._gone] = 0.0
         values, vectors = np.linalg.eigh(self.block(i))
         on = values > UNCONTROLLED
         half = vectors[:, on] / np.sqrt(values[on])
@@ -119,8 +126,8 @@ class Tested:
         self.blocks = self.blocks - padded @ padded.transpose(0, 2, 1)
         self.blocks[i] = 0.0
         self.v[u] = 0.0
-        gain[u] = 0.0
         self._left.append(gain)
+        self._gone = np.append(self._gone, u)
 
     def figures(self, raw: Sequence[Array], chosen: Index) -> Figures:
         """Return the figures of some items, (n,).

@@ -18,7 +18,7 @@ from ..incremental.arrival import Arrival, Waiting
 from ..incremental.verdicts import Gain, Verdict
 from ..io.numbers import Units, write
 from ..observations import ImagePoint, observation_kind
-from ..quality.rejections import Snooping
+from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.reliability import Reliability
 from ..report.context import Report
 from ..report.options import ReportOptions
@@ -68,8 +68,7 @@ class Answers:
 
     def points_of(self, ids: Iterable[str]) -> list[str]:
         """Return the points of observations."""
-        found = [self.adjustment.observation(i) for i in ids]
-        names = (n for o in found for n in o.points())
+        names = (n for i in ids for n in self.adjustment.observation(i).points())
         return list(dict.fromkeys(n for n in names if n is not None))
 
     def points(self, names: Iterable[str]) -> tuple[list[Answer], list[str]]:
@@ -113,7 +112,7 @@ class Answers:
 
     def verdict(self, v: Verdict) -> Answer:
         """Return the verdict about one observation; σ and w of a waiting one are unknown."""
-        out: Answer = {"id": v.id, "kind": v.kind, "label": v.label, "verdict": v.verdict}
+        out = fields_of(v, "id", "kind", "label", "verdict")
         if v.verdict == "waiting":
             return out | {"lacks": v.lacks}
         if v.innovation is None:  # data snooping gave the verdict instead of a test on arrival
@@ -149,15 +148,12 @@ class Answers:
     def gain(self, g: Gain) -> Answer:
         """Return σ of a point before and after an observation."""
         unit = self.units.sigma_length
-        return {
-            "point": g.point,
-            **self._xyz("before_", g.before, unit),
-            **self._xyz("after_", g.after, unit),
-        }
+        before, after = self._xyz("before_", g.before, unit), self._xyz("after_", g.after, unit)
+        return {"point": g.point, **before, **after}
 
     def waiting(self, w: Waiting) -> Answer:
         """Return a waiting observation and the support that it lacks."""
-        return {"id": w.id, "kind": w.kind, "label": w.label, "lacks": w.lacks}
+        return fields_of(w, "id", "kind", "label", "lacks")
 
     # -- unknowns -----------------------------------------------------------------------------
 
@@ -212,12 +208,8 @@ class Answers:
         at = s.state["point"]
         return {
             "name": s.network.name,
-            "converged": s.converged,
-            "reason": s.reason,
-            "n_observations": s.n_observations,
-            "n_unknowns": s.n_unknowns,
-            "datum_defect": s.datum_defect,
-            "redundancy": s.redundancy,
+            **fields_of(s, "converged", "reason", "n_observations", "n_unknowns"),
+            **fields_of(s, "datum_defect", "redundancy"),
             "vtpv": figure(s.vtpv),
             "sigma0": figure(s.sigma0),
             "points": [
@@ -281,14 +273,7 @@ class Answers:
             "critical": figure(found.critical),
             "sigma0": figure(found.solution.sigma0),
             "set_aside": [
-                {
-                    "id": r.id,
-                    "kind": r.kind,
-                    "component": r.component,
-                    "round": r.round,
-                    "test_value": figure(r.test),
-                }
-                for r in found.rejected
+                _which(r) | {"round": r.round, "test_value": figure(r.test)} for r in found.rejected
             ],
             "points_set_aside": [
                 {"name": p.name, "rays": list(p.rays), "reason": p.reason}
@@ -296,20 +281,19 @@ class Answers:
             ],
             "readmitted": list(found.readmitted),
             "unresolved": [
-                {
-                    "id": u.id,
-                    "kind": u.kind,
-                    "component": u.component,
-                    "test_value": figure(u.test),
-                    "reason": u.reason,
-                }
+                _which(u) | {"test_value": figure(u.test), "reason": u.reason}
                 for u in found.unresolved
             ],
         }
 
 
-def _which(row: Row) -> Answer:
-    return {"id": row.id, "kind": row.kind, "component": row.component}
+def fields_of(record: object, *names: str) -> Answer:
+    """Return fields of a record by name, in this order."""
+    return {name: getattr(record, name) for name in names}
+
+
+def _which(row: Row | Rejected | Unresolved) -> Answer:
+    return fields_of(row, "id", "kind", "component")
 
 
 def figure(value: float) -> float:
@@ -339,7 +323,7 @@ def refusal(number: int, error: AdjustmentError) -> Answer:
 def fault(number: int, error: Exception) -> Answer:
     """Return the answer to a line on which the program itself failed."""
     what = f"a fault of the program, not of the line: {type(error).__name__}: {error}"
-    return {"line": number, "ok": False, "error": [{"where": "", "what": cut_short(what)}]}
+    return refusal(number, InputError(what))
 
 
 def cut_short(text: str) -> str:

@@ -91,7 +91,7 @@ from ..observations import Correlated
 from ..quality.levels import POWER
 from ..report.summary import finite
 from . import requests
-from .answers import Answer, Answers, fault, refusal
+from .answers import Answer, Answers, fault, fields_of, refusal
 
 LISTED = 10
 """Default number of observations in the lists of ``reliability``."""
@@ -135,32 +135,23 @@ class Stream:
 
     def ready(self) -> Answer:
         """Return the first line."""
-        inc = self.adjustment
+        inc, units = self.adjustment, self.context.units
         network = inc.network()
-        units = self.context.units
-        return dict(
-            finite(
-                {
-                    "ready": True,
-                    "name": network.name,
-                    "units": {
-                        "length": units.length,
-                        "angle": units.angle,
-                        "sigma_length": units.sigma_length,
-                        "sigma_angle": units.sigma_angle,
-                    },
-                    "points": len(network.points),
-                    "photos": len(network.photos),
-                    "observations": len(inc),
-                    "policy": inc.policy,
-                    "alpha": inc.alpha,
-                    "power": self.power,
-                    "resumed": inc.resumed,
-                    "waiting": self.answers.latest_waiting(),
-                    "counts": self.answers.counts(),
-                }
-            )
-        )
+        out: Answer = {
+            "ready": True,
+            "name": network.name,
+            "units": fields_of(units, "length", "angle", "sigma_length", "sigma_angle"),
+            "points": len(network.points),
+            "photos": len(network.photos),
+            "observations": len(inc),
+            "policy": inc.policy,
+            "alpha": inc.alpha,
+            "power": self.power,
+            "resumed": inc.resumed,
+            "waiting": self.answers.latest_waiting(),
+            "counts": self.answers.counts(),
+        }
+        return dict(finite(out))
 
     def answer(self, line: str | bytes, number: int) -> Answer:
         """Answer a line; a faulty line raises nothing and changes nothing.
@@ -200,6 +191,8 @@ class Stream:
             if name not in ("do", "remark", *command.fields):
                 takes = ", ".join(command.fields) or "no further fields"
                 row.wrong(f"unknown field {requests.shown(name)}; it takes: {takes}")
+        if not command.fields:
+            requests.fine(row)
         return {"do": do, **command.run(self, row)}
 
     def _observation(self, fields: Mapping[str, object]) -> Answer:
@@ -265,18 +258,15 @@ class Stream:
         return self.answers.arrival(self.adjustment.reweight(ids, factor))
 
     def _snoop(self, row: Row) -> Answer:
-        requests.fine(row)
         return self.answers.snooping(self.adjustment.snoop())
 
     def _settle(self, row: Row) -> Answer:
-        requests.fine(row)
         self.adjustment.settle()
         return {}
 
     # -- queries --------------------------------------------------------------------------------
 
     def _solution(self, row: Row) -> Answer:
-        requests.fine(row)
         return self.answers.solution(self.adjustment.solution())
 
     def _estimate(self, row: Row) -> Answer:
@@ -305,15 +295,12 @@ class Stream:
         return self.answers.reliability(found, LISTED if most is None else int(most))
 
     def _all_waiting(self, row: Row) -> Answer:
-        requests.fine(row)
         return {"waiting": [self.answers.waiting(w) for w in self.adjustment.waiting]}
 
     def _suspects(self, row: Row) -> Answer:
-        requests.fine(row)
         return {"suspects": [self.answers.verdict(v) for v in self.adjustment.suspects]}
 
     def _rejected(self, row: Row) -> Answer:
-        requests.fine(row)
         return {"rejected": [self.answers.verdict(v) for v in self.adjustment.rejected]}
 
     def _write(self, row: Row) -> Answer:
@@ -337,7 +324,6 @@ class Stream:
         return {"project": str(path)}
 
     def _stop(self, row: Row) -> Answer:
-        requests.fine(row)
         self.stopped = True
         return {}
 

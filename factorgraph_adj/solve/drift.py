@@ -8,8 +8,9 @@ forms,
     t = ‖Q^½ (AᵀA − A₀ᵀA₀) Q^½‖    largest relative error of a variance, by power iteration.
 
 A look costs a few linearisations. Between two looks both are predicted from the length
-‖dx‖ = √(dxᵀN dx) of the movement: the step, relative to σ, grows with the square of the length,
-and t with the length.
+‖dx‖ = √(dxᵀN dx) of the movement: the step, relative to σ, grows at most with the square of the
+length, as its part from the residuals v₀ grows with the length, and t grows with the length. Along
+combinations of unknowns that hardly any observation determines, t grows with the square too.
 """
 
 from __future__ import annotations

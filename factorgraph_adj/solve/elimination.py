@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 LARGEST_TREE = 1000
 """Number of variables above which the terrestrial side is eliminated in dense fronts by Cholesky.
 GTSAM's QR keeps twice the digits; in large networks its cost for each variable counts."""
+LARGEST_TREE_BESIDE_CAMERAS = 30
+"""The same number beside photos: GTSAM's QR leaves a dense matrix over their unknowns, whose making
+takes longer than all fronts."""
 MOST_SPREAD = 60
 """Largest number of variables at no point, such as distance meters, for which this is done: they
 are full columns of the reduced system."""
@@ -124,7 +127,8 @@ def layers_of(
         if kind == "point":
             inside &= ~reduced
         tree += [(kind, number) for number in np.flatnonzero(inside).tolist()]
-    large = len(tree) > LARGEST_TREE and _spread(tree) <= MOST_SPREAD
+    largest = min(LARGEST_TREE, LARGEST_TREE_BESIDE_CAMERAS) if cameras.any() else LARGEST_TREE
+    large = len(tree) > largest and _spread(tree) <= MOST_SPREAD
     if kept is not None or (reduce_points and large):
         every = np.ones(unknowns.n_columns, dtype=bool)
         first = table.offset[reduced]

@@ -141,7 +141,12 @@ def onto_constraints(
         gradient = g.T @ r[columns]
         second = defect.mixture.T @ _bend(equations, state, r, defect) @ defect.mixture
         # In the norm of GᵀG; negative eigenvalues are made positive, so that the step descends.
-        root = np.linalg.cholesky(g.T @ g)
+        try:
+            root = np.linalg.cholesky(g.T @ g)
+        except np.linalg.LinAlgError:
+            n = int(columns.sum())
+            what = f"the {n} datum coordinates cannot carry the datum where the iteration took them"
+            raise DatumError(what, defect=g.shape[1]) from None
         half = np.linalg.solve(root, np.linalg.solve(root, second).T)
         values, vectors = np.linalg.eigh(np.eye(len(half)) + 0.5 * (half + half.T))
         along = vectors.T @ np.linalg.solve(root, gradient) / np.maximum(np.abs(values), 0.01)

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import DatumError
-from ..graph.variables import Unknowns
+from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index
-from .datum import UNNOTICED, Defect, in_part
+from .core import core
+from .datum import UNNOTICED, Defect, find_defects, in_part
 from .elimination import layers_of
 from .factor import Factor, Plan
 from .linear import LinearSystem
@@ -42,6 +43,12 @@ CONCERNED = 0.05
 """Share of an unknown in undetermined combinations above which the unknown is named."""
 REMEDY = 'give control (fixed or weighted coordinates), or ask for a free network (datum = "free")'
 """What a user can do about datum defects."""
+DENSE = 400
+"""Number of columns up to which the null space is found from dense singular values."""
+UNDETERMINED = "is not determined"
+"""What `loose` says of variables in the null space."""
+APART = "is not joined to the free network"
+"""What `loose` says of variables that do not move with the free network."""
 LISTED = 12
 """Largest number of unknowns that a message names."""
 
@@ -250,3 +257,63 @@ def _support(system: LinearSystem, kind: str, number: int, diagonal: Array) -> s
     return ", ".join(
         f"{n} {words.get(k, k.replace('_', ' '))}{'s' * (n > 1)}" for k, n in counts.items()
     )
+
+
+def loose(
+    system: LinearSystem, state: State, *, free: bool, least: float
+) -> dict[tuple[VariableKind, str], str]:
+    """Return the variables that the null space of a system moves, with what is wrong with each.
+
+    Args:
+        system: the linearised network.
+        state: where it was linearised.
+        free: whether one connected part may be without a datum.
+        least: part of a null vector's length in a variable that counts as moved.
+    """
+    unknowns, diagonal = system.unknowns, system.diagonal()
+    z = _whole_null_space(system, diagonal)
+    if free and z.shape[1]:
+        scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
+        defects = find_defects(system, state, diagonal, free=True)
+        if len(defects) < 2 and not _beside(z, _motions(scale[:, None], defects)).shape[1]:
+            return {}
+        inside = core(system, state, z, scale)
+        every = ((kind, unknowns[kind].names[number]) for kind, number in unknowns.active())
+        return {v: APART for v in every if v not in inside}
+    if not z.shape[1]:
+        return {}
+    share = np.sum(z * z, axis=1)
+    # What is spread thinly over very many variables concerns all of them.
+    return _moved(unknowns, share, least, UNDETERMINED) or _moved(
+        unknowns, share, 0.0, "has no datum yet"
+    )
+
+
+def _moved(
+    unknowns: Unknowns, share: Array, least: float, why: str
+) -> dict[tuple[VariableKind, str], str]:
+    """Return the variables with more than a share in their columns."""
+    return {
+        (kind, unknowns[kind].names[number]): why
+        for kind, number in unknowns.active()
+        if share[unknowns.columns(kind, number)].sum() > least
+    }
+
+
+def _whole_null_space(system: LinearSystem, diagonal: Array) -> Array:
+    """Return a basis of all that is undetermined, scaled by √diagonal, (n_columns, d)."""
+    n = system.unknowns.n_columns
+    if n > DENSE:
+        return null_space(system, diagonal)
+    free = np.flatnonzero(system.unknowns.free)
+    if not len(free):
+        return np.zeros((n, 0))
+    unit = np.zeros((n, len(free)))
+    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0.0)), 1.0)
+    unit[free, np.arange(len(free))] = 1.0 / scale[free]
+    _, s, vt = np.linalg.svd(system.times(unit), full_matrices=True)
+    values = np.zeros(len(free))
+    values[: len(s)] = s
+    out = np.zeros((n, int((values < NULL).sum())))
+    out[free] = vt[values < NULL].T
+    return out

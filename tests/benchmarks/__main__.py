@@ -1,6 +1,11 @@
 """Run benchmarks: ``python -m tests.benchmarks [NAME …] [--cores N] [--rounds N] [--largest N]``.
 
-roma      Roma against pycolmap (extra ``bench``), alternating, and our memory
+Some names take arguments, which follow them: ``python -m tests.benchmarks thousand 300 1000 soak``.
+
+roma      Roma against pycolmap (extra ``bench``), alternating, and our memory; with an argument
+          ORDER [PHOTOS]: photo by photo in an incremental adjustment, against a warm adjust with
+          reliability. ORDER is ``file``, the seed of a random order, or ``all``: all 90 561 rays
+          are there, and photos are taken out and come back
 ladybug   Ladybug 49 of Bundle Adjustment in the Large against pycolmap
 both      a simulated block of 200 photos and 200 000 image points against pycolmap
 growth    simulated aerial blocks of 10 000 to 1 000 000 image points with 70/40 and 80/60 per cent
@@ -12,10 +17,20 @@ soak      20 000 arrivals and removals, nonsense among them, on an incremental a
           other number: python -m tests.support.soak EVENTS
 latency   one arriving observation in such networks, and in photos over them, against the batch
           and naive iSAM2 (half an hour: iSAM2 takes minutes to load 10 000 points)
+thousand  [PHOTOS [RAYS]]: photos and single observations that arrive in an aerial block of 1 000
+          photos with 1 000 rays each; aims: 3 GB, 5 s for a photo, 0.3 s for an observation
+hour      [SECONDS [cpu] [gross]]: the stream of a survey vehicle for an hour, a photo with 500 rays
+          every second; whether the incremental adjustment keeps up (an hour or longer). With cpu in
+          CPU seconds, with gross 0.5 per cent of the rays are grossly wrong
 runs      2 000 repetitions of the industry block in 1 and 2 processes and on a local Dask cluster
           (extra ``cluster``), then killed half-way and resumed (half an hour)
 proposals 1 000 candidates for the industry block, against planning anew with each of them
 equality  every test network arriving one by one in four orders, with removals, against the batch
+orders    5 000 random small networks, each in several orders and groupings, and with gross errors:
+          errors, differences in what is in, differences in σ (hours; ``orders 100`` takes minutes)
+verdicts  test values, T², redundancy numbers and innovations of arriving observations against
+          `predict` on the batch: at moments of 200 random networks (``verdicts 50``: of 50), and of
+          every test network
 record    fixed works beside a fixed work of numpy and pycolmap; a row for each is appended to
           tests/benchmarks/record.csv. It runs only where it is named.
 
@@ -35,7 +50,9 @@ import platform
 import statistics
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -57,8 +74,12 @@ BOTH = 200_000
 TIED = (2_000, 300)
 """Photos and total stations of the tied block."""
 EVENTS = 20_000
+TAKE_ARGUMENTS = ("roma", "thousand", "hour", "orders", "verdicts")
+"""Benchmarks whose names may be followed by arguments."""
 LONGEST = 1800
 """Seconds after which a run is given up."""
+AT_ONCE = 25
+"""Random networks of one process."""
 LONGEST_EQUALITY = 3 * 3600
 """The same for one network arriving in one order: Roma arrives for more than an hour."""
 
@@ -261,11 +282,106 @@ def equality(cores: set[int]) -> None:
             )
 
 
+def chunks(
+    cores: set[int], module: str, first: Sequence[str], networks: int
+) -> Iterator[dict[str, Any]]:
+    """Iterate over what a module prints for random networks, `AT_ONCE` on each core.
+
+    Args:
+        cores: each has a process of its own.
+        module: takes the first seed and a number of networks.
+        first: arguments before these.
+        networks: number of all of them.
+    """
+    idle = list(cores)
+
+    def one(seed: int) -> dict[str, Any] | None:
+        core = idle.pop()
+        try:
+            n = min(AT_ONCE, networks - seed)
+            return launch({core}, module, *first, str(seed), str(n))
+        finally:
+            idle.append(core)
+
+    with ThreadPoolExecutor(len(cores)) as pool:
+        yield from (f for f in pool.map(one, range(0, networks, AT_ONCE)) if f is not None)
+
+
+def orders(cores: set[int], networks: int = 5_000) -> None:
+    """Print whether the end depends on the order of arrivals; every finding on a line."""
+    from .orders import Orders
+
+    counts: Counter[str] = Counter()
+    done = observations = inside = 0
+    from_batch = between = seconds = 0.0
+    for found in chunks(cores, "orders", (), networks):
+        m = Orders(**found)
+        counts += Counter(m.counts)
+        done, observations, inside = (
+            done + m.networks,
+            observations + m.observations,
+            inside + m.inside,
+        )
+        from_batch, between = max(from_batch, m.from_batch), max(between, m.between)
+        seconds += m.seconds
+        for line in m.findings:
+            print(f"  {line}", flush=True)
+    print(
+        f"  {done} networks, {inside} of {observations} observations are in in the end, "
+        f"{seconds:.0f} s\n"
+        f"  {', '.join(f'{what}: {n}' for what, n in sorted(counts.items())) or 'no differences'}\n"
+        f"  settled: largest difference from the batch {from_batch:.1e} σ, "
+        f"between orders {between:.1e} σ"
+    )
+
+
+def verdicts(cores: set[int], networks: int = 200) -> None:
+    """Print how far verdicts are from predictions of the batch adjustment."""
+    from .equality import networks as test_networks
+    from .verdicts import FIGURES, Verdicts
+
+    print(f"  {'':40}{'moments':>8}" + "".join(f"{n:>11}" for n in FIGURES) + f"{'> 1e-3':>8}")
+
+    def show(name: str, found: Sequence[dict[str, Any]]) -> None:
+        every = [Verdicts(**f) for f in found]
+        cells = "".join(f"{max(getattr(m, n) for m in every):11.1e}" for n in FIGURES)
+        beyond = [line for m in every for line in (*m.errors, *m.beyond)]
+        moments = sum(m.moments for m in every)
+        print(f"  {name:40}{moments:8d}{cells}{len(beyond):8d}", flush=True)
+        for line in beyond:
+            print(f"    {line}")
+
+    if found := list(chunks(cores, "verdicts", ("random",), networks)):
+        show(f"{networks} random networks", found)
+    for name, _ in test_networks():
+        one = launch(cores, "verdicts", "network", name, "1", longest=LONGEST_EQUALITY)
+        if one is not None:
+            show(name, [one])
+
+
 def soak(cores: set[int]) -> None:
     """Let observations come and go, see ``tests/support/soak.py``."""
     command = [sys.executable, "-m", "tests.support.soak", str(EVENTS)]
     env = os.environ | dict.fromkeys(THREADS, "1")
     subprocess.run(command, env=env, check=True, preexec_fn=lambda: os.sched_setaffinity(0, cores))
+
+
+def arriving(
+    cores: set[int], module: str, arguments: Sequence[str], *, data: Path | None = None
+) -> None:
+    """Run a module of this package that prints while it runs."""
+    if data is not None and not data.exists():
+        print(f"  skipped: {data} is not there (set FACTORGRAPH_ADJ_DATA)")
+        return
+    command = [sys.executable, "-m", f"tests.benchmarks.{module}", *arguments]
+    env = os.environ | dict.fromkeys(THREADS, "1")
+    subprocess.run(
+        command,
+        cwd=ROOT,
+        env=env,
+        check=True,
+        preexec_fn=lambda: os.sched_setaffinity(0, cores),
+    )
 
 
 def proposals(cores: set[int], rounds: int) -> None:
@@ -340,10 +456,32 @@ def _measured(
     )
 
 
+def with_arguments(words: Sequence[str], known: Collection[str]) -> dict[str, list[str]]:
+    """Return the arguments of each benchmark that is named.
+
+    Args:
+        words: names, each followed by its arguments.
+        known: names of all benchmarks.
+    """
+    out: dict[str, list[str]] = defaultdict(list)
+    taking: str | None = None
+    for word in words:
+        if taking is None or word in known:
+            out[word] = []
+            taking = word if word in TAKE_ARGUMENTS else None
+        else:
+            out[taking].append(word)
+    return out
+
+
 def main() -> None:
     """Run what the command line asks for."""
     benchmarks: dict[str, Callable[[set[int], int], None]] = {
-        "roma": lambda cores, rounds: against_colmap(cores, rounds, "roma", data=ROMA),
+        "roma": lambda cores, rounds: (
+            arriving(cores, "roma", given["roma"], data=ROMA)
+            if given["roma"]
+            else against_colmap(cores, rounds, "roma", data=ROMA)
+        ),
         "ladybug": lambda cores, rounds: against_colmap(cores, rounds, "ladybug", data=LADYBUG),
         "both": lambda cores, rounds: against_colmap(cores, rounds, "both", size=BOTH),
         "growth": lambda cores, _: growth(cores, options.largest),
@@ -352,10 +490,14 @@ def main() -> None:
         ),
         "tied": lambda cores, _: tied(cores),
         "soak": lambda cores, _: soak(cores),
+        "thousand": lambda cores, _: arriving(cores, "thousand", given["thousand"]),
+        "hour": lambda cores, _: arriving(cores, "hour", given["hour"]),
         "runs": lambda cores, _: study.benchmark(cores),
         "latency": lambda cores, _: latency(cores),
         "proposals": proposals,
         "equality": lambda cores, _: equality(cores),
+        "orders": lambda cores, _: orders(cores, *map(int, given["orders"])),
+        "verdicts": lambda cores, _: verdicts(cores, *map(int, given["verdicts"])),
         "record": record,
     }
     parser = argparse.ArgumentParser(
@@ -370,13 +512,14 @@ def main() -> None:
         "--largest", type=int, default=max(GROWTH), help="largest size of growth and grids"
     )
     options = parser.parse_args()
-    unknown = [n for n in options.names if n not in benchmarks]
+    given = with_arguments(options.names, benchmarks)
+    unknown = [n for n in given if n not in benchmarks]
     if unknown:
         parser.error(f"unknown benchmark {', '.join(unknown)}; known: {', '.join(benchmarks)}")
     available = sorted(os.sched_getaffinity(0))
     cores = set(available[: options.cores or len(available)])
     print(f"{len(cores)} of {os.cpu_count()} cores, {platform.machine()}, {_versions()}")
-    for name in options.names or [n for n in benchmarks if n != "record"]:
+    for name in list(given) or [n for n in benchmarks if n != "record"]:
         print(f"\n{name}", flush=True)
         benchmarks[name](cores, options.rounds)
 

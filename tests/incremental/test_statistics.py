@@ -32,13 +32,13 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.quality.groups import noncentrality_of_group
-from factorgraph_adj.quality.prediction import Prediction, Predictor
 from factorgraph_adj.quality.reliability import noncentrality
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.networks.every_kind import GEOMETRIES, OBSERVED, sight_equations
 from tests.networks.small_block import plan
+from tests.support.predicted import of_the_group
 
 SIDE_BY_SIDE, PARTS = 100, 10
 TRIALS = SIDE_BY_SIDE * PARTS
@@ -348,20 +348,6 @@ def assert_verdict_is_exact(network: str, item: AnyObservation) -> None:
             sigma = after.standard_deviations(gain.point)
             assert gain.after == pytest.approx(sigma, rel=EXACT, abs=1e-12)
             assert np.all(gain.after <= gain.before * (1 + EXACT))
-
-
-def of_the_group(solution: Solution, expected: Prediction) -> tuple[Array, Array, float]:
-    """Return w = D⁻¹d/√(D⁻¹)_ii, r = (Σ D⁻¹)_ii and T² = dᵀD⁻¹d of all rows together."""
-    linear = Predictor(expected.equations, solution).innovations.linearise(expected.rows)
-    a, covariance = linear.a.toarray(), linear.covariance.toarray()
-    d = covariance + a @ solution.cofactor_times(a.T)
-    inverse = np.linalg.inv(d)
-    weighted = inverse @ expected.innovation
-    return (
-        weighted / np.sqrt(np.diag(inverse)),
-        np.diag(covariance @ inverse),
-        float(expected.innovation @ weighted),
-    )
 
 
 OTHER = pytest.mark.slow("the other frames; verdicts do not look at the frame")

@@ -92,7 +92,7 @@ def thinned(network: fga.Network, every: int) -> fga.Network:
     out = network.copy()
     out.image_mask(np.zeros(network.n_image_points, dtype=bool))
     out.points = {n: p for n, p in network.points.items() if n not in gone}
-    out._point_number = {n: i for i, n in enumerate(out.points)}
+    out.point_number = {n: i for i, n in enumerate(out.points)}
     out.add(*keep)
     return out
 

@@ -154,7 +154,7 @@ def empty_site(measured: Network) -> Network:
     for name, f in measured.photos.items():
         if int(name[1:]) < LATER:
             out.photos[name] = arriving(f)
-            out._photo_number[name] = len(out._photo_number)
+            out.photo_number[name] = len(out.photo_number)
     for kind in ("distance_meters", "refractions", "verticals"):
         getattr(out, kind).update(getattr(measured, kind))
     return out

@@ -361,7 +361,7 @@ def test_a_photo_arrives_with_its_image_points(tmp_path):
     last = list(network.photos)[-1]
     network.image_mask(np.array([i.photo != last for i in images]))
     photo = network.photos.pop(last)
-    del network._photo_number[last]
+    del network.photo_number[last]
     told = Told(Stream(IncrementalAdjustment(network)))
     rays = [{**record(i), "id": ""} for i in images if i.photo == last]
     first = told(do="add", photos=[{"name": last, "camera": photo.camera}])

@@ -71,7 +71,7 @@ def test_adjusting_again_with_other_weights_is_adjusting(
 def test_a_step_with_other_weights_leads_to_their_minimum(
     largest_tree: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(elimination, "LARGEST_TREE", largest_tree)
+    monkeypatch.setattr(elimination, "LARGEST_TREE_BESIDE_CAMERAS", largest_tree)
     solution = adjust(small_block(seed=2))
     weights = weights_of(solution.equations.n_rows)
     here = stepped(solution, np.zeros(solution.equations.unknowns.n_columns), weights)

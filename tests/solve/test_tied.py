@@ -16,8 +16,7 @@ STATIONS = 10
 @pytest.fixture(params=[False, True], ids=["by GTSAM", "in fronts"])
 def solution(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> fga.Solution:
     """Return 80 photos and 10 stations, whose terrestrial side is eliminated in either way."""
-    if request.param:
-        monkeypatch.setattr(elimination, "LARGEST_TREE", 0)
+    monkeypatch.setattr(elimination, "LARGEST_TREE_BESIDE_CAMERAS", 0 if request.param else 1000)
     network = simulate_tied(2, photos=80, stations=STATIONS, points_per_photo=30)
     found = fga.adjust(network)
     assert found.converged and not found.solver.qr_everywhere

@@ -86,12 +86,40 @@ def test_rows_one_by_one_are_rows_at_once(seed):
     assert upon.solve(np.eye(6)) == pytest.approx(each.solve(np.eye(6)), abs=ROUNDING)
 
 
+@given(seed=seeds, kept=st.lists(st.integers(0, 6), unique=True))
+def test_some_rows_of_an_update_are_an_update_with_these_rows_alone(seed, kept):
+    """Of four rows that join and three that leave, in any order."""
+    s = System(seed)
+    out = [3, 8, 10]
+    b, v = np.vstack([s.b, s.a[out]]), np.append(s.new, s.v[out])
+    update = Update.of(s.q).with_rows(s.at, s.b, s.new)
+    found = update.with_rows(s.at, s.a[out], s.v[out], sign=-1).only(np.array(kept, dtype=np.intp))
+    expected = Update.of(s.q)
+    for i in kept:
+        expected = expected.with_rows(s.at, b[[i]], v[[i]], sign=1.0 if i < 4 else -1.0)
+    for name in ("spread", "inner", "signs", "residuals"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=ROUNDING)
+    joined = [i for i in kept if i < 4]
+    stay = np.delete(np.arange(14), [out[i - 4] for i in kept if i >= 4])
+    a, w = np.vstack([s.a[stay], b[joined]]), np.append(s.v[stay], v[joined])
+    dx, q, vtv = s.minimum(a, w)
+    scale = np.abs(q).max()
+    assert found.solve(np.eye(6)) == pytest.approx(q, abs=ROUNDING * scale)
+    assert found.step == pytest.approx(dx, abs=ROUNDING * np.sqrt(scale))
+    assert found.vtpv == pytest.approx(vtv - float(s.v @ s.v), abs=ROUNDING * (1 + vtv))
+    # Further rows join what is left.
+    again = found.with_rows(s.at, s.b[:1] + s.b[1:2])
+    q = np.linalg.inv(np.linalg.inv(q) + np.outer(s.b[0] + s.b[1], s.b[0] + s.b[1]))
+    assert again.solve(np.eye(6)) == pytest.approx(q, abs=ROUNDING * scale)
+
+
 def test_an_update_is_a_value():
     s = System(1)
     update = Update.of(s.q).with_rows(s.at, s.b[:1], s.new[:1])
     before = update.step.copy(), update.solve(np.eye(6)), s.q.copy()
     update.with_rows(s.at, s.b[1:], s.new[1:])
     update.with_rows(s.at, s.a[:2], s.v[:2], sign=-1)
+    update.only(np.zeros(0, dtype=np.intp))
     for old, new in zip(before, (update.step, update.solve(np.eye(6)), s.q), strict=True):
         assert np.array_equal(old, new)
 

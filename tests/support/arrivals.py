@@ -112,10 +112,10 @@ TOLERANCES = (1e-9, 1e-7, 1e-5)
 have rounding errors of 1e-6 σ, free ones do not come closer to their inner constraints."""
 
 
-def batch(inc: IncrementalAdjustment) -> Solution:
+def batch(inc: IncrementalAdjustment, *, tolerances: Sequence[float] = TOLERANCES) -> Solution:
     """Return the batch adjustment of the same observations, to the least tolerance it reaches."""
     network, start = inc.network(), inc.solution()
-    for tolerance in TOLERANCES:
+    for tolerance in tolerances:
         found = adjust(network, start=start, tolerance=tolerance)
         if found.converged:
             break

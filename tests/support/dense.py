@@ -10,7 +10,7 @@ from factorgraph_adj.graph.equations import Equations
 from factorgraph_adj.graph.variables import State
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array, Mask
-from tests.support.differences import columns_of
+from tests.support.differences import columns_of, whitened_system
 
 RANK = 1e-10
 """Singular values of the scaled design matrix, relative to the greatest, that count as zero."""
@@ -147,3 +147,42 @@ def _basis(a: Array) -> Array:
     length = np.linalg.norm(a, axis=0)
     u, s, _ = np.linalg.svd(a[:, length > 0] / length[length > 0], full_matrices=False)
     return np.asarray(u[:, s > RANK * max(s.max(initial=0.0), 1e-300)])
+
+
+@dataclass(frozen=True)
+class DenseNormal:
+    """Normal matrix of a solution, as its factorisation has it, with all columns."""
+
+    a: Array
+    """Whitened partials (n_rows, n_columns), zero for held components."""
+    matrix: Array
+    """N = AᵀA + the terms of the minimal datum of a free network, (n_columns, n_columns)."""
+    q: Array
+    """The inverse of N, zero for held components."""
+    free: Mask
+    """Columns that are unknowns, (n_columns,)."""
+
+    @classmethod
+    def of(cls, solution: Solution) -> DenseNormal:
+        """Compute everything from full matrices."""
+        free = solution.equations.unknowns.free
+        a = np.where(free, whitened_system(solution.equations, solution.state)[0], 0.0)
+        terms = solution.constraint
+        if solution.datum is not None:
+            terms = solution.normal().held_better(terms, solution.datum, exact=True)
+        n = a.T @ a + np.diag(np.where(free, terms, 0.0))
+        return cls(a, n, inverse(n, free), free)
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations (n_columns,), one for held components."""
+        return np.sqrt(np.where(self.free, np.diag(self.q), 1.0))
+
+
+def inverse(n: Array, on: Mask) -> Array:
+    """Return the inverse of the rows and columns of a normal matrix that are on, zero elsewhere."""
+    at = np.ix_(on, on)
+    scale = np.sqrt(np.diag(n)[on])
+    out = np.zeros_like(n)
+    out[at] = np.linalg.inv(n[at] / np.outer(scale, scale)) / np.outer(scale, scale)
+    return out

@@ -1,0 +1,108 @@
+"""On which variables an observation depends, and which of their components are free."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from typing import TypeAlias
+
+import numpy as np
+
+from ..frames import LocalFrame
+from ..models.variables import UNKNOWNS, VariableKind
+from ..network.entities import FREE_ORIENTATION, Parameter
+from ..network.network import Network
+from ..observations import KINDS, Observation
+from .make_blocks import variable_name
+
+Variable: TypeAlias = tuple[VariableKind, str]
+"""Kind and name."""
+TRIANGLE = np.array([[0.0, 0.0, 0.0], [60.0, 80.0, 25.0], [-70.0, 45.0, 10.0]])
+"""Points of a sight, metres, for which it is worked out which verticals it notices."""
+ROUNDING = 1e-9
+"""Largest partial by a vertical, metres or radians per radian, that is nothing but rounding."""
+
+
+def variables_of(network: Network, o: Observation) -> Iterator[Variable]:
+    """Return what an observation depends on: verticals only where their partials are not zero."""
+    kind = o.record
+    upright: frozenset[str] = frozenset()
+    if network.verticals and kind.model is not None:
+        raised = tuple(bool(np.any(getattr(o, c))) for c in kind.constants)
+        upright = _upright(kind.name, raised)
+    for what, attribute in kind.variables:
+        if what == "vertical" and attribute in upright:
+            continue
+        yield what, variable_name(network, what, attribute, o)
+
+
+@cache
+def _upright(name: str, raised: tuple[bool, ...]) -> frozenset[str]:
+    """Return the points of a kind of observation whose verticals it does not notice.
+
+    A slope distance between the marks themselves is the same in every horizon: its partials by
+    verticals are nothing but rounding. They are worked out for one sight.
+
+    Args:
+        name: of the kind.
+        raised: which of its constants, the heights of instrument and target, are not zero.
+    """
+    kind = KINDS[name]
+    if not any(what == "vertical" for what, _ in kind.variables):
+        return frozenset()
+    points = [attribute for what, attribute in kind.variables if what == "point"]
+    values = [
+        TRIANGLE[[points.index(attribute)]]
+        if what == "point"
+        else UNKNOWNS[what].store(np.zeros((1, UNKNOWNS[what].size)))
+        for what, attribute in kind.variables
+    ]
+    heights = {c: np.array([float(on)]) for c, on in zip(kind.constants, raised, strict=True)}
+    assert kind.model is not None
+    partials = kind.model(LocalFrame(), *values, observed=np.zeros((1, 1)), **heights).jacobians
+    return frozenset(
+        attribute
+        for (what, attribute), a in zip(kind.variables, partials, strict=True)
+        if what == "vertical" and float(np.abs(a).max()) < ROUNDING
+    )
+
+
+def components(network: Network, variable: Variable) -> tuple[int, int]:
+    """Return how many free components a variable has, and how many of them are weighted."""
+    kind, name = variable
+    fixed: tuple[bool, ...]
+    sigma: tuple[float, ...]
+    if kind == "point":
+        point = network.points[name]
+        fixed, sigma = point.fixed, point.sigma or (np.inf,) * 3
+    elif kind == "pose":
+        photo = network.photos[name]
+        attitude = np.inf if photo.sigma_attitude is None else photo.sigma_attitude
+        fixed = photo.fixed
+        sigma = (*(attitude,) * 3, *(photo.sigma_position or (np.inf,) * 3))
+    elif kind == "calibration":
+        camera = network.cameras.get(name) or network.cameras[name.split("@")[0]]
+        fixed, sigma = camera.fixed, camera.sigma
+    else:
+        parameter = small_unknown(network, kind, name)
+        if parameter is None:
+            return 0, 0
+        fixed, sigma = parameter.fixed, parameter.sigma
+    weighted = sum(not f and bool(np.isfinite(s)) for f, s in zip(fixed, sigma, strict=True))
+    return len(fixed) - sum(fixed), weighted
+
+
+def small_unknown(network: Network, kind: VariableKind, name: str) -> Parameter | None:
+    """Return what was stated of a small unknown; none where it is a constant of all."""
+    given = network.of_kind(kind)
+    if UNKNOWNS[kind].table.keys[1:]:  # type: ignore[union-attr]
+        # A name may have a slash of its own.
+        at = name.find("/")
+        while at >= 0:
+            found = given.get((name[:at], name[at + 1 :]))
+            if found is not None:
+                return found
+            at = name.find("/", at + 1)
+    elif name in given:
+        return given[name]
+    return FREE_ORIENTATION if UNKNOWNS[kind].absent == "found" else None

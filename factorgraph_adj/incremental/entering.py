@@ -1,0 +1,321 @@
+"""Observations enter: beside the system, or with new variables in a new base.
+
+They are judged on linear forms before anything moves, as a gross error bends everything that it
+touches; then everything is adjusted, and they are judged once more. What is left without a test
+of its own, because two observations contradict each other, waits on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import AdjustmentError
+from ..graph.dependence import Variable
+from ..types import Index, Mask
+from .beside import Beside
+from .candidates import Candidates, known_in
+from .finding import LIMITS, Found
+from .inside import Inside
+from .judging import Joint, accepted, decide, left_out, untested
+from .ledger import Ledger
+from .rebasing import Draft, Failure, notices, with_doubt
+from .rows import NO_ROWS
+from .rules import Rules
+from .system import MOST_BESIDE, System
+from .verdicts import Verdict
+
+MOST_JUDGED = 5
+"""Number of times that what enters together is judged, each time without what did not fit."""
+CONTRADICT = "its observations contradict each other, and nothing tells yet which of them is wrong"
+PARALLEL = "its rays are parallel by now: there is no minimum at a finite distance"
+DISAGREE = "what enters together does not agree"
+NO_SOLUTION = "no solution is reached with it: is it near to where its kind has no answer?"
+
+
+@dataclass(frozen=True, eq=False)
+class Entered:
+    """Observations have entered."""
+
+    ledger: Ledger
+    """The ledger with them."""
+    system: System | None
+    """The system with them; none: nothing is determined."""
+    verdicts: tuple[Verdict, ...]
+    """Verdicts on those that were tested."""
+    new: frozenset[Variable] = frozenset()
+    """Variables that have become known."""
+
+
+@dataclass(frozen=True)
+class Refused:
+    """No solution was reached; nothing has changed."""
+
+    loses_datum: bool
+    """Whether parts of a free network are not determined any more with what enters."""
+    noticing: Index
+    """What then notices motions that the datum left open."""
+
+
+@dataclass
+class Entering:
+    """Observations on their way."""
+
+    ledger: Ledger
+    """Where they wait."""
+    system: System | None
+    """Where everything is; none: nothing is known."""
+    ready: Index
+    """Observations between known variables."""
+    found: Sequence[Found]
+    """Observations with variables that enter."""
+    fixed: Index
+    """Observations that are in without a test."""
+    rules: Rules
+    """The options."""
+    given: Collection[str]
+    """Ids of observations that did not wait before."""
+    stay: Index = field(default_factory=lambda: NO_ROWS)
+    """Observations that are still in."""
+    new: set[Variable] = field(default_factory=set)
+    """Variables that enter."""
+    dropped: set[Variable] = field(default_factory=set)
+    """Variables that are not known any more."""
+    verdicts: list[Verdict] = field(default_factory=list)
+    """Verdicts on what was left out."""
+
+    def run(self) -> Entered | Refused:
+        """Put everything in, and test it, until nothing is left out.
+
+        Raises:
+            InputError: names observations between known variables whose geometry has no answer.
+        """
+        before, base = self.ledger, self.system
+        for e in self.found:
+            self.new |= Candidates(before, known_in(base), e.rows).counts.keys()
+        self._fill()
+        self.stay = np.unique(np.concatenate([self.ready, *(e.rows for e in self.found)]))
+        self.ledger = self.ledger.moved(self.stay, "accepted", "arrival")
+        doubted = base is not None and bool(base.doubt)
+        if base is not None and not self.found and (entered := self._beside(base)):
+            return entered
+        draft, ahead = self._prepared(base, doubted)
+        for _ in range(MOST_JUDGED):
+            if not len(self.stay):
+                return Entered(self.ledger, self.system, tuple(self.verdicts))
+            result = ahead or draft.adjusted(self.rules.datum, doubted=doubted)
+            if isinstance(result, System) and self.found and not result.base.converged:
+                result = Failure(result.base.reason)  # it misses its inner constraints
+            if isinstance(result, Failure):
+                if doubted or not self._let_go(result):
+                    return self._refused(before, result)
+            else:
+                base, joint = result, self._inside(result)
+                if not self._tests() or not self._leave_out(joint):
+                    return self._entered(base, joint)
+            if len(self.stay):
+                draft, ahead = self._draft(base), None
+        return self._refused(before, Failure(DISAGREE))
+
+    def _prepared(self, base: System | None, doubted: bool) -> tuple[Draft, System | None]:
+        """Return what is to be adjusted, judged before it moves, and its base if there is one."""
+        draft = self._draft(base)
+        if doubted or not self._tests() or not self._stands_out():
+            return draft, None
+        agreed = self._agreed(draft)
+        for _ in range(MOST_JUDGED if agreed is None else 0):
+            if not self._judged_before(draft, base) or not len(self.stay):
+                break
+            draft = self._draft(base)
+        return draft, agreed
+
+    def _stands_out(self) -> bool:
+        """Return whether something may be so wrong that it would bend what it touches."""
+        solutions = [e.solution for e in self.found if e.solution is not None]
+        residuals = (s.equations.residuals(s.state) for s in solutions)
+        return (
+            len(self.ready) > 0
+            or any(s.sigma0 > LIMITS.disturbed for s in solutions)
+            or any(np.abs(v).max() > LIMITS.gross for v in residuals)
+        )
+
+    def _entered(self, system: System, joint: Joint) -> Entered:
+        gains = self.rules.datum == "given"
+        told = accepted(joint, self.rules.alpha, self.given, gains=gains)
+        return Entered(self.ledger, system, (*self.verdicts, *told), frozenset(self.new))
+
+    def _beside(self, system: System) -> Entered | None:
+        """Put everything in beside the system; none where only a new base can take it in."""
+        if self.ledger.n_scalars(self.stay) > MOST_BESIDE:
+            return None
+        forms = system.forms(self.ledger, self.stay)
+        datum = system.base.datum
+        if datum is not None and notices(forms.a, datum.motions[forms.columns]):
+            return None
+        joint = Beside.of(system, forms)
+        if joint is None:
+            return None
+        if self._tests():
+            every = self.stay
+            self._leave_out(joint)
+            if not len(self.stay):
+                return Entered(self.ledger, system, tuple(self.verdicts))
+            joint = joint.some(np.flatnonzero(np.isin(every, self.stay)).tolist())
+            if joint is None:
+                return None
+        doubted = bool(system.doubt)
+        try:
+            within = None if doubted else joint.after.within(self.rules.accuracy, joint.forms)
+        except AdjustmentError:
+            return None
+        if within is None:
+            draft = self._draft(system if doubted else joint.after)
+            found = draft.adjusted(self.rules.datum, doubted=doubted)
+            within = found if isinstance(found, System) else system if doubted else None
+        return None if within is None else self._entered(within, joint)
+
+    def _agreed(self, draft: Draft) -> System | None:
+        """Return the base where what looked disturbed beside known variables agrees with them.
+
+        Known variables may be so weak that holding them, for a start, contradicts what enters.
+        """
+        sigmas = [e.solution.sigma0 for e in self.found if e.solution is not None]
+        if self.system is None or all(s <= LIMITS.disturbed for s in sigmas):
+            return None
+        found = draft.adjusted(self.rules.datum)
+        if not isinstance(found, System):
+            return None
+        # What they add to vᵀPv: σ̂0 of a large network would hide it.
+        more, spare = found.vtpv - self.system.vtpv, found.redundancy - self.system.redundancy
+        return found if more <= LIMITS.disturbed**2 * max(spare, 1) else None
+
+    def _draft(self, base: System | None) -> Draft:
+        return Draft.of(
+            self.ledger,
+            base,
+            self.rules.datum,
+            new=self.new,
+            dropped=self.dropped,
+            found=[e.solution for e in self.found if e.solution is not None],
+        )
+
+    def _fill(self) -> None:
+        """Write approximate values that were found into the ledger, where none were given."""
+        for e in self.found:
+            assert e.solution is not None
+            for kind in ("point", "pose"):
+                number = e.solution.equations.unknowns[kind].number
+                start = e.solution.start[kind]
+                values = {n: start[number[n]] for k, n in self.new if k == kind and n in number}
+                self.ledger = self.ledger.with_values(kind, values)
+
+    # -- judging ------------------------------------------------------------------------------
+
+    def _untested(self) -> Mask:
+        """Return which observations stay whatever their tests say."""
+        if self.rules.policy == "accept":
+            return np.ones(len(self.stay), dtype=bool)
+        return np.isin(self.stay, self.fixed)
+
+    def _tests(self) -> bool:
+        return not self._untested().all()
+
+    def _inside(self, base: System) -> Inside:
+        return Inside.of(
+            base.base.normal(), base.base.factor, self.ledger.units(self.stay), base.base
+        )
+
+    def _judged_before(self, draft: Draft, base: System | None) -> bool:
+        """Judge on linear forms before anything moves; return whether anything was left out."""
+        held = base.base if base else self.found[0].solution if self.found else None
+        try:
+            normal, constraint = draft.normal(held)
+            factor = normal.factorise(constraint)
+            return self._leave_out(Inside.of(normal, factor, self.ledger.units(self.stay)))
+        except AdjustmentError:
+            return False  # the adjustment says what is wrong
+
+    def _leave_out(self, joint: Joint) -> bool:
+        """Leave out what fails its test; return whether anything was left out."""
+        if not len(self.stay):
+            return False
+        alpha, failed = self.rules.alpha, self.rules.failed
+
+        def touching(i: int, variables: Collection[Variable]) -> bool:
+            return not set(variables).isdisjoint(joint.units[i].variables)
+
+        decision = decide(joint, alpha, self._untested(), self.new, touching)
+        if not decision.out and not decision.back:
+            return False
+        told = list(left_out(joint, decision, failed, alpha, self.given))
+        self.verdicts += told
+        out, back = self.stay[list(decision.out)], self.stay[decision.back]
+        ledger = self.ledger.moved(out, failed, "test", {v.id: v for v in told})
+        ledger = ledger.moved(back, "waiting", "contradict")
+        self.ledger = ledger.with_lacks(dict.fromkeys(decision.loose, CONTRADICT))
+        self.stay = self.stay[sorted(decision.stay)]
+        observed = Candidates(self.ledger, known_in(self.system), self.stay).counts.keys()
+        lost = decision.loose | (self.new - observed)
+        self.dropped |= lost
+        self.new -= lost
+        return True
+
+    # -- where there is no solution -----------------------------------------------------------
+
+    def _let_go(self, failure: Failure) -> bool:
+        """Let points wait whose rays run parallel; return whether there were any.
+
+        Two rays on a short base meet somewhere until the photos turn by a little more. Other
+        observations give a point a place, wherever a wild reading takes the network.
+        """
+        rays = rays_alone(self.ledger, failure.loose or ())
+        if not len(rays):
+            return False
+        names = self.ledger.names
+        points = np.unique(self.ledger.rows.point[rays]).tolist()
+        self.dropped |= {("point", names.points[p]) for p in points}
+        self.ledger = self.ledger.moved(rays, "waiting", "parallel")
+        self.ledger = self.ledger.with_lacks(dict.fromkeys(self.dropped, PARALLEL))
+        self.stay = np.setdiff1d(self.stay, rays)
+        self.new -= self.dropped
+        return True
+
+    def _refused(self, before: Ledger, failure: Failure) -> Entered | Refused:
+        """Return what becomes of observations without a solution."""
+        free = self.system is not None and self.system.base.datum is not None
+        loses_datum = free and failure.loose is not None
+        if self.found or self.system is None or loses_datum:
+            return Refused(loses_datum, self._noticing() if loses_datum else NO_ROWS)
+        self.stay = self.ready
+        tested = self.ready[~self._untested()]
+        if self.system.doubt or not len(tested):
+            system = self.system if self.system.doubt else with_doubt(self.system, failure.reason)
+            kept = [v for u in before.units(self.ready) for v in untested(u, "accepted")]
+            ledger = before.moved(self.ready, "accepted", "arrival")
+            return Entered(ledger, system, tuple(kept))
+        failed = self.rules.failed
+        told = [v for u in before.units(tested) for v in untested(u, failed, NO_SOLUTION)]
+        ledger = before.moved(tested, failed, "no solution", {v.id: v for v in told})
+        return Entered(ledger, self.system, tuple(told))
+
+    def _noticing(self) -> Index:
+        """Return what notices motions that the datum of a free network leaves open."""
+        if self.system is None:
+            return NO_ROWS
+        draft = self._draft(self.system)
+        ids = [u.ids for u in self.ledger.units(self.stay)]
+        return self.stay[draft.noticing(self.system.base, ids)]
+
+
+def rays_alone(ledger: Ledger, variables: Iterable[Variable]) -> Index:
+    """Return the image points in the graph of those variables that only image points determine."""
+    points = {n for kind, n in variables if kind == "point"}
+    points = {n for n in points if ledger.network.points[n].sigma is None}
+    inside = ledger.having("accepted")
+    for _, unit in ledger.rows.units(inside) if points else ():
+        points.difference_update(unit.points)
+    numbers = np.array([ledger.names.point[n] for n in points], dtype=np.intp)
+    rays = ledger.rows.images(inside)
+    return np.asarray(rays[np.isin(ledger.rows.point[rays], numbers)])

@@ -1,0 +1,66 @@
+"""Coordinates and covariances of points, from a state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..errors import InputError, Problem, known
+from ..solve.solution import Solution
+from ..types import Array
+from .flow import State
+
+
+def estimate(state: State, name: str, solution: Callable[[], Solution]) -> Array:
+    """Return the coordinates of a point, (3,) metres.
+
+    Args:
+        state: the state.
+        name: the point.
+        solution: returns the whole solution, which a free network takes.
+
+    Raises:
+        InputError: no such point, or it is not determined yet.
+    """
+    _require(state, name)
+    system = state.system
+    value = None if system is None else system.value("point", name)
+    if value is None:
+        return np.array(state.ledger.network.points[name].coordinates)
+    free = system is not None and system.base.datum is not None
+    return solution().point(name) if free else value
+
+
+def covariance(state: State, a: str, b: str, solution: Callable[[], Solution]) -> Array:
+    """Return the covariance between two points, (3, 3) metres²; σ0 = 1.
+
+    Args:
+        state: the state.
+        a: a point.
+        b: a point; it may be the same.
+        solution: returns the whole solution, which a free network takes.
+
+    Raises:
+        InputError: no such point, or it is not determined yet.
+    """
+    for name in (a, b):
+        _require(state, name)
+    system, out = state.system, np.zeros((3, 3))
+    if system is None or not all(system.known("point", n) for n in (a, b)):
+        return out
+    if system.base.datum is not None:
+        return solution().covariance(a, b)
+    found = system.cofactors(("point", a), ("point", b))
+    out[: found.shape[0], : found.shape[1]] = found
+    return out
+
+
+def _require(state: State, name: str) -> None:
+    """Refuse a point that is not there, or not determined."""
+    points, system = state.ledger.network.points, state.system
+    if name not in points:
+        raise InputError(f"unknown point {name!r}; known: {known(points)}")
+    if (system is None or not system.known("point", name)) and not all(points[name].fixed):
+        lacks = state.ledger.lacks.get(("point", name), "no observation has determined it yet")
+        raise InputError(Problem(f"is not determined: {lacks}", f"point {name!r}"))

@@ -1,0 +1,23 @@
+"""The id of an observation: its own, or that of its image point."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from .base import Observation
+from .image import ImagePoint
+
+
+def identity(o: Observation) -> str | None:
+    """Return the id of an observation; none where the network has to number it."""
+    own: str | None = getattr(o, "id", None)
+    if own is None and isinstance(o, ImagePoint):
+        return f"{o.photo}/{o.point}"
+    return own
+
+
+def named(o: Observation, ident: str) -> Observation:
+    """Return the observation with its id; image points keep photo/point as theirs."""
+    if isinstance(o, ImagePoint) and ident == f"{o.photo}/{o.point}":
+        return o
+    return o if getattr(o, "id", None) == ident else replace(o, id=ident)  # type: ignore[call-arg]

@@ -1,0 +1,94 @@
+"""The largest part of a network that hangs together in itself, where its datum is free.
+
+Null vectors of the observations move such a part as a whole: shifted, turned and scaled. With the
+motions G of `factorgraph_adj.solve.datum.generators` and a basis Z of the null space, both scaled,
+a part C hangs together if
+
+    Z_C = G_C T        with one T (7, d).
+
+T is tried out from three variables that share observations; the part is what follows it.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from ..graph.variables import State
+from ..models.variables import VariableKind
+from ..types import Array, Index
+from .datum import generators
+from .linear import LinearSystem
+
+FOLLOWS = 1e-6
+"""Largest difference of a scaled null vector from a motion that counts as rounding."""
+MOST_SEEDS = 2000
+"""Largest number of triples that are tried."""
+NEIGHBOURS = 8
+"""Largest number of neighbours of a variable from which its triples are made."""
+
+
+def core(
+    system: LinearSystem, state: State, z: Array, scale: Array
+) -> set[tuple[VariableKind, str]]:
+    """Return the variables of the largest part that null vectors move as a whole.
+
+    Args:
+        system: the linearised network.
+        state: where it was linearised.
+        z: basis of its null space, scaled by √diag(N), (n_columns, d).
+        scale: √diag(N), (n_columns,).
+    """
+    unknowns = system.unknowns
+    g = scale[:, None] * generators(system.equations, state)
+    active = list(unknowns.active())
+    columns = [unknowns.columns(*v) for v in active]
+    owner = np.repeat(np.arange(len(active)), [len(c) for c in columns])
+    every = np.concatenate(columns)
+    best = np.zeros(len(active), dtype=bool)
+    most = 0
+    for seed in _seeds(system, active, columns):
+        at = np.concatenate([columns[i] for i in seed])
+        mixture = np.linalg.lstsq(g[at], z[at], rcond=None)[0]
+        off = np.abs(g[every] @ mixture - z[every]).max(axis=1)
+        worst = np.zeros(len(active))
+        np.maximum.at(worst, owner, off)
+        inside = worst < FOLLOWS
+        n = int(np.isin(owner, np.flatnonzero(inside)).sum())
+        if n > most:
+            best, most = inside, n
+    return {
+        (kind, unknowns[kind].names[number])
+        for (kind, number), on in zip(active, best.tolist(), strict=True)
+        if on
+    }
+
+
+def _seeds(
+    system: LinearSystem, active: list[tuple[VariableKind, int]], columns: list[Index]
+) -> list[tuple[int, int, int]]:
+    """Return triples of points and photos that share observations, by their numbers."""
+    variable = np.full(system.unknowns.n_columns, -1, dtype=np.intp)
+    for i, ((kind, _), own) in enumerate(zip(active, columns, strict=True)):
+        if kind in ("point", "pose"):
+            variable[own] = i
+    a = system.sparse(np.arange(system.equations.n_rows)).tocoo()
+    on = variable[a.col] >= 0
+    shape = system.equations.n_rows, len(active)
+    pattern = csr_array((np.ones(on.sum()), (a.row[on], variable[a.col[on]])), shape)
+    shared = (pattern.T @ pattern).tocsr()
+    found: dict[tuple[int, int, int], None] = {}
+    for i in range(len(active)):
+        row = slice(shared.indptr[i], shared.indptr[i + 1])
+        others = shared.indices[row][np.argsort(-shared.data[row], kind="stable")]
+        near = [int(j) for j in others.tolist() if j != i][:NEIGHBOURS]
+        for pair in combinations(near, 2):
+            first, second, third = sorted((i, *pair))
+            found[first, second, third] = None
+    seeds = list(found)
+    if len(seeds) <= MOST_SEEDS:
+        return seeds
+    chosen = np.random.default_rng(1).choice(len(seeds), MOST_SEEDS, replace=False)
+    return [seeds[i] for i in np.sort(chosen).tolist()]

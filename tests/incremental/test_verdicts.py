@@ -1,0 +1,48 @@
+"""The verdict on an arriving observation is its prediction from the batch adjustment, at any time.
+
+Test values, √T², redundancy numbers, innovations and their σ are those of `predict` on the batch
+adjustment of what is there. Estimates are within 1 % of their σ between two looks (`accuracy`), and
+what they miss is in the innovation: it may miss as much of its own σ. Nearly all miss less than a
+thousandth. In states at rest the figures are exact, see ``test_statistics``.
+
+These are the quick ones of ``python -m tests.benchmarks verdicts``.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.networks.arriving import CASES
+from tests.networks.random_small import random_network
+from tests.support.predicted import BOUND, Compared, verdicts_of_drawn, verdicts_of_network
+
+ACCURACY = 0.01
+"""What is promised of estimates between two looks, relative to σ."""
+SELDOM = 0.05
+"""Part of the verdicts that may miss more than `BOUND`."""
+RANDOM = (0, 1, 3, 10, 11, 15, 17, 24, 25, 30, 33, 37, 41)
+"""Seeds of random networks."""
+PUBLISHED = (
+    "Ghilani 21.1",
+    "Niemeier_DistanceDirection_fix",
+    "Caspary",
+    "2020-barta-phase_1-1TK",
+    "MMVII, TopoMini",
+)
+
+
+def assert_predicted(found: list[Compared], least: int) -> None:
+    assert len(found) >= least
+    beyond = [c for c in found if not c.largest <= BOUND]
+    assert len(beyond) <= SELDOM * len(found), "\n".join(map(str, beyond))
+    assert all(c.largest <= ACCURACY for c in found), "\n".join(map(str, beyond))
+
+
+def test_verdicts_in_random_networks_are_predictions_of_the_batch() -> None:
+    found = [c for seed in RANDOM for c in verdicts_of_drawn(random_network(seed), 6)]
+    assert_predicted(found, 30)
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_verdicts_in_published_networks_are_predictions_of_the_batch(name: str) -> None:
+    assert_predicted(list(verdicts_of_network(name, CASES[name].make(), 1, 6)), 2)
