@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..models.base import Linearised
+from ..models.variables import VariableKind
 from ..network.network import Network
 from ..types import Array, Index
 from .blocks import Block
@@ -40,6 +41,11 @@ class Equations:
     def n_rows(self) -> int:
         """Number of scalar observations, weighted unknowns among them."""
         return sum(b.observed.size for b in self.blocks)
+
+    @property
+    def n_rays(self) -> int:
+        """Number of image points."""
+        return sum(b.n for b in self.blocks if b.lens is not None)
 
     @cached_property
     def rays(self) -> dict[int, ImageChunks]:
@@ -144,6 +150,19 @@ class Equations:
                 for i in np.flatnonzero(at >= 0).tolist():
                     out[i] = block.first_row + 2 * at[i] + np.arange(2)
         return out
+
+    def touching(self, kind: VariableKind, numbers: Index) -> Index:
+        """Return the scalar rows that depend on any of some variables of a kind."""
+        wanted = np.zeros(len(self.unknowns[kind].names), dtype=bool)
+        wanted[numbers] = True
+        out = [np.zeros(0, dtype=np.intp)]
+        for block in self.blocks:
+            found = [wanted[index] for what, index in block.variables if what == kind]
+            if found:
+                at = np.flatnonzero(np.logical_or.reduce(found))
+                first = block.first_row + block.dimension * at
+                out.append((first[:, None] + np.arange(block.dimension)).ravel())
+        return np.concatenate(out)
 
     @cached_property
     def _rows_of(self) -> dict[str, Index]:

@@ -180,6 +180,19 @@ class Unknowns:
                 return kind, table.names[number], component
         raise IndexError(f"column {column} belongs to no variable")
 
+    def owners(self, columns: Index) -> list[tuple[VariableKind, str]]:
+        """Return kind and name of the variables to which columns belong, each once."""
+        out = []
+        for kind, table in self.tables.items():
+            on = np.flatnonzero(table.offset >= 0)
+            if not len(on):
+                continue
+            at = np.searchsorted(table.offset[on], columns, side="right") - 1
+            number = on[np.maximum(at, 0)]
+            inside = (at >= 0) & (columns < table.offset[number] + table.size[number])
+            out += [(kind, table.names[i]) for i in np.unique(number[inside]).tolist()]
+        return out
+
     def active(self) -> Iterator[tuple[VariableKind, int]]:
         """Iterate over kind and number of the variables that own columns, in column order."""
         for kind in self.tables:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,12 @@ from ..solve.solution import Solution
 from ..types import Array
 from . import commands, points, records
 from .arrival import Arrival, Waiting, waiting_of
-from .beginning import begin, restored
+from .beginning import begin, replayed
 from .flow import State
 from .ledger import Ledger
 from .rebasing import known_network, solution_of
 from .rules import Rules
-from .verdicts import Outcome, Policy, Verdict
+from .verdicts import Policy, Verdict
 
 
 class IncrementalAdjustment:
@@ -90,8 +90,8 @@ class IncrementalAdjustment:
         own.datum = chosen
         self._state = begin(Ledger.of(own), self._rules, start)
         if journal is not None:
-            options = {"policy": policy, "alpha": alpha, "accuracy": accuracy, "datum": chosen}
-            self._journal = Journal.create(journal, records.header(network, options), durable=False)
+            head = records.header(network, asdict(self._rules))
+            self._journal = Journal.create(journal, head, durable=False)
 
     @classmethod
     def resume(cls, journal: str | Path) -> IncrementalAdjustment:
@@ -111,11 +111,7 @@ class IncrementalAdjustment:
             network.datum = options["datum"]
             out._rules = Rules(**options)
             out.resumed, out._solution, out._journal = torn, None, None
-            begun = begin(Ledger.of(network), out._rules, None)
-            ledger = begun.ledger.recorded()
-            for line, entry in enumerate(entries, start=2):
-                ledger = records.replay(entry, ledger, where=f"{journal}:{line}")
-            out._state = begun if not entries else restored(ledger, begun, out._rules)
+            out._state = replayed(network, entries, out._rules, str(journal))
         except BaseException:
             opened.close()
             raise
@@ -140,10 +136,8 @@ class IncrementalAdjustment:
         if self._journal is not None:
             changed = records.difference(self._state.ledger, state.ledger)
             self._journal.append({"do": do, **(fields or {}), **changed})
-        self._state = replace(state, ledger=state.ledger.recorded())
+        self._state = state.recorded()
         return arrival
-
-    # -- arriving -----------------------------------------------------------------------------
 
     def add(
         self,
@@ -157,16 +151,14 @@ class IncrementalAdjustment:
 
         Each is compared with its prediction from everything else, see
         `factorgraph_adj.incremental.verdicts`. Of several that are beyond the critical value the
-        worst goes first, as in data snooping.
+        worst goes first, as in data snooping. The arrival has a verdict on each observation given,
+        then on those that entered by themselves.
 
         Args:
             observations: one or many, of any kind, correlated groups among them.
             points: new points.
             photos: new photos.
             cameras: new cameras.
-
-        Returns:
-            A verdict for each observation given, then for those that entered by themselves.
 
         Raises:
             InputError: everything that is wrong with the input; nothing has changed then.
@@ -175,8 +167,6 @@ class IncrementalAdjustment:
         new = tuple(points), tuple(photos), tuple(cameras)
         result = commands.add(self._state, listed, self._rules, *new)
         return self._changed("add", result, records.entities(*new))
-
-    # -- changing -----------------------------------------------------------------------------
 
     def remove(self, ids: str | Iterable[str]) -> Arrival:
         """Take observations out, wherever they are: in the graph, waiting, suspect or rejected.
@@ -244,10 +234,9 @@ class IncrementalAdjustment:
         Raises:
             InputError: nothing is in the graph.
         """
-        solution, chosen = self.solution(), {"alpha": self.alpha, **options}
-        after, arrival, found = commands.snooped(
-            self._state, self.network(), solution, self._rules, chosen
-        )
+        chosen = {"alpha": self.alpha, **options}
+        there = self.network(), self.solution()
+        after, arrival, found = commands.snooped(self._state, *there, self._rules, chosen)
         if after is not self._state:
             self._changed("snoop", (after, arrival))
         return found
@@ -257,11 +246,8 @@ class IncrementalAdjustment:
 
         In a free network the coordinates are then on the inner constraints over all datum points.
         """
-        if self._state.system is None and not self.n_waiting:
-            return
-        self._changed("settle", commands.settle(self._state, self._rules))
-
-    # -- asking -------------------------------------------------------------------------------
+        if self._state.system is not None or self.n_waiting:
+            self._changed("settle", commands.settle(self._state, self._rules))
 
     @property
     def waiting(self) -> tuple[Waiting, ...]:
@@ -270,13 +256,13 @@ class IncrementalAdjustment:
 
     def latest_waiting(self, most: int) -> tuple[Waiting, ...]:
         """Return what began to wait last, the latest first: ``most`` units at most."""
-        waiting = self._state.ledger.having("waiting")
-        return tuple(reversed(tuple(waiting_of(self._state, waiting[-most:]))))[:most]
+        last = self._state.ledger.having("waiting")[-most:]
+        return tuple(waiting_of(self._state, last))[::-1][:most]
 
     @property
     def n_waiting(self) -> int:
         """Number of observations that wait."""
-        return self._count("waiting")
+        return self._state.ledger.count("waiting")
 
     @property
     def suspects(self) -> tuple[Verdict, ...]:
@@ -304,10 +290,8 @@ class IncrementalAdjustment:
         if self._state.system is None:
             raise InputError("nothing is determined yet: there is no solution")
         if self._solution is None or self._solution[0] is not self._state:
-            self._solution = (
-                self._state,
-                solution_of(self._state.ledger, self._state.system, self._rules),
-            )
+            found = solution_of(self._state.ledger, self._state.system, self._rules)
+            self._solution = self._state, found
         return self._solution[1]
 
     def reliability(self, *, alpha: float | None = None, power: float = 0.80) -> Reliability:
@@ -369,24 +353,23 @@ class IncrementalAdjustment:
 
     def determined(self, name: str) -> bool:
         """Return whether a point is determined."""
-        system = self._state.system
-        return system is not None and system.known("point", name)
+        return self._state.system is not None and self._state.system.known("point", name)
 
     @property
     def n_observations(self) -> int:
         """Number of scalar rows in the graph, weighted unknowns among them."""
         system = self._state.system
-        if system is not None and system.doubt:  # which has not all of them
-            return self.solution().n_observations
-        return 0 if system is None else system.n_rows
+        if system is None:
+            return 0
+        return self.solution().n_observations if system.doubt else system.n_rows
 
     @property
     def redundancy(self) -> int:
         """Redundancy of the network as it stands."""
         system = self._state.system
-        if system is not None and system.doubt:
-            return self.solution().redundancy
-        return 0 if system is None else system.redundancy
+        if system is None:
+            return 0
+        return self.solution().redundancy if system.doubt else system.redundancy
 
     @property
     def vtpv(self) -> float:
@@ -406,7 +389,7 @@ class IncrementalAdjustment:
 
     def __len__(self) -> int:
         """Return the number of observations in the graph."""
-        return self._count("accepted")
+        return self._state.ledger.count("accepted")
 
     def __repr__(self) -> str:
         """Say what is in the graph, and what is not."""
@@ -415,11 +398,3 @@ class IncrementalAdjustment:
             f"observations, redundancy {self.redundancy}, {self.n_waiting} waiting, "
             f"{len(self.suspects)} suspects, {len(self.rejected)} rejected>"
         )
-
-    # -- helpers ------------------------------------------------------------------------------
-
-    def _count(self, outcome: Outcome) -> int:
-        """Return the number of observations with an outcome."""
-        ledger = self._state.ledger
-        found = ledger.having(outcome)
-        return len(ledger.rows.images(found)) + sum(len(u.ids) for _, u in ledger.rows.units(found))

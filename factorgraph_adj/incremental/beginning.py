@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
 from ..models.variables import VariableKind
+from ..network.network import Network
 from ..solve.anywhere import anywhere
 from ..solve.batch import adjust_from
 from ..solve.solution import Solution
@@ -19,6 +22,7 @@ from .finding import Search
 from .flow import State, Task, absorb
 from .ledger import Ledger
 from .rebasing import EFFORT, Draft, Failure
+from .records import replay
 from .rules import Rules
 from .system import System
 
@@ -99,6 +103,27 @@ def _entered(state: State, inside: Index, rules: Rules) -> State:
     if state.system is not None:
         state.system.prepared()
     return state
+
+
+def replayed(
+    network: Network, entries: Sequence[Mapping[str, Any]], rules: Rules, journal: str
+) -> State:
+    """Return the state at the end of a journal.
+
+    Args:
+        network: the network at its beginning.
+        entries: its lines after the first.
+        rules: the options.
+        journal: its name.
+
+    Raises:
+        InputError: a line that does not follow from those before.
+    """
+    begun = begin(Ledger.of(network), rules, None)
+    ledger, _ = begun.ledger.recorded()
+    for line, entry in enumerate(entries, start=2):
+        ledger = replay(entry, ledger, where=f"{journal}:{line}")
+    return begun if not entries else restored(ledger, begun, rules)
 
 
 def restored(ledger: Ledger, begun: State, rules: Rules) -> State:

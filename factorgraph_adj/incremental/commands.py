@@ -19,6 +19,7 @@ from ..solve.solution import Solution
 from ..types import Index
 from .arrival import Arrival, arrival_of
 from .beginning import settled
+from .cutting import in_pieces
 from .flow import State, Task, Told, absorb
 from .judging import untested
 from .ledger import Ledger
@@ -51,7 +52,9 @@ def add(
     if points or photos or cameras:
         ledger = ledger.with_entities(points, photos, cameras)
     ledger, rows = ledger.taken(observations)
-    after, told = absorb(replace(state, ledger=ledger), [Task(rows, asked=True)], rules)
+    pieces = in_pieces(ledger, state.system, rows)
+    tasks = [Task(piece, asked=True) for piece in pieces]
+    after, told = absorb(replace(state, ledger=ledger), tasks, rules)
     new: list[Variable] = [("point", p.name) for p in points]
     new += [("pose", f.name) for f in photos]
     new += [("calibration", c.name) for c in cameras]

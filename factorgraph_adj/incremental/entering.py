@@ -8,6 +8,7 @@ of its own, because two observations contradict each other, waits on.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,8 +17,9 @@ from ..errors import AdjustmentError
 from ..graph.dependence import Variable
 from ..types import Index, Mask
 from .beside import Beside
-from .candidates import Candidates, known_in
+from .candidates import Candidates, Nothing, known_in
 from .finding import LIMITS, Found
+from .holding import with_rest, within
 from .inside import Inside
 from .judging import Joint, accepted, decide, left_out, untested
 from .ledger import Ledger
@@ -105,7 +107,7 @@ class Entering:
         for _ in range(MOST_JUDGED):
             if not len(self.stay):
                 return Entered(self.ledger, self.system, tuple(self.verdicts))
-            result = ahead or draft.adjusted(self.rules.datum, doubted=doubted)
+            result = ahead or self._adjusted(draft, base, doubted)
             if isinstance(result, System) and self.found and not result.base.converged:
                 result = Failure(result.base.reason)  # it misses its inner constraints
             if isinstance(result, Failure):
@@ -148,7 +150,8 @@ class Entering:
 
     def _beside(self, system: System) -> Entered | None:
         """Put everything in beside the system; none where only a new base can take it in."""
-        if self.ledger.n_scalars(self.stay) > MOST_BESIDE:
+        variables = Candidates(self.ledger, Nothing(), self.stay).links.variables
+        if self.ledger.n_scalars(self.stay) > MOST_BESIDE or not system.covers(variables):
             return None
         forms = system.forms(self.ledger, self.stay)
         datum = system.base.datum
@@ -167,14 +170,14 @@ class Entering:
                 return None
         doubted = bool(system.doubt)
         try:
-            within = None if doubted else joint.after.within(self.rules.accuracy, joint.forms)
+            held = None if doubted else within(joint.after, self.rules.accuracy, joint.forms)
         except AdjustmentError:
             return None
-        if within is None:
-            draft = self._draft(system if doubted else joint.after)
-            found = draft.adjusted(self.rules.datum, doubted=doubted)
-            within = found if isinstance(found, System) else system if doubted else None
-        return None if within is None else self._entered(within, joint)
+        if held is None:
+            after = system if doubted else joint.after
+            found = self._adjusted(self._draft(after), after, doubted)
+            held = found if isinstance(found, System) else system if doubted else None
+        return None if held is None else self._entered(held, joint)
 
     def _agreed(self, draft: Draft) -> System | None:
         """Return the base where what looked disturbed beside known variables agrees with them.
@@ -184,22 +187,34 @@ class Entering:
         sigmas = [e.solution.sigma0 for e in self.found if e.solution is not None]
         if self.system is None or all(s <= LIMITS.disturbed for s in sigmas):
             return None
-        found = draft.adjusted(self.rules.datum)
+        found = self._adjusted(draft, self.system, False)
         if not isinstance(found, System):
             return None
         # What they add to vᵀPv: σ̂0 of a large network would hide it.
         more, spare = found.vtpv - self.system.vtpv, found.redundancy - self.system.redundancy
         return found if more <= LIMITS.disturbed**2 * max(spare, 1) else None
 
-    def _draft(self, base: System | None) -> Draft:
-        return Draft.of(
-            self.ledger,
-            base,
-            self.rules.datum,
-            new=self.new,
-            dropped=self.dropped,
-            found=[e.solution for e in self.found if e.solution is not None],
-        )
+    def _draft(self, base: System | None, *, section: bool = True) -> Draft:
+        """Return what is to be adjusted: a section of a large network, if that is allowed."""
+        found = [e.solution for e in self.found if e.solution is not None]
+        ledger, new, dropped = self.ledger, self.new, self.dropped
+        part = None
+        if section and self.rules.datum == "given":
+            part = Draft.of_section(ledger, base, new=new, dropped=dropped, found=found)
+        if part is not None:
+            return part
+        return Draft.of(ledger, base, self.rules.datum, new=new, dropped=dropped, found=found)
+
+    def _adjusted(self, draft: Draft, base: System | None, doubted: bool) -> System | Failure:
+        """Adjust a draft; the whole network where its section is not enough."""
+        found = draft.adjusted(self.rules.datum, doubted=doubted)
+        if draft.section is None:
+            return found
+        with suppress(AdjustmentError):  # an observation of the rest may have no answer there
+            if isinstance(found, System) and (held := with_rest(found, self.rules.accuracy)):
+                return held
+        whole = self._draft(base, section=False)
+        return whole.adjusted(self.rules.datum, doubted=doubted)
 
     def _fill(self) -> None:
         """Write approximate values that were found into the ledger, where none were given."""

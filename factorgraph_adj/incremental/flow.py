@@ -21,14 +21,18 @@ from ..network.network import DatumChoice
 from ..solve.solution import Solution
 from ..types import Index
 from .candidates import Candidates, known_in
+from .cutting import due
 from .entering import Entered, Entering
 from .finding import Found, Search, firm
 from .ledger import Ledger
+from .rebasing import Draft
 from .rows import NO_ROWS
 from .rules import Rules
 from .system import System
 from .verdicts import Verdict
 
+AT_ONCE = 50
+"""Largest number of suspects that are tested again together: they have room beside a base."""
 TOO_WEAK = "is determined too weakly yet: no solution was reached with it"
 OPEN = (
     "it fixes a motion that the datum of the free network left open, and other parts of the "
@@ -46,6 +50,14 @@ class State:
     """Where everything is; none: nothing is determined."""
     settled: bool = True
     """Whether nothing has changed since it was at rest."""
+
+    def recorded(self) -> State:
+        """Return the state without what was noted for the journal."""
+        ledger, new = self.ledger.recorded()
+        system = self.system
+        if system is not None and new is not None:
+            system = system.renumbered(new)
+        return replace(self, ledger=ledger, system=system)
 
 
 Told: TypeAlias = dict[str, Verdict]
@@ -131,7 +143,8 @@ class _Loop:
         if len(again):
             ledger = self.state.ledger.moved(again, "waiting", "tested again")
             self.state = replace(self.state, ledger=ledger)
-            self.tasks = [Task(again)]
+            parts = np.array_split(again, -(-len(again) // AT_ONCE))
+            self.tasks = [Task(part) for part in parts]
             self._work()
             still = self.state.ledger.rows.among(again, "suspect")
             first = {v.id: v for row in still.tolist() for v in told[row]}
@@ -143,18 +156,37 @@ class _Loop:
         while self.tasks or self.over:
             if self.tasks:
                 self._look_at(self.tasks.pop(0))
+                self._merge()
             else:
                 self._decide_whether_anew()
 
+    def _merge(self) -> None:
+        """Adjust the whole network where its sections have taken as long by now."""
+        ledger, system = self.state.ledger, self.state.system
+        if system is None or system.section is None or not due(system.section):
+            return
+        draft = Draft.of(ledger, system, self.rules.datum)
+        system.whole.base.forget()  # two of them may be more than there is memory for
+        found = draft.adjusted(self.rules.datum)
+        if not isinstance(found, System):  # the section stands for the whole a little longer
+            found = replace(system, section=replace(system.section, work=0))
+        elif system.section.looked is not None:
+            found = replace(found, drift=system.section.looked[1].anew())
+        self.state = replace(self.state, system=found)
+
     def _fitting_by_now(self, before: System | None) -> Index:
-        """Return suspects that may fit now that a base is new, or something has left."""
+        """Return suspects that may fit now that a base is new, or something has left.
+
+        Beside a new section only those are looked at of which it has everything.
+        """
         ledger, system = self.state.ledger, self.state.system
         if self.rules.policy != "flag" or system is None or system.doubt:
             return NO_ROWS
         if not self.left and (before is None or system.base is before.base):
             return NO_ROWS
+        part = system if self.left else replace(system, section=None)
         suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(self.told))
-        return Candidates(ledger, known_in(system), suspects).ready
+        return Candidates(ledger, known_in(part), suspects).ready
 
     # -- one task -----------------------------------------------------------------------------
 
@@ -186,7 +218,8 @@ class _Loop:
         ledger = self.state.ledger
         several = late
         if task.most == np.inf:
-            waiting = np.setdiff1d(ledger.having("waiting"), candidates.rows)
+            coming = np.concatenate([candidates.rows, *(t.rows for t in self.tasks if t.asked)])
+            waiting = np.setdiff1d(ledger.having("waiting"), coming)
             several = np.union1d(late, waiting)
         lacks: dict[Variable | str, str] = {}
         touched = candidates.only(late).counts

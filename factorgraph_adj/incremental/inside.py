@@ -23,6 +23,8 @@ from .units import Unit
 
 FEW = 300
 """Number of rows up to which all columns of M are solved for at once."""
+MOST_NUMBERS = 20_000_000
+"""Largest number of rows times unknowns for which this is done."""
 AT_ONCE = 64
 """Number of rows that are solved for at once beyond that."""
 
@@ -67,7 +69,7 @@ class Inside:
         v = self.normal.system.residual[self.every]
         if self.base is None:
             v = v - self.a @ self.factor.solve(self.normal.gradient[:, None])[:, 0]
-        if len(self.every) <= FEW:
+        if self._few:
             return Tested(self.rows, v, lambda u: self._m[:, u])
         return Tested(self.rows, v, self._columns, self._blocks)
 
@@ -79,9 +81,14 @@ class Inside:
 
     def _solved(self, rows: Index) -> Array:
         """Return Q A_uᵀ, (n_columns, u)."""
-        if len(self.every) <= FEW:
+        if self._few:
             return self._spread[:, rows]
         return self.factor.solve(self.a[rows].toarray().T)
+
+    @property
+    def _few(self) -> bool:
+        """Whether all columns of M are solved for at once."""
+        return len(self.every) <= FEW and self.a.shape[0] * self.a.shape[1] <= MOST_NUMBERS
 
     @cached_property
     def _spread(self) -> Array:

@@ -268,9 +268,10 @@ class Ledger:
         filled = {**self.filled, kind: {**self.filled.get(kind, {}), **values}}
         return replace(self, network=network, filled=filled)
 
-    def recorded(self) -> Ledger:
-        """Return the ledger without what was noted for the journal."""
-        return replace(self, causes={}, filled={}, unweighted=(), rows=self.rows.compacted())
+    def recorded(self) -> tuple[Ledger, Index | None]:
+        """Return the ledger without what was noted for the journal, and new numbers of its rows."""
+        rows, new = self.rows.compacted()
+        return replace(self, causes={}, filled={}, unweighted=(), rows=rows), new
 
     # -- questions ----------------------------------------------------------------------------
 
@@ -284,6 +285,11 @@ class Ledger:
     def having(self, outcome: Outcome) -> Index:
         """Return all rows with an outcome."""
         return self.rows.having(outcome)
+
+    def count(self, outcome: Outcome) -> int:
+        """Return the number of observations with an outcome."""
+        found = self.having(outcome)
+        return len(self.rows.images(found)) + sum(len(u.ids) for _, u in self.rows.units(found))
 
     def find(self, ids: Iterable[str]) -> Index:
         """Return the rows of ids, correlated groups as a whole."""

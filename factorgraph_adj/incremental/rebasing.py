@@ -17,15 +17,18 @@ from ..network.selection import filtered
 from ..solve.anywhere import anywhere, narrow
 from ..solve.batch import OFF_DATUM, adjust_from
 from ..solve.datum import generators, middle
+from ..solve.extra import NOTHING_MORE, Extra
 from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations, Solver
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..solve.standing import standing
 from ..solve.start import Start, start_of
-from ..types import Array
+from ..types import Array, Index
+from .cutting import section_of
 from .ledger import Ledger
 from .rules import Rules
+from .section import Section
 from .system import System
 
 
@@ -73,6 +76,10 @@ class Draft:
     """The network."""
     start: Start
     """Values of its unknowns."""
+    rows: Index
+    """Rows of the ledger in it."""
+    section: Section | None = None
+    """What it knows of the rest, if it is a section of the network; none: it is the whole."""
 
     @classmethod
     def of(
@@ -101,19 +108,34 @@ class Draft:
         """
         network = known_network(ledger, system, new=new, dropped=dropped)
         equations = compile_network(network)
+        start = _started(equations, datum, system, found)
+        return cls(equations, start, ledger.having("accepted"))
+
+    @classmethod
+    def of_section(
+        cls,
+        ledger: Ledger,
+        system: System | None,
+        *,
+        new: Collection[Variable] = (),
+        dropped: Collection[Variable] = (),
+        found: Sequence[Solution] = (),
+    ) -> Draft | None:
+        """Compile what arrivals touch; none where the whole has to be adjusted; see `of`."""
+        if system is None or any(system.whole.known(*v) for v in dropped):
+            return None
+        made = section_of(ledger, system)
+        if made is None:
+            return None
+        equations, section = made
         unknowns = equations.unknowns
-        state = origin = unknowns.start()
-        moving = unknowns.moving()  # an excerpt need not know the constants of the network
-        sources = [(s.equations.unknowns, s.state, s.start) for s in found]
-        if system is not None:
-            base = system.base
-            sources.append((base.equations.unknowns, system.state, base.start))
-        for there, values, given in sources:
-            state = unknowns.carried(state, there, values, where=moving)
-            origin = unknowns.carried(origin, there, given, where=moving)
-        if any(np.isnan(x).any() for s in (state, origin) for x in s.values()):
-            return cls(equations, start_of(equations, datum, Start(unknowns, state, origin)))
-        return cls(equations, Start(unknowns, state, origin))
+        if any(name not in unknowns[kind].number for kind, name in new):
+            return None
+        try:
+            start = _started(equations, "given", system, found)
+        except AdjustmentError:
+            return None
+        return cls(equations, start, section.inside, section)
 
     def normal(self, constraint: Solution | None) -> tuple[NormalEquations, np.ndarray]:
         """Return the normal equations at the start, and what a minimal datum adds to them.
@@ -121,8 +143,9 @@ class Draft:
         Args:
             constraint: a solution whose minimal datum holds a free network; none: there is none.
         """
-        equations = self.equations.weighted_at(self.start.state)
-        normal = NormalEquations(Solver.of(equations), self.start.state)
+        equations, state = self.equations.weighted_at(self.start.state), self.start.state
+        rows = self._extra.at(equations, state).rows
+        normal = NormalEquations(Solver.of(equations, rows), state, rows)
         added = np.zeros(equations.unknowns.n_columns)
         if constraint is not None:
             there = constraint.equations.unknowns
@@ -134,6 +157,11 @@ class Draft:
                     first = int(table.offset[table.number[name]])
                     added[first + component] = constraint.constraint[column]
         return normal, added
+
+    @property
+    def _extra(self) -> Extra:
+        """What the rest says of a section."""
+        return NOTHING_MORE if self.section is None else self.section.known.prior
 
     def noticing(self, base: Solution, ids: Sequence[Sequence[str]]) -> list[bool]:
         """Return which units notice a motion that the datum of a free network leaves open.
@@ -179,12 +207,13 @@ class Draft:
                     self.equations,
                     start,
                     free=datum == "free",
+                    extra=self._extra,
                     tolerance=tolerance,
                     max_iterations=EFFORT.quick if slow else most,
                 )
                 # Where a free network lies changes no observation.
                 if solution.converged or solution.reason == OFF_DATUM:
-                    return System.of(solution)
+                    return System.of(solution, rows=self.rows, section=self.section)
             except DatumError as error:
                 return Failure(str(error), tuple(error.unknowns), singular=True)
             except (AdjustmentError, SingularError) as error:
@@ -195,6 +224,31 @@ class Draft:
             slow = False
         vague: tuple[Variable, ...] = tuple(("point", p.name) for p in anywhere(solution))
         return Failure(solution.reason, solution.drifting or vague or None)
+
+
+def _started(
+    equations: Equations,
+    datum: DatumChoice,
+    system: System | None,
+    found: Sequence[Solution],
+) -> Start:
+    """Return values of the unknowns: those that are known, those that were found, or approximate.
+
+    Raises:
+        ApproximationError: something has no approximate value.
+    """
+    unknowns = equations.unknowns
+    state = origin = unknowns.start()
+    moving = unknowns.moving()  # an excerpt need not know the constants of the network
+    sources = [(s.equations.unknowns, s.state, s.start) for s in found]
+    if system is not None:
+        sources += system.places()
+    for there, values, given in sources:
+        state = unknowns.carried(state, there, values, where=moving)
+        origin = unknowns.carried(origin, there, given, where=moving)
+    if any(np.isnan(x).any() for s in (state, origin) for x in s.values()):
+        return start_of(equations, datum, Start(unknowns, state, origin))
+    return Start(unknowns, state, origin)
 
 
 def known_network(
@@ -215,7 +269,7 @@ def known_network(
     network = ledger.described
     inside: dict[VariableKind, set[str]] = {kind: set() for kind in UNKNOWNS}
     if system is not None:
-        inside = {kind: set(system.unknowns[kind].number) for kind in UNKNOWNS}
+        inside = {kind: system.names(kind) for kind in UNKNOWNS}
     for kind, name in new:
         inside[kind].add(name)
     for kind, name in dropped:
@@ -233,7 +287,7 @@ def known_network(
 
 def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
     """Return the solution as it stands; a free network's on its inner constraints."""
-    if not system.changed and not system.doubt:
+    if system.section is None and not system.changed and not system.doubt:
         return system.base
     draft = Draft.of(ledger, system, rules.datum)
     constraint = None if system.base.datum is None else draft.normal(system.base)[1]

@@ -195,7 +195,7 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
     for kind, values in line.get("found", {}).items():
         found = {n: np.array(v, dtype=float) for n, v in values.items()}
         ledger = ledger.with_values(kind, found)
-    return ledger.recorded()
+    return ledger.recorded()[0]
 
 
 def _moved(

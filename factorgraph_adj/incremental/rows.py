@@ -204,15 +204,19 @@ class Rows:
             verdicts = {r: v for r, v in verdicts.items() if r not in left} | dict(told)
         return replace(self, status=status, verdicts=verdicts)
 
-    def compacted(self) -> Rows:
-        """Return the table without the rows that were taken out, where these are many."""
+    def compacted(self) -> tuple[Rows, Index | None]:
+        """Return the table without the rows that were taken out, where these are many.
+
+        Returns:
+            The table, and the new numbers of its rows; none: they are as they were.
+        """
         self.room.made.clear()
         there = self.status != GONE
         if self.n < 64 or 2 * int(there.sum()) > self.n:
-            return self
-        new = np.cumsum(there) - 1
+            return self, None
+        new = np.where(there, np.cumsum(there) - 1, GONE)
         told = {int(new[r]): v for r, v in self.verdicts.items()}
-        return Rows(self.status[there], self.room.kept(there), told)
+        return Rows(self.status[there], self.room.kept(there), told), new
 
     # -- questions ----------------------------------------------------------------------------
 

@@ -2,13 +2,13 @@
 
 The base is a batch solution at a minimum. Beside it stands one low-rank update
 (`factorgraph_adj.solve.update`) with the rows of arrivals between known variables and of removals.
-Estimates and cofactors are those of both together, to first order; `System.within` says how far
-that holds. A system is a value: every change returns another one.
+Estimates and cofactors are those of both together, to first order; `holding` says how far that
+holds. A system is a value: every change returns another one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -16,11 +16,10 @@ import numpy as np
 
 from ..graph.dependence import Variable
 from ..graph.equations import compile_rows
-from ..graph.variables import Unknowns
+from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
-from ..solve.drift import Drift, missed, turned
+from ..solve.drift import Drift
 from ..solve.lifted import ROOM, Lifted
-from ..solve.linear import LinearSystem
 from ..solve.solution import Solution
 from ..solve.update import Update
 from ..types import Array, Index
@@ -28,16 +27,11 @@ from .excerpt import excerpt
 from .forms import Forms
 from .judging import MOVES, TIED
 from .ledger import Ledger
+from .rows import NO_ROWS
+from .section import Section, renumbered
 
 MOST_BESIDE = 256
 """Largest number of rows beside a base; with more of them a new base takes less time."""
-SHARE = 0.5
-"""Part of the promised accuracy that the step that is left may be, where σ̂0 is 1 or less. Where
-residuals are large the minimum is further away than such a step, as second partials count too:
-there it is this divided by σ̂0."""
-TURNED = 1.3
-"""Part of the promised accuracy that the relative error of a variance may be. The error of a
-standard deviation is half of it; the rest is room for what the power iteration misses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,16 +58,53 @@ class System:
     """The last look at how far the linear forms of the base hold; none: there was none."""
     doubt: str = ""
     """Why this is not the minimum of everything in the graph; empty if it is."""
+    rows: Index = field(default_factory=lambda: NO_ROWS)
+    """Rows of the ledger in the base."""
+    section: Section | None = None
+    """What the base knows of the rest, if it is a section of the network; none: it is the whole."""
 
     @classmethod
-    def of(cls, base: Solution, doubt: str = "") -> System:
+    def of(
+        cls,
+        base: Solution,
+        doubt: str = "",
+        *,
+        rows: Index = NO_ROWS,
+        section: Section | None = None,
+    ) -> System:
         """Return the system of a solution.
 
         Raises:
             SingularError: an unknown is determined too weakly for covariances.
         """
         lifted = Lifted(base)
-        return cls(base, lifted, Update.of(lifted), doubt=doubt)
+        return cls(base, lifted, Update.of(lifted), doubt=doubt, rows=rows, section=section)
+
+    @cached_property
+    def whole(self) -> System:
+        """The whole network as it was adjusted last; of a section without what has come since."""
+        section = self.section
+        if section is None:
+            return self
+        update = Update.of(section.lifted)
+        return System(
+            section.base, section.lifted, update, drift=section.drift, rows=section.inside
+        )
+
+    @cached_property
+    def rest(self) -> System:
+        """The whole network as it follows the section."""
+        section = self.section
+        assert section is not None
+        d = section.known.prior.movement(self.base.equations, self.state)
+        drift = None if section.looked is None else section.looked[1]
+        offset, length = section.movement(d), section.length(d)
+        return replace(self.whole, offset=offset, shifted=length, drift=drift)
+
+    def renumbered(self, new: Index) -> System:
+        """Return the system after the rows of the ledger have got new numbers (n,)."""
+        section = self.section and self.section.renumbered(new)
+        return replace(self, rows=renumbered(self.rows, new), section=section)
 
     def prepared(self) -> System:
         """Work out now what the first arrival would wait for.
@@ -89,14 +120,41 @@ class System:
 
     def known(self, kind: VariableKind, name: str) -> bool:
         """Return whether a variable is determined, or a constant."""
-        return name in self.base.equations.unknowns[kind].number
+        return name in self.unknowns[kind].number or (
+            self.section is not None and self.whole.known(kind, name)
+        )
+
+    def names(self, kind: VariableKind) -> set[str]:
+        """Return the names of the known variables of a kind."""
+        return set(self.unknowns[kind].number) | set(self.whole.unknowns[kind].number)
+
+    def places(self) -> list[tuple[Unknowns, State, State]]:
+        """Return unknowns, state and start values: what stands later has been adjusted later."""
+        own = self.unknowns, self.state, self.base.start
+        if self.section is None:
+            return [own]
+        rest = self.rest
+        return [(rest.unknowns, rest.state, rest.base.start), own]
+
+    @property
+    def solution(self) -> Solution:
+        """The whole network where everything is by now; a section's new unknowns are not in it."""
+        if self.section is None:
+            return self.base.at(self.state)
+        rest = self.rest
+        return rest.base.at(rest.unknowns.carried(rest.state, self.unknowns, self.state))
+
+    def covers(self, variables: Iterable[Variable]) -> bool:
+        """Return whether the base has all of some known variables."""
+        unknowns = self.unknowns
+        return self.section is None or all(name in unknowns[k].number for k, name in variables)
 
     def value(self, kind: VariableKind, name: str) -> Array | None:
         """Return the value of a variable as in a state; none: it is not known."""
         table = self.base.equations.unknowns[kind]
         number = table.number.get(name)
         if number is None:
-            return None
+            return None if self.section is None else self.rest.value(kind, name)
         stored = self.base.state[kind][number]
         if not self.changed or table.offset[number] < 0:
             return np.array(stored)
@@ -133,12 +191,13 @@ class System:
     def movement(self) -> Array:
         """Movement of all unknowns from the base, (n_columns,)."""
         if not len(self.update.signs):
-            return self._offset
+            return self.shift
         step = self.lifted.unknowns(-(self.update.spread @ self.weights), self.slots)
-        return np.asarray(self._offset + step)
+        return np.asarray(self.shift + step)
 
     @property
-    def _offset(self) -> Array:
+    def shift(self) -> Array:
+        """Movement of the base itself, (n_columns,)."""
         return np.zeros(len(self.lifted.place)) if self.offset is None else self.offset
 
     @cached_property
@@ -156,22 +215,27 @@ class System:
     @property
     def vtpv(self) -> float:
         """VᵀPv of the linear forms."""
-        return self.base.vtpv + self.update.vtpv
+        rest = 0.0 if self.section is None else self.section.vtpv
+        return self.base.vtpv + self.update.vtpv + rest
 
     @property
     def redundancy(self) -> int:
         """Redundancy."""
-        return self.base.redundancy + int(self.update.signs.sum())
+        rest = 0 if self.section is None else self.section.redundancy
+        return self.base.redundancy + int(self.update.signs.sum()) + rest
 
     @property
     def n_rows(self) -> int:
         """Number of scalar rows, weighted unknowns among them."""
-        return self.base.n_observations + int(self.update.signs.sum())
+        rest = 0 if self.section is None else self.section.n_rows
+        return self.base.n_observations + int(self.update.signs.sum()) + rest
 
     # -- cofactors ----------------------------------------------------------------------------
 
     def cofactors(self, a: Variable, b: Variable) -> Array:
         """Return the joint cofactors of the components of two variables, (i, j)."""
+        if not self.covers((a, b)):
+            return self._across(a, b)
         columns = [self.columns(*v) for v in (a, b)]
         f, g = (self.lifted.expand(c, np.eye(len(c)), self.slots) for c in columns)
         if a == b and not self.lifted.touched(columns[0]):
@@ -186,6 +250,27 @@ class System:
         free = self.base.equations.unknowns.free
         return np.where(np.outer(free[columns[0]], free[columns[1]]), out, 0.0)
 
+    def _across(self, a: Variable, b: Variable) -> Array:
+        """Return the cofactors of two variables of which the section has one at most."""
+        if self.covers((a,)):
+            return self._across(b, a).T
+        section, t = self.section, self.of_prior
+        assert section is not None
+        outer = self.whole
+        k = section.carried(outer.columns(*a))
+        if self.covers((b,)):
+            f = self.lifted.expand(self.columns(*b), np.eye(len(self.columns(*b))), self.slots)
+            return np.asarray(k @ self.update.times(f.at, f.b)[t])
+        other = section.carried(outer.columns(*b))
+        root = section.known.root
+        now = self.update.times(t, np.eye(len(t)))[t] - root @ root.T
+        return np.asarray(outer.cofactors(a, b) + k @ now @ other.T)
+
+    @property
+    def of_prior(self) -> Index:
+        """Coordinates of the unknowns that the rest knows, (m,)."""
+        return self.lifted.place[self.base.extra.rows[0].columns]
+
     # -- rows beside the base -----------------------------------------------------------------
 
     def forms(self, ledger: Ledger, rows: Index) -> Forms:
@@ -196,100 +281,6 @@ class System:
         """
         equations = compile_rows(excerpt(ledger, self, rows, hold=False))
         return Forms.of(ledger.units(rows), equations, self.unknowns, self.step_at)
-
-    def within(self, accuracy: float, arrived: Forms | None = None) -> System | None:
-        """Return the system, moved if need be, within ``accuracy`` of the minimum.
-
-        None: only a new base is. Estimates follow the gradient at the present state; cofactors
-        stay those of the base.
-
-        Args:
-            accuracy: largest deviation, relative to σ.
-            arrived: forms that the system has just taken in.
-
-        Raises:
-            InputError: names observations whose geometry has no answer at the present state.
-        """
-        r = self.redundancy
-        sigma0 = float(np.sqrt(self.vtpv / r)) if r > 0 else 1.0
-        bound = SHARE * accuracy / max(1.0, sigma0)
-        # Without the rows that left, cofactors are at most this much larger: N' ≥ M_min N.
-        larger = 1.0 / self.update.condition
-        step, changed = 0.0, 0.0
-        if arrived is not None:
-            step, changed = arrived.missed(self.step_at(arrived.columns))
-            if step > bound or changed > TURNED * accuracy:
-                return None
-        if self.drift is not None:
-            ahead = self._length(self.drift.weights)
-            left, turned = self.drift.predicted(ahead, self._gained)
-            if step + np.sqrt(larger) * left <= bound and larger * turned <= TURNED * accuracy:
-                return self
-        looked, g = self._look()
-        assert looked.drift is not None
-        if larger * looked.drift.turned > TURNED * accuracy:
-            return None
-        if step + looked.drift.left <= bound:
-            return looked
-        moved = looked._follow(g)
-        again, _ = moved._look()
-        assert again.drift is not None
-        return again if step + again.drift.left <= bound else None
-
-    def _look(self) -> tuple[System, Array]:
-        """Look at the linear forms; return the system that knows how far they hold, and g."""
-        here = self.base.normal().system
-        there = LinearSystem(here.equations, self.state)
-        g = missed(here, there, self.movement)
-        if self.followed is not None:
-            g = g - self.followed
-        left = self._left(g)
-        length = self._length(np.zeros(0)) + self.shifted
-        before = self.drift
-        curvature = left / length**2 if length > 0 else 0.0
-        if before is not None:
-            curvature = before.curvature if self.shifted else max(before.curvature, curvature)
-        start = None if before is None else before.direction
-        size, direction = turned(here, there, self.lifted.factor, start)
-        drift = Drift(self.weights, left, size, length, curvature, self._gained, direction)
-        return replace(self, drift=drift), g
-
-    def _left(self, g: Array) -> float:
-        """Return the largest step −Q g of an unknown, relative to its own σ."""
-        h = self.lifted.factor.solve(g[:, None])[:, 0]
-        along = self.update.spread.T @ self.lifted.gradient(g, self.slots)
-        h -= self.lifted.unknowns(self.update.spread @ (self.update.inverse @ along), self.slots)
-        sigma = self.lifted.sigma
-        far = float(np.max(np.abs(h) / np.where(sigma > 0, sigma, np.inf), initial=0.0))
-        return far * float(np.sqrt(self._gained))
-
-    @cached_property
-    def _gained(self) -> float:
-        """Largest factor by which rows that joined make a variance smaller: ‖D₊‖."""
-        joined = self.update.signs > 0
-        if not joined.any():
-            return 1.0
-        return float(np.linalg.norm(self.update.inner[np.ix_(joined, joined)], 2))
-
-    def _follow(self, g: Array) -> System:
-        """Return the system moved by the step that a gradient asks for, with the cofactors as is.
-
-        The gradient moves the base by −Q g, where its rows have other residuals.
-        """
-        h = self.lifted.factor.solve(g[:, None])[:, 0]
-        along = self.update.spread.T @ self.lifted.gradient(g, self.slots)
-        update = replace(self.update, residuals=self.update.residuals - along)
-        shifted = self.shifted + float(np.sqrt(max(float(g @ h), 0.0)))
-        followed = g if self.followed is None else self.followed + g
-        offset = self._offset - h
-        return replace(self, update=update, offset=offset, followed=followed, shifted=shifted)
-
-    def _length(self, since: Array) -> float:
-        """Return √(dxᵀN dx) of the movement by the update since its weights were ``since``."""
-        w = self.weights.copy()
-        w[: len(since)] -= since
-        square = float(w @ (self.update.inner @ w)) - float(w @ (self.update.signs * w))
-        return float(np.sqrt(max(square, 0.0)))
 
     def without(self, ids: Sequence[str]) -> System | None:
         """Return the system without observations; none where an update cannot tell.
@@ -315,7 +306,10 @@ class System:
             joined = {i: new[rows] for i, rows in joined.items()}
         own = [i for i in ids if i not in self.joined]
         equations = self.base.equations
-        rows = np.concatenate([np.zeros(0, dtype=np.intp), *equations.find(own)])
+        of_own = equations.find(own)
+        if self.section is not None and not all(map(len, of_own)):
+            return None  # the rest has one
+        rows = np.concatenate([NO_ROWS, *of_own])
         for c in equations.clusters:
             if np.isin(c.rows, rows).any():
                 rows = np.union1d(rows, c.rows)

@@ -14,6 +14,7 @@ from ..types import Index
 from .beginning import adjusted
 from .candidates import Candidates, Nothing
 from .flow import State, Task
+from .holding import within
 from .judging import untested
 from .ledger import Ledger
 from .rebasing import Draft, Failure, with_doubt
@@ -76,9 +77,14 @@ def _without(
     if not system.doubt:
         with suppress(AdjustmentError):
             after = system.without(ids)
-            after = None if after is None else after.within(rules.accuracy)
+            after = None if after is None else within(after, rules.accuracy)
             if after is not None:
                 return ledger, after, NO_ROWS, None
+    if system.section is not None:
+        with suppress(AdjustmentError):
+            whole = Draft.of(ledger, system, rules.datum).adjusted(rules.datum)
+            if isinstance(whole, System) and whole.base.converged:
+                return ledger, whole, NO_ROWS, None
     loose = set() if system.doubt or rules.datum == "free" else system.loosened(ids)
     again = NO_ROWS
     if loose:
@@ -96,7 +102,7 @@ def _without(
         if isinstance(found, Failure) and found.loose is None:
             stays = system.without(ids) or system
             return ledger, with_doubt(stays, found.reason), again, None
-    inside, where = ledger.having("accepted"), system.base.at(system.state)
+    inside, where = ledger.having("accepted"), system.solution
     if loose is None:
         smaller, found = adjusted(ledger, rules, where)
         if isinstance(found, System):

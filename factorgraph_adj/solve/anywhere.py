@@ -22,6 +22,9 @@ WITHIN = 3.0
 NARROW = 1e-4
 """1 − cos 0.8°: rays with a smaller angle let adjustments of blocks of photos creep."""
 
+AT_ONCE = 100_000
+"""Number of observations that are worked on at once."""
+
 
 @dataclass(frozen=True)
 class Anywhere:
@@ -70,16 +73,18 @@ def anywhere(solution: Solution) -> list[Anywhere]:
                     if end == "point":
                         np.maximum.at(far, at, length)
         correlated = solution.equations.in_cluster.get(place)
-        for (kind, index), a in zip(block.variables, linear.a, strict=True):
-            if kind != "point" or not len(a):
-                continue
-            if correlated is not None:
-                a = a.copy()
-                a[correlated] /= block.sigma[correlated][:, :, None]
-            own = a.transpose(0, 2, 1) @ a
-            np.add.at(every, index, own)
-            if not curved:
-                np.add.at(constant, index, own)
+        for begin in range(0, block.n, AT_ONCE):
+            rows = np.arange(begin, min(begin + AT_ONCE, block.n))
+            for (kind, index), a in zip(block.variables, linear.partials(rows), strict=True):
+                if kind != "point" or not len(a):
+                    continue
+                if correlated is not None:
+                    inside = np.isin(rows, correlated)
+                    a[inside] /= block.sigma[rows[inside]][:, :, None]
+                own = a.transpose(0, 2, 1) @ a
+                np.add.at(every, index[rows], own)
+                if not curved:
+                    np.add.at(constant, index[rows], own)
     # Held components are known best.
     diagonal = np.einsum("nii->ni", every)
     diagonal += np.where(points.free, 0.0, 1.0 + diagonal.sum(axis=1, keepdims=True))

@@ -15,6 +15,7 @@ from ..network.network import DatumChoice, Network
 from ..types import Array
 from .datum import FreeDatum
 from .determine import refuse_unnoticed
+from .extra import NOTHING_MORE, Extra
 from .extrapolation import NONE_TAKEN
 from .free_network import carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
@@ -92,7 +93,7 @@ def adjust(
         weights=weights,
         tolerance=tolerance,
         max_iterations=max_iterations,
-        factors=extra_factors,
+        extra=Extra(tuple(extra_factors)),
         progress=progress,
     )
 
@@ -125,7 +126,7 @@ def readjust(
         free=(solution.network.datum if datum is None else datum) == "free",
         variance=solution.variance,
         weights=weights,
-        factors=solution.extra.given(),
+        extra=solution.extra,
         solver=solution.solver,
     )
 
@@ -139,13 +140,14 @@ def adjust_from(
     weights: Array | None = None,
     tolerance: float = TOLERANCE,
     max_iterations: int = MOST_ITERATIONS,
-    factors: Sequence[gtsam.NonlinearFactor] = (),
+    extra: Extra = NOTHING_MORE,
     progress: Progress | None = None,
     solver: Solver | None = None,
 ) -> Solution:
     """Adjust compiled equations from start values; see `adjust`.
 
-    ``solver`` is that of the same network and factors with other weights; none: it is made.
+    ``extra`` are rows beside the observations. ``solver`` is that of the same network and rows with
+    other weights; none: it is made.
     """
     run, ended = _minimise(
         equations,
@@ -154,7 +156,7 @@ def adjust_from(
         weights=weights,
         tolerance=tolerance,
         max_iterations=max_iterations,
-        factors=factors,
+        extra=extra,
         progress=progress,
         solver=solver,
     )
@@ -194,7 +196,7 @@ def _minimise(
     weights: Array | None,
     tolerance: float,
     max_iterations: int,
-    factors: Sequence[gtsam.NonlinearFactor],
+    extra: Extra,
     progress: Progress | None,
     solver: Solver | None,
 ) -> tuple[Run, Ended]:
@@ -203,7 +205,7 @@ def _minimise(
     weighed = equations.weighted_at(state)
     for _ in range(MOST_WEIGHINGS):
         equations = weighed if weights is None else weighed.reweighted(weights)
-        run = Run.at(equations, state, start.origin, free=free, factors=factors, solver=solver)
+        run = Run.at(equations, state, start.origin, free=free, extra=extra, solver=solver)
         solver = run.solver
         run.extrapolated = extrapolated
         if not iterations:

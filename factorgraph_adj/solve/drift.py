@@ -15,11 +15,11 @@ combinations of unknowns that hardly any observation determines, t grows with th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..types import Array
+from ..types import Array, Index
 from .factor import Factor
 from .linear import LinearSystem
 
@@ -28,6 +28,10 @@ SEED = 1
 POWER = 4
 """Number of steps of the power iteration at the first look. A later look makes one step, from the
 vector at which the look before it ended."""
+NO_ROWS: Index = np.zeros(0, dtype=np.intp)
+"""No rows."""
+FARTHER = 4.0
+"""Largest length for which a look predicts anything, relative to the length that it saw."""
 GAINED = 4.0
 """Factor by which ``gained`` may grow since a look."""
 
@@ -46,43 +50,60 @@ class Drift:
     """Length of the movement from the base, ‖dx‖."""
     curvature: float
     """Step that is left, relative to σ, for the square of the length of the movement."""
+    rate: float
+    """Relative error of a variance for the length of the movement."""
+    reach: float
+    """Length of the movement at which curvature and rate were seen."""
     gained: float
     """Largest factor by which rows that joined had made a variance smaller."""
-    direction: Array
-    """The last vector of the power iteration, (n_columns,)."""
+    direction: Array | None
+    """The last vector of the power iteration, (n_columns,); none: there was none."""
 
     def predicted(self, ahead: float, gained: float) -> tuple[float, float]:
         """Return bounds of left step and t after a movement since the look.
 
         Both are infinite where a row has determined something that was known far less before: the
-        movement along it tells nothing of the curvature there.
+        movement along it tells nothing of the curvature there. They are so, too, where the movement
+        is far longer than it was when somebody looked.
 
         Args:
             ahead: length of the movement.
             gained: largest factor by which rows that joined make a variance smaller.
         """
-        if gained > GAINED * self.gained:
+        if gained > GAINED * self.gained or self.length + ahead > FARTHER * self.reach:
             return np.inf, np.inf
         left = self.left + self.curvature * (2.0 * self.length * ahead + ahead**2)
-        share = ahead / self.length if self.length > 0 else 0.0
-        return left, self.turned * (1.0 + share)
+        return left, self.turned + self.rate * ahead
+
+    def anew(self) -> Drift:
+        """Return what is expected of a new base of nearly the same observations."""
+        out = replace(self, left=0.0, turned=0.0, length=0.0, gained=1.0)
+        return replace(out, weights=self.weights[:0], direction=None)
 
 
-def missed(here: LinearSystem, there: LinearSystem, movement: Array) -> Array:
+def missed(
+    here: LinearSystem, there: LinearSystem, movement: Array, apart: Index = NO_ROWS
+) -> Array:
     """Return what the linear forms miss of the gradient, (n_columns,).
 
     Args:
         here: the base, linearised.
         there: the same observations at the present state.
         movement: movement of the unknowns between them, (n_columns,).
+        apart: rows that are not looked at.
     """
-    n = here.equations.n_rows
-    linear = here.residual + here.times(movement[:, None])[:n, 0]
-    return np.asarray(there.gradient() - here.transposed(linear[:, None])[:, 0])
+    linear = here.every_residual + here.times(movement[:, None])[:, 0]
+    now = there.every_residual
+    linear[apart] = now[apart] = 0.0
+    return np.asarray(there.transposed(now[:, None])[:, 0] - here.transposed(linear[:, None])[:, 0])
 
 
 def turned(
-    here: LinearSystem, there: LinearSystem, factor: Factor, start: Array | None
+    here: LinearSystem,
+    there: LinearSystem,
+    factor: Factor,
+    start: Array | None,
+    apart: Index = NO_ROWS,
 ) -> tuple[float, Array]:
     """Return t, and the vector of the power iteration with Q (AᵀA − A₀ᵀA₀).
 
@@ -91,20 +112,22 @@ def turned(
         there: the same observations at the present state.
         factor: the factorised base.
         start: the vector of an earlier look; none: there was none.
+        apart: rows that are not looked at.
     """
-    n = here.equations.n_rows
     steps = 1
     if start is None:
         steps = POWER
-        noise = np.random.default_rng(SEED).standard_normal((n, 1))
+        noise = np.random.default_rng(SEED).standard_normal((len(here.every_residual), 1))
         start = factor.solve(here.transposed(noise))[:, 0]
     x, size = start[:, None], 0.0
     for _ in range(steps):
         ahead = here.times(x)
-        length = float(np.linalg.norm(ahead[:n]))
+        length = float(np.linalg.norm(ahead))
         if not length > 0:
             return 0.0, start
-        change = there.transposed(there.times(x / length)) - here.transposed(ahead / length)
+        ahead, now = ahead / length, there.times(x / length)
+        ahead[apart] = now[apart] = 0.0
+        change = there.transposed(now) - here.transposed(ahead)
         y = factor.solve(change)
         # √(yᵀ N y) of y = Q δN x, with N y = δN x.
         size = float(np.sqrt(max(float(change[:, 0] @ y[:, 0]), 0.0)))

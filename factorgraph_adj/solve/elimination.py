@@ -128,7 +128,9 @@ def layers_of(
             inside &= ~reduced
         tree += [(kind, number) for number in np.flatnonzero(inside).tolist()]
     largest = min(LARGEST_TREE, LARGEST_TREE_BESIDE_CAMERAS) if cameras.any() else LARGEST_TREE
-    large = len(tree) > largest and _spread(tree) <= MOST_SPREAD
+    # Rows beside the observations join what they touch as if it were a part of the tree.
+    size = len(tree) + int(touched.sum()) // UNKNOWNS["pose"].size
+    large = size > largest and _spread(tree) <= MOST_SPREAD
     if kept is not None or (reduce_points and large):
         every = np.ones(unknowns.n_columns, dtype=bool)
         first = table.offset[reduced]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
@@ -31,13 +30,6 @@ class Extra:
     """The factors; none after pickling."""
     rows: tuple[ExtraRows, ...] = ()
     """Rows of the factors."""
-
-    @classmethod
-    def of(
-        cls, factors: Sequence[gtsam.NonlinearFactor], equations: Equations, state: State
-    ) -> Extra:
-        """Linearise factors at a state; see `linearise_extra`."""
-        return cls(tuple(factors)).at(equations, state)
 
     @property
     def n_rows(self) -> int:
@@ -81,3 +73,7 @@ class Extra:
     def __getstate__(self) -> dict[str, Any]:
         """Return the rows for pickling, without the factors."""
         return {"factors": None if self.factors else (), "rows": self.rows}
+
+
+NOTHING_MORE = Extra()
+"""No rows beside the observations."""

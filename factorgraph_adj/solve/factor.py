@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..graph.equations import Equations
-from ..types import Array
+from ..types import Array, Index
 from .elimination import Layers
 from .fronts import BlockMatrix, Fronts
 from .linear import LinearSystem
@@ -19,7 +19,7 @@ from .rays import Rays
 from .reduction import RayCovariances, ReducedPoints
 from .remainder import Remainder, joined
 from .selected_inverse import SelectedInverse
-from .tree import TreeFactors, down, up
+from .tree import Clique, TreeFactors, down, up
 
 
 @dataclass(frozen=True)
@@ -181,23 +181,44 @@ class Factor:
         x[~self.free] = 0.0
         return x
 
+    @cached_property
+    def reduced_columns(self) -> Index:
+        """Columns of the reduced system: all but those of the points of the first layer, (r,)."""
+        inside = np.ones(self.layers.unknowns.n_columns, dtype=bool)
+        if self.points is not None:
+            inside[self.layers.point_columns] = False
+        return np.flatnonzero(inside)
+
+    @cached_property
+    def _inside(self) -> tuple[list[Clique], Index, Index]:
+        """Cliques by places among `reduced_columns`, and places of the third layer in it."""
+        place = np.full(self.layers.unknowns.n_columns, -1, dtype=np.intp)
+        place[self.reduced_columns] = np.arange(len(self.reduced_columns))
+        cliques = [
+            replace(c, frontal=place[c.frontal], separator=place[c.separator]) for c in self.cliques
+        ]
+        if self.nodes is None:
+            return cliques, place[:0], place[:0]
+        on = np.flatnonzero(self.nodes.columns >= 0)
+        return cliques, on, place[self.nodes.columns[on]]
+
     def solve_reduced(self, y: Array) -> Array:
-        """Return x of the system without the points of the first layer, after their elimination.
+        """Return x (r, k) of the system without the points of the first layer, eliminated.
 
         Args:
-            y: right sides (n_columns, k), zero at the columns of those points; so is x.
+            y: right sides at `reduced_columns`, (r, k).
         """
-        y = np.where(self.free[:, None], y, 0.0)
+        held = ~self.free[self.reduced_columns]
+        cliques, on, at = self._inside
+        y = np.where(held[:, None], 0.0, y)
         x = np.zeros_like(y)
-        halves = down(self.cliques, y)
+        halves = down(cliques, y)
         if self.nodes is not None and self.fronts is not None:
-            columns = self.nodes.columns
-            on = columns >= 0
-            reduced = np.zeros((len(columns), y.shape[1]))
-            reduced[on] = y[columns[on]]
-            x[columns[on]] = self.fronts.solve(reduced)[on]
-        up(self.cliques, halves, x)
-        x[~self.free] = 0.0
+            reduced = np.zeros((len(self.nodes.columns), y.shape[1]))
+            reduced[on] = y[at]
+            x[at] = self.fronts.solve(reduced)[on]
+        up(cliques, halves, x)
+        x[held] = 0.0
         return x
 
     def remaining(self, y: Array) -> Array:

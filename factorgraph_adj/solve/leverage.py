@@ -200,10 +200,11 @@ def _from_tree(
     lb: LinearBlock | LinearRays, rows: Index, inverse: SelectedInverse, out: BlockLeverage
 ) -> None:
     """Fill in the rows whose variables are in tree and border."""
-    slots = [j for j, a in enumerate(lb.a) if len(a)]
+    first = lb.partials(rows[:1])
+    slots = [j for j, a in enumerate(first) if len(a)]
     if not slots:
         return
-    widths = [lb.a[j].shape[2] for j in slots]
+    widths = [first[j].shape[2] for j in slots]
     kinds = np.repeat([lb.block.variables[j][0] == "point" for j in slots], widths)
     points = [j for j, (kind, _) in enumerate(lb.block.variables) if kind == "point"]
     ends = np.cumsum(widths)
@@ -218,7 +219,8 @@ def _from_tree(
             axis=1,
         )
         joint = inverse.joint(columns)
-        a = np.concatenate([lb.a[j][chunk] for j in slots], axis=2)
+        partials = lb.partials(chunk)
+        a = np.concatenate([partials[j] for j in slots], axis=2)
         along = joint @ a.transpose(0, 2, 1)
         out.hat[chunk] = a @ along
         seen = np.abs(a) @ np.sqrt(np.einsum("nkk->nk", joint))[:, :, None]

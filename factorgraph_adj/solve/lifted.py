@@ -16,11 +16,14 @@ from functools import cached_property
 import numpy as np
 
 from ..types import Array, Index
+from .factor import Factor
 from .solution import Solution
-from .trust import sample
+from .trust import SEED, sample
 
 SAMPLES = 16
 """Number of samples from which standard deviations are estimated."""
+AT_ONCE = 4_000_000
+"""Number of random numbers for which samples are worked out at once."""
 ROOM = 256
 """Number of slots: a limit for rows beside a base, of which few touch two points each."""
 
@@ -30,18 +33,20 @@ class Lifted:
 
     def __init__(self, base: Solution) -> None:
         """Take the factorised system of a solution over."""
-        self.base, self.factor = base, base.factor
-        factor = self.factor
+        self.base = base
+        factor = base.factor
         n = factor.layers.unknowns.n_columns
-        inside = np.ones(n, dtype=bool)
-        if factor.points is not None:
-            inside[factor.layers.point_columns] = False
-        self.columns: Index = np.flatnonzero(inside)
+        self.columns: Index = factor.reduced_columns
         """Columns of the reduced system, (r,)."""
         self.place: Index = np.full(n, -1, dtype=np.intp)
         """Coordinate of each column, −1 for columns of points that only cameras see."""
         self.place[self.columns] = np.arange(len(self.columns))
         self.slots = ROOM if factor.points is not None else 0
+
+    @property
+    def factor(self) -> Factor:
+        """The factorised system."""
+        return self.base.factor
 
     @property
     def size(self) -> int:
@@ -53,17 +58,22 @@ class Lifted:
         r = len(self.columns)
         out = np.zeros((self.size, len(b)))
         inner = at < r
-        y = np.zeros((len(self.place), len(b)))
-        y[self.columns[at[inner]]] = b[:, inner].T
-        out[:r] = self.factor.solve_reduced(y)[self.columns]
+        y = np.zeros((r, len(b)))
+        y[at[inner]] = b[:, inner].T
+        out[:r] = self.factor.solve_reduced(y)
         out[at[~inner]] = b[:, ~inner].T
         return out
 
     @cached_property
     def sigma(self) -> Array:
         """Standard deviations of all unknowns from samples, to about a fifth, (n_columns,)."""
-        samples = sample(self.base.normal().system, self.factor, SAMPLES)
-        return np.asarray(np.sqrt(np.mean(samples**2, axis=1)))
+        system, source = self.base.normal().system, np.random.default_rng(SEED)
+        n = max(1, min(SAMPLES, AT_ONCE // system.equations.n_rows))
+        total = np.zeros(len(self.place))
+        for first in range(0, SAMPLES, n):
+            found = sample(system, self.factor, min(n, SAMPLES - first), source)
+            total += np.einsum("ij,ij->i", found, found)
+        return np.sqrt(total / SAMPLES)
 
     @cached_property
     def _local(self) -> Index:

@@ -104,10 +104,14 @@ class LinearSystem:
             float(e.residual @ e.residual) for e in self.extra
         )
 
+    @property
+    def every_residual(self) -> Array:
+        """Whitened residuals, extra rows at the end, (rows,)."""
+        return np.concatenate([self.residual, *(e.residual for e in self.extra)])
+
     def gradient(self) -> Array:
         """Return AᵀPv, (n_columns,)."""
-        v = np.concatenate([self.residual, *(e.residual for e in self.extra)])
-        return self.transposed(v[:, None])[:, 0]
+        return self.transposed(self.every_residual[:, None])[:, 0]
 
     def transposed(self, z: Array) -> Array:
         """Return Aᵀ Z (n_columns, k), A whitened, for Z (rows, k); extra rows at the end."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 
 from ..errors import InputError
@@ -14,7 +13,7 @@ from ..graph.variables import State
 from ..models.base import Linearised
 from ..types import Array, Mask
 from .datum import Defect, FreeDatum
-from .extra import Extra
+from .extra import NOTHING_MORE, Extra
 from .extrapolation import NONE_TAKEN, Extrapolated
 from .normal import NormalEquations, Solver
 
@@ -60,11 +59,11 @@ class Run:
         start: State,
         *,
         free: bool,
-        factors: Sequence[gtsam.NonlinearFactor] = (),
+        extra: Extra = NOTHING_MORE,
         solver: Solver | None = None,
     ) -> Run:
         """Begin an adjustment at a state; ``solver``: of the same network with other weights."""
-        extra = Extra.of(factors, equations, state)
+        extra = extra.at(equations, state)
         constraint = np.zeros(equations.unknowns.n_columns)
         if solver is None:
             solver = Solver.of(equations, extra.rows)

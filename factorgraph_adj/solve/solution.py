@@ -268,6 +268,12 @@ class Solution(Shown):
         """Return the normal equations at the solution."""
         return self._normal
 
+    def forget(self) -> None:
+        """Give the memory of the normal equations back; they are made again when asked for."""
+        object.__setattr__(self, "linearised", None)
+        for name in ("_normal", "factor"):
+            self.__dict__.pop(name, None)
+
     @cached_property
     def _normal(self) -> NormalEquations:
         here = self.linearised

@@ -41,17 +41,20 @@ WEAKEST = 5
 """Number of unknowns that a refusal names."""
 
 
-def sample(system: LinearSystem, factor: Factor, n: int) -> Array:
+def sample(
+    system: LinearSystem, factor: Factor, n: int, source: np.random.Generator | None = None
+) -> Array:
     """Return n estimates X = Q AᵀZ from white noise of the observations, (n_columns, n).
 
     Args:
         system: the linearised network.
         factor: its normal equations, factorised, with a minimal datum where it has a defect.
         n: number of estimates.
+        source: of the noise; none: one that begins anew.
     """
     rows = system.equations.n_rows + sum(len(e.residual) for e in system.extra)
-    noise = np.random.default_rng(SEED).standard_normal((rows, n))
-    return factor.solve(system.transposed(noise))
+    source = np.random.default_rng(SEED) if source is None else source
+    return factor.solve(system.transposed(source.standard_normal((rows, n))))
 
 
 def uncertainty(system: LinearSystem, factor: Factor) -> float:

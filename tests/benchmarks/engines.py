@@ -89,7 +89,7 @@ def measure(points: int) -> dict[str, float]:
         for first, a in zip(rows[i].columns, rows[i].partials, strict=True):
             y[first : first + a.shape[1]] = a.T
         solving = perf_counter()
-        solution.factor.solve_reduced(y)
+        solution.factor.solve_reduced(y[solution.factor.reduced_columns])
         seconds["fronts"].append(perf_counter() - solving)
         seconds["joint covariance"].append(joint - begin)
         seconds["update"].append(updated - joint)

@@ -200,6 +200,7 @@ def measure(given: Scene, *, told: bool = True) -> Times:
     begin = perf_counter()
     inc = fga.IncrementalAdjustment(given.block, start=solution)
     begun = clock(begin)
+    del solution
     memory.append(peak())
     tell(f"begins in {begun:.1f} s: {len(inc)} in, {inc.n_waiting} wait, {memory[-1]:.0f} MB")
     photos, single = [], []

@@ -8,7 +8,7 @@ was found there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -148,7 +148,17 @@ def test_predictions_bound_what_further_movement_in_the_same_direction_makes(nam
     look, later = moved(name, near), moved(name, far)
     nothing = np.zeros(0)
     curvature = look.left / look.length**2
-    drift = Drift(nothing, look.left, look.t, look.length, curvature, 1.0, nothing)
+    drift = Drift(
+        nothing,
+        look.left,
+        look.t,
+        look.length,
+        curvature,
+        look.t / look.length,
+        look.length,
+        1.0,
+        nothing,
+    )
     left, t = drift.predicted(later.length - look.length, 1.0)
     growth = far / near
     assert t == pytest.approx(later.t, rel=LAW)
@@ -156,17 +166,27 @@ def test_predictions_bound_what_further_movement_in_the_same_direction_makes(nam
 
 
 def test_predictions_begin_at_the_look_and_grow_with_the_movement():
-    """left + c ((l + a)² − l²) and t (1 + a/l) after a movement a since the look at length l."""
+    """left + c ((l + a)² − l²) and t + r a after a movement a since the look at length l."""
     nothing = np.zeros(0)
-    drift = Drift(nothing, 0.01, 0.02, 2.0, 0.5, 3.0, nothing)
+    drift = Drift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 3.0, nothing)
     assert drift.predicted(0.0, 3.0) == (0.01, 0.02)
     assert drift.predicted(1.0, 3.0) == pytest.approx((0.01 + 0.5 * (9.0 - 4.0), 0.02 * 1.5))
-    still = replace(drift, length=0.0)
-    assert still.predicted(1.0, 3.0) == pytest.approx((0.01 + 0.5, 0.02))
+    anew = drift.anew()
+    assert anew.predicted(1.0, 1.0) == pytest.approx((0.5, 0.01))
+    assert anew.direction is None
 
 
 def test_nothing_is_predicted_where_a_row_has_determined_far_more():
     nothing = np.zeros(0)
-    drift = Drift(nothing, 0.01, 0.02, 2.0, 0.5, 3.0, nothing)
+    drift = Drift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 3.0, nothing)
     assert np.isfinite(drift.predicted(0.0, 3.0 * GAINED)).all()
     assert drift.predicted(0.0, 3.0 * GAINED * 1.001) == (np.inf, np.inf)
+
+
+def test_nothing_is_predicted_far_beyond_what_was_seen():
+    nothing = np.zeros(0)
+    drift = Drift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 1.0, nothing)
+    assert np.isfinite(drift.predicted(6.0, 1.0)).all()
+    assert drift.predicted(6.001, 1.0) == (np.inf, np.inf)
+    assert np.isfinite(drift.anew().predicted(8.0, 1.0)).all()
+    assert drift.anew().predicted(8.001, 1.0) == (np.inf, np.inf)

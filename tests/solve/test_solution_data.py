@@ -191,7 +191,7 @@ def test_rows_of_factors_belong_to_one_state() -> None:
     network, factors = with_factor(small_block())
     equations = compile_network(network)
     state = fga.adjust(network).state
-    extra = Extra.of(factors, equations, state)
+    extra = Extra(tuple(factors)).at(equations, state)
     length = np.linalg.norm(np.subtract(*(state["point"][[7 + 2, 2]])))
     assert extra.rows[0].residual == pytest.approx([(length - 6.5) / 0.01])
     moved = {**state, "point": 1.1 * state["point"]}

@@ -1,0 +1,195 @@
+"""How far the linear forms of a system hold, and how it follows where they hold no more.
+
+A look (`factorgraph_adj.solve.drift`) says what the linear forms of a base miss of the gradient,
+and by how much variances have changed; between two looks both are predicted. Where the step that is
+left comes near the promise, the state follows the gradient; where variances do, or where that is
+not enough, only a new base is near enough to the minimum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from ..solve.drift import Drift, missed, turned
+from ..solve.linear import LinearSystem
+from ..types import Array, Index
+from .forms import Forms
+from .rows import NO_ROWS
+from .system import System
+
+SHARE = 0.5
+"""Part of the promised accuracy that the step that is left may be, where σ̂0 is 1 or less. Where
+residuals are large the minimum is further away than such a step, as second partials count too:
+there it is this divided by σ̂0."""
+TURNED = 1.3
+"""Part of the promised accuracy that the relative error of a variance may be. The error of a
+standard deviation is half of it; the rest is room for what the power iteration misses."""
+
+
+def within(system: System, accuracy: float, arrived: Forms | None = None) -> System | None:
+    """Return a system, moved if need be, within ``accuracy`` of the minimum.
+
+    None: only a new base is. Estimates follow the gradient at the present state; cofactors stay
+    those of the base.
+
+    Args:
+        system: the system.
+        accuracy: largest deviation, relative to σ.
+        arrived: forms that the system has just taken in.
+
+    Raises:
+        InputError: names observations whose geometry has no answer at the present state.
+    """
+    found = _within(system, accuracy, arrived)
+    return None if found is None else with_rest(found, accuracy)
+
+
+def with_rest(system: System, accuracy: float) -> System | None:
+    """Return a system where the linear forms hold of what its section leaves out.
+
+    None: the whole has to be adjusted.
+
+    Args:
+        system: the system.
+        accuracy: as for `within`.
+
+    Raises:
+        InputError: as `within`.
+    """
+    section = system.section
+    if section is None:
+        return system
+    bound, largest = _bound(system, accuracy), TURNED * accuracy
+    d = section.known.prior.movement(system.base.equations, system.state)
+    gained = _of_rest(system, section.known.root)
+    if section.looked is not None:
+        before, there = section.looked
+        gone = d if before is None else d - before[section.columns]
+        left, change = there.predicted(section.length(gone), gained)
+        if left <= bound and change <= largest:
+            return system
+    rest, _ = _look(system.rest, gained, section.rows)
+    drift = rest.drift
+    assert drift is not None
+    if drift.left <= bound and drift.turned <= largest:
+        return replace(system, section=replace(section, looked=(rest.movement, drift)))
+    return None  # neither are figures that are not finite
+
+
+def _bound(system: System, accuracy: float) -> float:
+    """Return the largest step, relative to σ, that may be left."""
+    r = system.redundancy
+    sigma0 = float(np.sqrt(system.vtpv / r)) if r > 0 else 1.0
+    return SHARE * accuracy / max(1.0, sigma0)
+
+
+def _within(system: System, accuracy: float, arrived: Forms | None) -> System | None:
+    """Return a system, see `within`; what a section leaves out is not looked at."""
+    bound, gained = _bound(system, accuracy), _gained(system)
+    # Without the rows that left, cofactors are at most this much larger: N' ≥ M_min N.
+    larger = 1.0 / system.update.condition
+    step, changed = 0.0, 0.0
+    if arrived is not None:
+        step, changed = arrived.missed(system.step_at(arrived.columns))
+        if not (step <= bound and changed <= TURNED * accuracy):
+            return None
+    if system.drift is not None:
+        ahead = _length(system, system.drift.weights)
+        left, change = system.drift.predicted(ahead, gained)
+        if step + np.sqrt(larger) * left <= bound and larger * change <= TURNED * accuracy:
+            return system
+    looked, g = _look(system, gained)
+    assert looked.drift is not None
+    if not larger * looked.drift.turned <= TURNED * accuracy:
+        return None
+    if step + looked.drift.left <= bound:
+        return looked
+    again, _ = _look(_following(looked, g), gained)
+    assert again.drift is not None
+    return again if step + again.drift.left <= bound else None
+
+
+def _look(system: System, gained: float, apart: Index = NO_ROWS) -> tuple[System, Array]:
+    """Look at the linear forms; return the system that knows how far they hold, and g.
+
+    Args:
+        system: the system.
+        gained: largest factor by which a variance is smaller than that of the base.
+        apart: rows of the base that are not looked at.
+    """
+    here = system.base.normal().system
+    extra = system.base.extra.at(here.equations, system.state).rows
+    there = LinearSystem(here.equations, system.state, extra)
+    g = missed(here, there, system.movement, apart)
+    if system.followed is not None:
+        g = g - system.followed
+    left = _left(system, g) * float(np.sqrt(gained))
+    length = _length(system, np.zeros(0)) + system.shifted
+    before = system.drift
+    curvature = left / length**2 if length > 0 else 0.0
+    if before is not None and system.followed is not None:
+        curvature = before.curvature
+    elif before is not None:
+        curvature = max(before.curvature, curvature)
+    start = None if before is None else before.direction
+    size, direction = turned(here, there, system.lifted.factor, start, apart)
+    rate = size / length if length > 0 else 0.0
+    drift = Drift(system.weights, left, size, length, curvature, rate, length, gained, direction)
+    return replace(system, drift=drift), g
+
+
+def _left(system: System, g: Array) -> float:
+    """Return the largest step −Q g of an unknown, relative to its σ in the base."""
+    lifted, update = system.lifted, system.update
+    h = lifted.factor.solve(g[:, None])[:, 0]
+    along = update.spread.T @ lifted.gradient(g, system.slots)
+    h -= lifted.unknowns(update.spread @ (update.inverse @ along), system.slots)
+    sigma = lifted.sigma
+    return float(np.max(np.abs(h) / np.where(sigma > 0, sigma, np.inf), initial=0.0))
+
+
+def _gained(system: System) -> float:
+    """Return the largest factor by which rows that joined make a variance smaller: ‖D₊‖."""
+    joined = system.update.signs > 0
+    if not joined.any():
+        return 1.0
+    return float(np.linalg.norm(system.update.inner[np.ix_(joined, joined)], 2))
+
+
+def _of_rest(system: System, root: Array) -> float:
+    """Return the largest factor by which a section makes a variance of the rest smaller.
+
+    With Q_TT = L Lᵀ of the rest it is the largest eigenvalue of (L⁻¹ Q'_TT L⁻ᵀ)⁻¹; as what is
+    outside follows T, none of its variances becomes smaller by more.
+    """
+    t = system.of_prior
+    free = system.unknowns.free[system.base.extra.rows[0].columns]
+    q = system.update.times(t, np.eye(len(t)))[t]
+    half = solve_triangular(root, solve_triangular(root, q, lower=True).T, lower=True)
+    least = np.linalg.eigvalsh(half[np.ix_(free, free)])[0]
+    return max(1.0, 1.0 / max(float(least), np.finfo(float).tiny))
+
+
+def _following(system: System, g: Array) -> System:
+    """Return a system moved by the step that a gradient asks for, with the cofactors as is.
+
+    The gradient moves the base by −Q g, where its rows have other residuals.
+    """
+    h = system.lifted.factor.solve(g[:, None])[:, 0]
+    along = system.update.spread.T @ system.lifted.gradient(g, system.slots)
+    update = replace(system.update, residuals=system.update.residuals - along)
+    shifted = system.shifted + float(np.sqrt(max(float(g @ h), 0.0)))
+    followed = g if system.followed is None else system.followed + g
+    offset = system.shift - h
+    return replace(system, update=update, offset=offset, followed=followed, shifted=shifted)
+
+
+def _length(system: System, since: Array) -> float:
+    """Return √(dxᵀN dx) of the movement by the update since its weights were ``since``."""
+    w = system.weights.copy()
+    w[: len(since)] -= since
+    square = float(w @ (system.update.inner @ w)) - float(w @ (system.update.signs * w))
+    return float(np.sqrt(max(square, 0.0)))

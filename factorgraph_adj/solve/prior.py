@@ -1,0 +1,222 @@
+"""What a solved network knows of some of its unknowns, without the observations of some points.
+
+A section of a network is adjusted anew: unknowns T of the reduced system, points P that only
+cameras see, all observations of P, and what has come since. Everything else that is known of T
+stands in the solved network. With its cofactors Q_TT = L Lᵀ, and with N and g of the observations
+of P, reduced to T,
+
+    S = N_TT − N_TP N_PP⁻¹ N_PT,   h = g_T − N_TP N_PP⁻¹ g_P,
+
+all other observations have the normal matrix and, as the gradient of all is zero, the gradient
+
+    H = Q_TT⁻¹ − S = L⁻ᵀ (I − Lᵀ S L) L⁻¹,   −h.
+
+With I − Lᵀ S L = V diag(μ) Vᵀ they are rows R d + z of the movement d of T from the solution:
+
+    R = μ^½ Vᵀ L⁻¹,   z = −μ^−½ Vᵀ Lᵀ h.
+
+A direction with μ = 0 is known from the observations of P alone. The sum vᵀPv of the section is
+that of the whole network but for a constant; the estimates and cofactors of the section are those
+of the whole network, where the other observations are linearised at the solution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.sparse import bsr_array, csr_array
+
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..models.variables import UNKNOWNS, VariableKind
+from ..types import Array, Index
+from .extra import Extra
+from .linear import ExtraRows
+from .normal import NormalEquations
+
+VANISHED = 1e-8
+"""Smallest μ that counts as different from zero."""
+STEP = 1e-6
+"""Step of the central differences of a movement, radians and metres."""
+
+
+class Group(NamedTuple):
+    """The unknowns of one kind that a prior is about."""
+
+    kind: VariableKind
+    """The kind."""
+    names: tuple[str, ...]
+    """Their names."""
+    reference: Array
+    """Their values at the solution, as in a state, (n, stored)."""
+    columns: Index
+    """Columns of R of each, −1 beyond the size of one, (n, components)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior(Extra):
+    """Rows R d + z of the movement of unknowns from where a network was solved."""
+
+    groups: tuple[Group, ...] = ()
+    """The unknowns."""
+    r: Array | None = None
+    """R, (k, m)."""
+    z: Array | None = None
+    """z, (k,)."""
+
+    def at(self, equations: Equations, state: State) -> Prior:
+        """Return the same rows, linearised at another state of a network with the unknowns."""
+        assert self.r is not None and self.z is not None
+        d = self.movement(equations, state)
+        a = self.r.copy()
+        columns = np.empty(len(d), dtype=np.intp)
+        for group in self.groups:
+            table = equations.unknowns[group.kind]
+            numbers = np.array([table.number[n] for n in group.names], dtype=np.intp)
+            on = group.columns >= 0
+            first = table.offset[numbers][:, None] + np.arange(on.shape[1])
+            columns[group.columns[on]] = first[on]
+            if UNKNOWNS[group.kind].rotates:
+                places = group.columns[:, :3]
+                turned = _partials(group, state[group.kind][numbers])
+                a[:, places] = np.einsum("kni,nij->knj", a[:, places], turned)
+        a[:, ~equations.unknowns.free[columns]] = 0.0
+        return replace(self, rows=(ExtraRows(columns, a, self.r @ d + self.z),))
+
+    def movement(self, equations: Equations, state: State) -> Array:
+        """Return the movement d of the unknowns from the solution, (m,)."""
+        assert self.r is not None
+        d = np.zeros(self.r.shape[1])
+        for group in self.groups:
+            table = equations.unknowns[group.kind]
+            numbers = np.array([table.number[n] for n in group.names], dtype=np.intp)
+            # Tables of calibrations are as wide as the largest one of their network.
+            width = min(group.reference.shape[1], state[group.kind].shape[1])
+            there = state[group.kind][numbers, :width]
+            step = UNKNOWNS[group.kind].local(group.reference[:, :width], there)
+            on = group.columns >= 0
+            d[group.columns[on]] = step[:, : on.shape[1]][on]
+        return d
+
+
+def _partials(group: Group, stored: Array) -> Array:
+    """Return the partials of the rotation in d by a rotation of each unknown, (n, 3, 3)."""
+    unknown = UNKNOWNS[group.kind]
+    out = np.empty((len(stored), 3, 3))
+    step = np.zeros((len(stored), unknown.size))
+    for j in range(3):
+        step[:, j] = STEP
+        ahead, back = (
+            unknown.local(group.reference, unknown.retract(stored, s * step)) for s in (1, -1)
+        )
+        out[:, :, j] = (ahead[:, :3] - back[:, :3]) / (2 * STEP)
+        step[:, j] = 0.0
+    return out
+
+
+class Marginal(NamedTuple):
+    """What is known of T, see the module."""
+
+    prior: Prior
+    """The rows."""
+    root: Array
+    """L, (m, m), with ones for held components."""
+    vtpv: float
+    """Sum of squares of the prior's residuals, and of those of the observations of P, at the
+    solution."""
+    redundancy: int
+    """Number of the same rows less the number of free unknowns among T and P."""
+    n_rows: int
+    """Number of the same rows."""
+
+
+def marginal(
+    normal: NormalEquations, columns: Index, cofactors: Array, points: Index, rows: Index
+) -> Marginal | None:
+    """Return what is known of unknowns of a solved network without the observations of points.
+
+    None: the rows touch something else, or T or P is not determined to working precision.
+
+    Args:
+        normal: its normal equations at the solution.
+        columns: columns of T, all columns of each unknown, (m,).
+        cofactors: Q_TT, (m, m).
+        points: columns of the points P, (p, 3).
+        rows: all rows that touch P; they touch no unknown beside P and T, (k,).
+    """
+    system, unknowns = normal.system, normal.system.unknowns
+    on = np.flatnonzero(unknowns.free[columns])
+    sigma = np.sqrt(np.diag(cofactors)[on])
+    try:
+        root = cholesky(cofactors[np.ix_(on, on)] / np.outer(sigma, sigma), lower=True)
+    except np.linalg.LinAlgError:
+        return None
+    a = system.sparse(rows)
+    if len(np.setdiff1d(a.indices, np.concatenate([columns, points.ravel()]))):
+        return None
+    v = system.residual[rows]
+    try:
+        s, h = _reduced(a, v, columns[on], points, unknowns.free[points])
+    except np.linalg.LinAlgError:
+        return None
+    half = root.T * sigma
+    m = np.eye(len(on)) - half @ (s @ half.T)
+    mu, vectors = np.linalg.eigh(0.5 * (m + m.T))
+    weight = np.sqrt(mu[mu > VANISHED])
+    vectors = vectors[:, mu > VANISHED]
+    r = np.zeros((len(weight), len(columns)))
+    r[:, on] = weight[:, None] * solve_triangular(root, vectors, trans=1, lower=True).T / sigma
+    z = -(vectors.T @ (half @ h)) / weight
+    whole = np.eye(len(columns))
+    whole[np.ix_(on, on)] = sigma[:, None] * root
+    n = len(z) + len(rows)
+    known = len(on) + int(unknowns.free[points].sum())
+    prior = Prior(groups=_groups(normal, columns), r=r, z=z)
+    return Marginal(prior, whole, float(z @ z + v @ v), n - known, n)
+
+
+def _reduced(
+    a: csr_array, v: Array, columns: Index, points: Index, free: Array
+) -> tuple[csr_array, Array]:
+    """Return S (m, m) and h (m,) of rows, reduced to T; see the module."""
+    own = a[:, columns]
+    if not len(points):
+        return csr_array(own.T @ own), np.asarray(own.T @ v)
+    of_points = a[:, points.ravel()]
+    n = (of_points.T @ of_points).tobsr((3, 3))
+    assert len(n.indices) == len(points)  # no row touches two points
+    blocks = n.data + np.where(free, 0.0, 1.0)[:, :, None] * np.eye(3)
+    inverse = np.linalg.inv(np.linalg.cholesky(blocks))
+    ends = np.arange(len(points) + 1)
+    half = _blocks(inverse, ends)
+    cross = csr_array(half @ (of_points.T @ own))
+    gradient = half @ (of_points.T @ v)
+    s = csr_array(own.T @ own - cross.T @ cross)
+    return s, np.asarray(own.T @ v - cross.T @ gradient)
+
+
+def _blocks(blocks: Array, ends: Index) -> csr_array:
+    """Return a block diagonal matrix of blocks (p, 3, 3)."""
+    return csr_array(bsr_array((blocks, ends[:-1], ends)))
+
+
+def _groups(normal: NormalEquations, columns: Index) -> tuple[Group, ...]:
+    """Return the unknowns of columns."""
+    place = np.full(normal.system.unknowns.n_columns, -1, dtype=np.intp)
+    place[columns] = np.arange(len(columns))
+    out: list[Group] = []
+    for kind, table in normal.system.unknowns.tables.items():
+        numbers = np.flatnonzero(table.offset >= 0)
+        numbers = numbers[place[table.offset[numbers]] >= 0]
+        if not len(numbers):
+            continue
+        width = int(table.size[numbers].max())
+        at = table.offset[numbers][:, None] + np.arange(width)
+        inside = np.arange(width) < table.size[numbers][:, None]
+        own = np.where(inside, place[np.where(inside, at, 0)], -1)
+        names = tuple(table.names[i] for i in numbers.tolist())
+        out.append(Group(kind, names, normal.state[kind][numbers], own))
+    return tuple(out)
