@@ -1,4 +1,4 @@
-"""Names for array types; the docstrings of the arrays state the shapes."""
+"""Names for array types, and no rows; the docstrings of the arrays state the shapes."""
 
 from __future__ import annotations
 
@@ -15,3 +15,6 @@ Mask: TypeAlias = npt.NDArray[np.bool_]
 """Boolean array."""
 Keys: TypeAlias = npt.NDArray[np.uint64]
 """Array of 64-bit numbers that stand for names."""
+
+NO_ROWS: Index = np.zeros(0, dtype=np.intp)
+"""An index of no rows."""

@@ -123,10 +123,10 @@ def replayed(
     ledger, _ = begun.ledger.recorded()
     for line, entry in enumerate(entries, start=2):
         ledger = replay(entry, ledger, where=f"{journal}:{line}")
-    return begun if not entries else restored(ledger, begun, rules)
+    return begun if not entries else _restored(ledger, begun, rules)
 
 
-def restored(ledger: Ledger, begun: State, rules: Rules) -> State:
+def _restored(ledger: Ledger, begun: State, rules: Rules) -> State:
     """Return the state of a ledger that was read from a journal, at rest.
 
     Args:

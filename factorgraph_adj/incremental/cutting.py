@@ -20,22 +20,31 @@ from .system import System
 MOST_COLUMNS = 600
 """Largest number of unknowns of the reduced system in a section: their cofactors are dense."""
 SMALLEST = 3
-"""Smallest number of times that the whole network is larger than a section."""
+"""The whole network has at least this many times the rays of a section."""
 LEAST = 10_000
-"""Smallest number of rays of a network that is adjusted in sections: smaller ones are adjusted
-about as fast as a whole."""
+"""Smallest number of rays of a network that is adjusted in sections: in smaller ones the whole is
+adjusted about as fast."""
 WORK = 1.0
-"""Rays of all sections that have been adjusted since the whole was, relative to those of the whole,
-after which that is adjusted again."""
-
-
+"""The whole is adjusted again when the sections that have been adjusted since had this many times
+its rays together."""
 MOST_AT_ONCE = 1_000
-"""Largest number of rays of several photos that enter a large network together: the search for
-gross errors among rays that are new takes longer than in proportion to their number."""
+"""Number of rays in one piece of what arrives in a large network, to the end of a photo: the search
+for gross errors among new rays takes more time than in proportion to their number."""
 
 
 def in_pieces(ledger: Ledger, system: System | None, rows: Index) -> list[Index]:
-    """Return what arrives in a large network photo by photo, with what names these photos."""
+    """Divide what arrives in a large network into pieces of one or a few photos.
+
+    Other observations belong to the piece of the last photo that they name, or to the last piece.
+
+    Args:
+        ledger: where the observations stand.
+        system: what is known; none: nothing is known.
+        rows: what arrives.
+
+    Returns:
+        The pieces, in the order in which the photos came; one of everything in small networks.
+    """
     rays = ledger.rows.images(rows)
     there = 0 if system is None else system.whole.base.equations.n_rays
     if there < LEAST or len(rays) <= MOST_AT_ONCE or SMALLEST * len(rays) > there:
@@ -90,6 +99,9 @@ def section_of(ledger: Ledger, system: System) -> tuple[Equations, Section] | No
         return None
     if not outer.lifted.slots or (outer.update.signs < 0).any():
         return None
+    all_rays = outer.base.equations.n_rays
+    if all_rays < LEAST:
+        return None
     inside, before = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     inside[ledger.having("accepted")] = True
     before[outer.rows] = True
@@ -114,9 +126,9 @@ def section_of(ledger: Ledger, system: System) -> tuple[Equations, Section] | No
     mine = inside & (changed | (rays & of_points[rows.point]))
     own = set(seen)
     mine[[row for row, u in rows.units(np.flatnonzero(inside)) if own & {*u.points}]] = True
-    size, all_rays = int((mine & rays).sum()), int((before & rays).sum())
+    size = int((mine & rays).sum())
     work = size + (system.section.work if system.section else 0)
-    if all_rays < LEAST or SMALLEST * size > all_rays:
+    if SMALLEST * size > all_rays:
         return None
     looked = system.section.looked if system.section else None
     if looked is None and outer.drift is not None:

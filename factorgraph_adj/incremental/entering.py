@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
-from ..types import Index, Mask
+from ..types import NO_ROWS, Index, Mask
 from .beside import Beside
 from .candidates import Candidates, Nothing, known_in
 from .finding import LIMITS, Found
@@ -24,7 +24,6 @@ from .inside import Inside
 from .judging import Joint, accepted, decide, left_out, untested
 from .ledger import Ledger
 from .rebasing import Draft, Failure, notices, with_doubt
-from .rows import NO_ROWS
 from .rules import Rules
 from .system import MOST_BESIDE, System
 from .verdicts import Verdict
@@ -150,9 +149,12 @@ class Entering:
 
     def _beside(self, system: System) -> Entered | None:
         """Put everything in beside the system; none where only a new base can take it in."""
-        variables = Candidates(self.ledger, Nothing(), self.stay).links.variables
-        if self.ledger.n_scalars(self.stay) > MOST_BESIDE or not system.covers(variables):
+        if self.ledger.n_scalars(self.stay) > MOST_BESIDE:
             return None
+        if system.section is not None:
+            variables = Candidates(self.ledger, Nothing(), self.stay).links.variables
+            if not system.covers(variables):
+                return None
         forms = system.forms(self.ledger, self.stay)
         datum = system.base.datum
         if datum is not None and notices(forms.a, datum.motions[forms.columns]):

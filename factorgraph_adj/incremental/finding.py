@@ -31,10 +31,9 @@ from ..solve.batch import adjust
 from ..solve.linear import LinearSystem
 from ..solve.rank import UNDETERMINED, loose
 from ..solve.solution import Solution
-from ..types import Index
+from ..types import NO_ROWS, Index
 from .candidates import Candidates, Nothing
 from .excerpt import excerpt
-from .rows import NO_ROWS
 
 
 @dataclass(frozen=True)

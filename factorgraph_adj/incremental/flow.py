@@ -19,14 +19,13 @@ from ..errors import AdjustmentError, InputError
 from ..graph.dependence import Variable
 from ..network.network import DatumChoice
 from ..solve.solution import Solution
-from ..types import Index
+from ..types import NO_ROWS, Index
 from .candidates import Candidates, known_in
 from .cutting import due
 from .entering import Entered, Entering
 from .finding import Found, Search, firm
 from .ledger import Ledger
 from .rebasing import Draft
-from .rows import NO_ROWS
 from .rules import Rules
 from .system import System
 from .verdicts import Verdict
@@ -72,7 +71,8 @@ class Task(NamedTuple):
     fixed: Index = NO_ROWS
     """Those that are in without a test."""
     asked: bool = False
-    """Whether it is an error if the geometry of one has no answer; otherwise that one waits."""
+    """Whether they have just arrived: it is an error if the geometry of one has no answer,
+    otherwise that one waits; and no other task takes them in before."""
     most: float = np.inf
     """Number of rows of what it was split from, because no solution was reached with all of it; it
     is then looked at alone. Infinite: it was not split."""

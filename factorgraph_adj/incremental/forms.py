@@ -11,8 +11,7 @@ from ..graph.equations import Equations
 from ..graph.variables import Unknowns
 from ..observations import ImagePoint
 from ..solve.linear import LinearSystem
-from ..types import Array, Index
-from .rows import NO_ROWS
+from ..types import NO_ROWS, Array, Index
 from .units import Unit
 
 

@@ -15,9 +15,8 @@ from scipy.linalg import solve_triangular
 
 from ..solve.drift import Drift, missed, turned
 from ..solve.linear import LinearSystem
-from ..types import Array, Index
+from ..types import NO_ROWS, Array, Index
 from .forms import Forms
-from .rows import NO_ROWS
 from .system import System
 
 SHARE = 0.5

@@ -27,8 +27,6 @@ CODE: dict[Outcome, int] = {outcome: number for number, outcome in enumerate(OUT
 """Status of a row by what became of it."""
 NO_PHOTO = -1
 """Number of the photo of rows that are no image points."""
-NO_ROWS: Index = np.zeros(0, dtype=np.intp)
-"""No rows."""
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,7 @@ from ..solve.drift import Drift
 from ..solve.lifted import Lifted
 from ..solve.prior import Marginal
 from ..solve.solution import Solution
-from ..types import Array, Index
-from .rows import NO_ROWS
+from ..types import NO_ROWS, Array, Index
 
 
 @dataclass(frozen=True, eq=False)

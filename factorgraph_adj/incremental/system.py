@@ -22,12 +22,11 @@ from ..solve.drift import Drift
 from ..solve.lifted import ROOM, Lifted
 from ..solve.solution import Solution
 from ..solve.update import Update
-from ..types import Array, Index
+from ..types import NO_ROWS, Array, Index
 from .excerpt import excerpt
 from .forms import Forms
 from .judging import MOVES, TIED
 from .ledger import Ledger
-from .rows import NO_ROWS
 from .section import Section, renumbered
 
 MOST_BESIDE = 256

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..solve.solution import Solution
-from ..types import Index
+from ..types import NO_ROWS, Index
 from .beginning import adjusted
 from .candidates import Candidates, Nothing
 from .flow import State, Task
@@ -18,7 +18,6 @@ from .holding import within
 from .judging import untested
 from .ledger import Ledger
 from .rebasing import Draft, Failure, with_doubt
-from .rows import NO_ROWS
 from .rules import Rules
 from .system import System
 

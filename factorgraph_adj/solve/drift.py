@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..types import Array, Index
+from ..types import NO_ROWS, Array, Index
 from .factor import Factor
 from .linear import LinearSystem
 
@@ -28,8 +28,6 @@ SEED = 1
 POWER = 4
 """Number of steps of the power iteration at the first look. A later look makes one step, from the
 vector at which the look before it ended."""
-NO_ROWS: Index = np.zeros(0, dtype=np.intp)
-"""No rows."""
 FARTHER = 4.0
 """Largest length for which a look predicts anything, relative to the length that it saw."""
 GAINED = 4.0
