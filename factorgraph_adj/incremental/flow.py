@@ -25,7 +25,7 @@ from .cutting import due
 from .entering import Entered, Entering
 from .finding import Found, Search, firm
 from .ledger import Ledger
-from .rebasing import Draft
+from .rebasing import EFFORT, Draft
 from .rules import Rules
 from .system import System
 from .verdicts import Verdict
@@ -167,7 +167,7 @@ class _Loop:
             return
         draft = Draft.of(ledger, system, self.rules.datum)
         system.whole.base.forget()  # two of them may be more than there is memory for
-        found = draft.adjusted(self.rules.datum)
+        found = draft.adjusted(self.rules.datum, tolerances=(EFFORT.again,))
         if not isinstance(found, System):  # the section stands for the whole a little longer
             found = replace(system, section=replace(system.section, work=0))
         elif system.section.looked is not None:
