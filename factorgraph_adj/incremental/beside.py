@@ -10,7 +10,6 @@ import numpy as np
 
 from ..graph.dependence import Variable
 from ..quality.leave_out import Tested
-from ..solve.lifted import ROOM
 from ..solve.update import Update
 from ..types import Array, Index
 from .forms import Forms
@@ -36,11 +35,14 @@ class Beside:
     def of(cls, system: System, forms: Forms) -> Beside | None:
         """Put forms beside a system; none where a new base has to take them in."""
         lifted, slots = system.lifted, dict(system.slots)
-        for point in lifted.touched(forms.columns):
+        own = forms.columns[forms.columns < system.unknowns.n_columns]
+        for point in lifted.touched(own):
             slots.setdefault(point, len(slots))
-        if len(system.update.signs) + len(forms.v) > MOST_BESIDE or len(slots) > ROOM:
+        if slots and not system.has_room(slots):
             return None
-        f = lifted.expand(forms.columns, forms.a, slots)
+        if len(system.update.signs) + len(forms.v) > MOST_BESIDE:
+            return None
+        f = replace(system, slots=slots).expand(forms.columns, forms.a)
         update = system.update.with_rows(f.at, f.b, forms.residuals)
         return cls(system, forms, slots, update) if update.trusted else None
 
@@ -80,7 +82,7 @@ class Beside:
     def spread(self, i: int, columns: Index) -> Array:
         """Return Q Aᵀ of columns with the rows of a unit, (m, d)."""
         rows: Index = len(self.system.update.signs) + self.forms.rows[i]
-        f = self.after.lifted.expand(columns, np.eye(len(columns)), self.slots)
+        f = self.after.expand(columns, np.eye(len(columns)))
         return np.asarray(f.b @ self.update.spread[f.at] @ self.update.inverse[:, rows])
 
     def place(self, name: str) -> Place:
@@ -88,7 +90,7 @@ class Beside:
         point: Variable = ("point", name)
         columns = self.after.columns(*point)
         variance = np.diag(self.after.cofactors(point, point)) if len(columns) else np.zeros(0)
-        return Place(columns, self.after.unknowns.free[columns], variance)
+        return Place(columns, self.after.free(columns), variance)
 
     def held_by(self, i: int, combinations: Array, new: Collection[Variable]) -> set[Variable]:
         """Return nothing: what is known stays known without them."""

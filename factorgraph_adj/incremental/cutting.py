@@ -7,14 +7,13 @@ import numpy as np
 from ..errors import InputError
 from ..graph.equations import Equations, compile_network
 from ..models.variables import VariableKind
-from ..solve.drift import Drift
 from ..solve.prior import marginal
 from ..types import Array, Index
 from .candidates import Candidates, Nothing
 from .excerpt import excerpt
 from .ledger import Ledger
 from .rows import NO_PHOTO
-from .section import Section
+from .section import Looked, Section
 from .system import System
 
 MOST_COLUMNS = 600
@@ -131,8 +130,10 @@ def section_of(ledger: Ledger, system: System) -> tuple[Equations, Section] | No
     if SMALLEST * size > all_rays:
         return None
     looked = system.section.looked if system.section else None
-    if looked is None and outer.drift is not None:
-        looked = None, outer.drift
+    if looked is not None:
+        looked = Looked(looked.movement, looked.drift)
+    elif outer.drift is not None:
+        looked = Looked(None, outer.drift)
     return _joined(ledger, outer, np.flatnonzero(mine), own, work, looked)
 
 
@@ -142,7 +143,7 @@ def _joined(
     rows: Index,
     points: set[str],
     work: int,
-    looked: tuple[Array | None, Drift] | None,
+    looked: Looked | None,
 ) -> tuple[Equations, Section] | None:
     """Return a section of some rows; none: it is too large.
 

@@ -153,8 +153,10 @@ class Entering:
             return None
         if system.section is not None:
             variables = Candidates(self.ledger, Nothing(), self.stay).links.variables
-            if not system.covers(variables):
+            reaching = system.reaching(variables)
+            if reaching is None:
                 return None
+            system = reaching
         forms = system.forms(self.ledger, self.stay)
         datum = system.base.datum
         if datum is not None and notices(forms.a, datum.motions[forms.columns]):

@@ -171,7 +171,7 @@ class _Loop:
         if not isinstance(found, System):  # the section stands for the whole a little longer
             found = replace(system, section=replace(system.section, work=0))
         elif system.section.looked is not None:
-            found = replace(found, drift=system.section.looked[1].anew())
+            found = replace(found, drift=system.section.looked.drift.anew())
         self.state = replace(self.state, system=found)
 
     def _fitting_by_now(self, before: System | None) -> Index:

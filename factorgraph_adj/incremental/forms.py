@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..graph.equations import Equations
-from ..graph.variables import Unknowns
+from ..models.variables import VariableKind
 from ..observations import ImagePoint
 from ..solve.linear import LinearSystem
 from ..types import NO_ROWS, Array, Index
@@ -45,7 +45,7 @@ class Forms:
         cls,
         units: Sequence[Unit],
         equations: Equations,
-        base: Unknowns,
+        columns_of: Callable[[VariableKind, str], Index],
         moved: Callable[[Index], Array],
     ) -> Forms:
         """Linearise the observations of an excerpt, whose unknowns stand at their values.
@@ -53,7 +53,7 @@ class Forms:
         Args:
             units: all of its observations.
             equations: the excerpt; its free unknowns are unknowns of the base too.
-            base: unknowns of the base.
+            columns_of: returns the columns of a variable.
             moved: returns the movement of columns from the base.
 
         Raises:
@@ -67,10 +67,8 @@ class Forms:
             a = system.times(np.eye(unknowns.n_columns))
         columns = np.empty(unknowns.n_columns, dtype=np.intp)
         for kind, number in unknowns.active():
-            there = base[kind]
-            first = there.offset[there.number[unknowns[kind].names[number]]]
             at = unknowns.columns(kind, number)
-            columns[at] = first + np.arange(len(at))
+            columns[at] = columns_of(kind, unknowns[kind].names[number])[: len(at)]
         own = np.flatnonzero(a.any(axis=0))
         rows, raw = rows_of(units, system.equations)
         every, movement = np.arange(len(a)), moved(columns[own])

@@ -17,6 +17,7 @@ from ..solve.drift import Drift, missed, turned
 from ..solve.linear import LinearSystem
 from ..types import NO_ROWS, Array, Index
 from .forms import Forms
+from .section import Looked
 from .system import System
 
 SHARE = 0.5
@@ -62,19 +63,22 @@ def with_rest(system: System, accuracy: float) -> System | None:
     if section is None:
         return system
     bound, largest = _bound(system, accuracy), TURNED * accuracy
-    d = section.known.prior.movement(system.base.equations, system.state)
-    gained = _of_rest(system, section.known.root)
+    d, u = system.followed_by
+    gained = _of_rest(system, section.root)
     if section.looked is not None:
-        before, there = section.looked
+        before, there, of_own = section.looked
         gone = d if before is None else d - before[section.columns]
-        left, change = there.predicted(section.length(gone), gained)
+        own = u.copy()
+        own[: len(of_own)] -= of_own
+        left, change = there.predicted(section.length(gone, own), gained)
         if left <= bound and change <= largest:
             return system
     rest, _ = _look(system.rest, gained, section.rows)
     drift = rest.drift
     assert drift is not None
     if drift.left <= bound and drift.turned <= largest:
-        return replace(system, section=replace(section, looked=(rest.movement, drift)))
+        looked = Looked(rest.movement, drift, u)
+        return replace(system, section=replace(section, looked=looked))
     return None  # neither are figures that are not finite
 
 
@@ -161,12 +165,14 @@ def _gained(system: System) -> float:
 def _of_rest(system: System, root: Array) -> float:
     """Return the largest factor by which a section makes a variance of the rest smaller.
 
-    With Q_TT = L Lᵀ of the rest it is the largest eigenvalue of (L⁻¹ Q'_TT L⁻ᵀ)⁻¹; as what is
-    outside follows T, none of its variances becomes smaller by more.
+    With the cofactors L Lᵀ of T and u in the rest it is the largest eigenvalue of (L⁻¹ Q' L⁻ᵀ)⁻¹;
+    as what is outside follows them, none of its variances becomes smaller by more.
     """
-    t = system.of_prior
-    free = system.unknowns.free[system.base.extra.rows[0].columns]
-    q = system.update.times(t, np.eye(len(t)))[t]
+    at = system.of_rest
+    free = np.ones(len(at), dtype=bool)
+    of_prior = system.base.extra.rows[0].columns
+    free[: len(of_prior)] = system.unknowns.free[of_prior]
+    q = system.update.times(at, np.eye(len(at)))[at]
     half = solve_triangular(root, solve_triangular(root, q, lower=True).T, lower=True)
     least = np.linalg.eigvalsh(half[np.ix_(free, free)])[0]
     return max(1.0, 1.0 / max(float(least), np.finfo(float).tiny))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -225,7 +226,9 @@ class Draft:
             if slow and (points := narrow(solution)):
                 return Failure(solution.reason, tuple(("point", n) for n in points))
             slow = False
-        vague: tuple[Variable, ...] = tuple(("point", p.name) for p in anywhere(solution))
+        vague: tuple[Variable, ...] = ()
+        with suppress(AdjustmentError):  # an observation may have no answer where it ended
+            vague = tuple(("point", p.name) for p in anywhere(solution))
         return Failure(solution.reason, solution.drifting or vague or None)
 
 

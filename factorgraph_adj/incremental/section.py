@@ -8,21 +8,40 @@ whole network, where the rest is linear, and the rest follows the cameras of the
     dx = K d,  K = Q_·T Q_TT⁻¹,   Q'_ab = Q_ab + K_a (Q'_TT − Q_TT) K_bᵀ.
 
 Everything that arrives after the adjustment of the whole belongs to the section, which therefore
-grows until the whole is adjusted again.
+grows until the whole is adjusted again. Single rows need not make it grow: they may touch unknowns
+outside, which follow T and coordinates u of their own,
+
+    dx = K d + G u,   Q_oo − K_o Q_TT K_oᵀ = G_o G_oᵀ,   G = (Q_·o − K Q_To) G_o⁻ᵀ,
+
+where u are independent of T and of one another and have the covariance I. Beside the section such
+rows are rows on T and u.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from ..solve.drift import Drift
-from ..solve.lifted import Lifted
-from ..solve.prior import Marginal
+from ..solve.lifted import ROOM, Lifted
+from ..solve.prior import VANISHED, Marginal
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Array, Index
+
+
+class Looked(NamedTuple):
+    """A look at how far the linear forms of the whole hold."""
+
+    movement: Array | None
+    """Movement of the whole at that moment, (n_columns,); none: it had not moved."""
+    drift: Drift
+    """What was seen."""
+    u: Array = np.zeros(0)
+    """Coordinates u at that moment, (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,9 +66,14 @@ class Section:
     """Rows of the whole network that the section has."""
     work: int
     """Rays of all sections that have been adjusted since the whole was."""
-    looked: tuple[Array | None, Drift] | None = None
-    """Movement of the whole (n_columns,) at the last look at how far its linear forms hold, none
-    where it had not moved, and what was seen; none: nothing is known of that."""
+    looked: Looked | None = None
+    """The last look at how far the linear forms of the whole hold; none: there was none."""
+    reached: Index = field(default_factory=lambda: NO_ROWS)
+    """Columns of the whole outside the section that rows beside it touch."""
+    slots: Mapping[int, int] = field(default_factory=dict)
+    """Slots of their points, as those of a system."""
+    own: Array | None = None
+    """G, (size, n); none: there are no u."""
 
     @property
     def vtpv(self) -> float:
@@ -70,19 +94,61 @@ class Section:
         """Return the section after the rows of the ledger have got new numbers (n,)."""
         return replace(self, inside=renumbered(self.inside, new))
 
-    def movement(self, d: Array) -> Array:
-        """Return how the whole follows the movement d (m,) of T, (n_columns,)."""
-        weights = cho_solve((self.known.root, True), d)
-        return self.lifted.unknowns(self.spread @ weights, {})
+    @property
+    def n_own(self) -> int:
+        """Number of coordinates u."""
+        return 0 if self.own is None else self.own.shape[1]
 
-    def length(self, d: Array) -> float:
-        """Return the length √(dᵀ Q_TT⁻¹ d) of a movement of T, relative to σ."""
-        return float(np.linalg.norm(solve_triangular(self.known.root, d, lower=True)))
+    @property
+    def root(self) -> Array:
+        """Root of the cofactors of T and u in the rest: L and I, (m + n, m + n)."""
+        m = len(self.columns)
+        out = np.eye(m + self.n_own)
+        out[:m, :m] = self.known.root
+        return out
+
+    def reaching(self, columns: Index) -> Section | None:
+        """Return the section beside which rows may touch more columns of the whole.
+
+        None: there is no room for them.
+        """
+        new = np.setdiff1d(columns, self.reached)
+        slots = dict(self.slots)
+        for point in self.lifted.touched(new):
+            slots.setdefault(point, len(slots))
+        if len(slots) > ROOM:
+            return None
+        f = self.lifted.expand(new, np.eye(len(new)), slots)
+        q = self.lifted.times(f.at, f.b)
+        sigma = np.sqrt(np.maximum(np.einsum("ij,ji->i", f.b, q[f.at]), np.finfo(float).tiny))
+        q -= self.spread @ cho_solve((self.known.root, True), (f.b @ self.spread[f.at]).T)
+        if self.own is not None:
+            q -= self.own @ (f.b @ self.own[f.at]).T
+        c = (f.b @ q[f.at]) / np.outer(sigma, sigma)
+        values, vectors = np.linalg.eigh(0.5 * (c + c.T))
+        on = values > VANISHED  # the others follow T
+        own = (q / sigma) @ (vectors[:, on] / np.sqrt(values[on]))
+        if self.own is not None:
+            own = np.concatenate([self.own, own], axis=1)
+        return replace(self, reached=np.append(self.reached, new), slots=slots, own=own)
+
+    def movement(self, d: Array, u: Array) -> Array:
+        """Return how the whole follows the movement d (m,) of T, and u (n,), (n_columns,)."""
+        z = self.spread @ cho_solve((self.known.root, True), d)
+        if self.own is not None:
+            z += self.own @ u
+        return self.lifted.unknowns(z, self.slots)
+
+    def length(self, d: Array, u: Array) -> float:
+        """Return the length √(dᵀ Q_TT⁻¹ d + uᵀu) of a movement, relative to σ."""
+        whitened = solve_triangular(self.known.root, d, lower=True)
+        return float(np.linalg.norm(np.append(whitened, u)))
 
     def carried(self, columns: Index) -> Array:
-        """Return K of unknowns outside the section, (k, m)."""
-        f = self.lifted.expand(columns, np.eye(len(columns)), {})
-        return np.asarray(cho_solve((self.known.root, True), (f.b @ self.spread[f.at]).T).T)
+        """Return K and G of unknowns outside the section, beside one another, (k, m + n)."""
+        f = self.lifted.expand(columns, np.eye(len(columns)), self.slots)
+        k = cho_solve((self.known.root, True), (f.b @ self.spread[f.at]).T).T
+        return np.asarray(k if self.own is None else np.hstack([k, f.b @ self.own[f.at]]))
 
 
 def renumbered(rows: Index, new: Index) -> Index:

@@ -19,10 +19,10 @@ from ..graph.equations import compile_rows
 from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..solve.drift import Drift
-from ..solve.lifted import ROOM, Lifted
+from ..solve.lifted import Function, Lifted
 from ..solve.solution import Solution
 from ..solve.update import Update
-from ..types import NO_ROWS, Array, Index
+from ..types import NO_ROWS, Array, Index, Mask
 from .excerpt import excerpt
 from .forms import Forms
 from .judging import MOVES, TIED
@@ -95,10 +95,17 @@ class System:
         """The whole network as it follows the section."""
         section = self.section
         assert section is not None
-        d = section.known.prior.movement(self.base.equations, self.state)
-        drift = None if section.looked is None else section.looked[1]
-        offset, length = section.movement(d), section.length(d)
+        drift = None if section.looked is None else section.looked.drift
+        offset, length = section.movement(*self.followed_by), section.length(*self.followed_by)
         return replace(self.whole, offset=offset, shifted=length, drift=drift)
+
+    @cached_property
+    def followed_by(self) -> tuple[Array, Array]:
+        """Movement of T (m,) and coordinates u (n,), which the rest follows."""
+        section = self.section
+        assert section is not None
+        u = -(self.update.spread[self.of_own] @ self.weights)
+        return section.known.prior.movement(self.base.equations, self.state), u
 
     def renumbered(self, new: Index) -> System:
         """Return the system after the rows of the ledger have got new numbers (n,)."""
@@ -162,10 +169,60 @@ class System:
         step[: len(columns)] = self.moved(columns)
         return np.asarray(UNKNOWNS[kind].retract(stored[None], step[None])[0])
 
+    def reaching(self, variables: Iterable[Variable]) -> System | None:
+        """Return the system beside which rows may touch some known variables.
+
+        None: there is no room for those outside its section.
+        """
+        own = self.unknowns
+        apart = [v for v in variables if v[1] not in own[v[0]].number]
+        if self.section is None or not apart:
+            return self
+        columns = np.concatenate([self.whole.columns(*v) for v in apart])
+        section = self.section.reaching(columns)
+        found = None if section is None else replace(self, section=section)
+        return found if found is not None and found.has_room(self.slots) else None
+
+    def has_room(self, slots: Mapping[int, int]) -> bool:
+        """Return whether there is room for slots of points beside the coordinates u."""
+        n_own = 0 if self.section is None else self.section.n_own
+        return 3 * len(slots) + n_own <= 3 * self.lifted.slots
+
     def columns(self, kind: VariableKind, name: str) -> Index:
-        """Return the columns of a variable in the base; none for constants."""
+        """Return the columns of a variable; none for constants.
+
+        Those of a variable outside the section are its columns of the whole, after all columns of
+        the base.
+        """
         unknowns = self.unknowns
+        number = unknowns[kind].number.get(name)
+        if number is None and self.section is not None:
+            return unknowns.n_columns + self.whole.columns(kind, name)
         return unknowns.columns(kind, unknowns[kind].number[name])
+
+    def free(self, columns: Index) -> Mask:
+        """Return which columns are free, (m,)."""
+        own = self.unknowns.free
+        every = own if self.section is None else np.append(own, self.whole.unknowns.free)
+        return np.asarray(every[columns])
+
+    def expand(self, columns: Index, a: Array) -> Function:
+        """Return functions of unknowns (k, m) as functions of the coordinates.
+
+        Unknowns outside the section are functions of T and u; what else they have of their own is
+        left out.
+        """
+        n = self.unknowns.n_columns
+        inner = columns < n
+        f = self.lifted.expand(columns[inner], a[:, inner], self.slots)
+        if inner.all():
+            return f
+        assert self.section is not None
+        carried = a[:, ~inner] @ self.section.carried(columns[~inner] - n)
+        at, which = np.unique(np.append(f.at, self.of_rest), return_inverse=True)
+        out = np.zeros((len(a), len(at)))
+        np.add.at(out.T, which, np.hstack([f.b, carried]).T)
+        return Function(at, out, f.own)
 
     # -- the movement from the base -----------------------------------------------------------
 
@@ -183,7 +240,7 @@ class System:
         """Return the part of the movement that the update makes, (m,)."""
         if not len(self.update.signs):
             return np.zeros(len(columns))
-        f = self.lifted.expand(columns, np.eye(len(columns)), self.slots)
+        f = self.expand(columns, np.eye(len(columns)))
         return np.asarray(-f.b @ (self.update.spread[f.at] @ self.weights))
 
     @cached_property
@@ -253,22 +310,27 @@ class System:
         """Return the cofactors of two variables of which the section has one at most."""
         if self.covers((a,)):
             return self._across(b, a).T
-        section, t = self.section, self.of_prior
+        section, at = self.section, self.of_rest
         assert section is not None
         outer = self.whole
         k = section.carried(outer.columns(*a))
         if self.covers((b,)):
             f = self.lifted.expand(self.columns(*b), np.eye(len(self.columns(*b))), self.slots)
-            return np.asarray(k @ self.update.times(f.at, f.b)[t])
+            return np.asarray(k @ self.update.times(f.at, f.b)[at])
         other = section.carried(outer.columns(*b))
-        root = section.known.root
-        now = self.update.times(t, np.eye(len(t)))[t] - root @ root.T
+        now = self.update.times(at, np.eye(len(at)))[at] - section.root @ section.root.T
         return np.asarray(outer.cofactors(a, b) + k @ now @ other.T)
 
     @property
-    def of_prior(self) -> Index:
-        """Coordinates of the unknowns that the rest knows, (m,)."""
-        return self.lifted.place[self.base.extra.rows[0].columns]
+    def of_own(self) -> Index:
+        """Coordinates of u: the last ones of the room of slots, (n,)."""
+        assert self.section is not None
+        return np.asarray(self.lifted.size - 1 - np.arange(self.section.n_own))
+
+    @property
+    def of_rest(self) -> Index:
+        """Coordinates of T and of u, (m + n,)."""
+        return np.append(self.lifted.place[self.base.extra.rows[0].columns], self.of_own)
 
     # -- rows beside the base -----------------------------------------------------------------
 
@@ -279,7 +341,7 @@ class System:
             InputError: names observations whose geometry has no answer.
         """
         equations = compile_rows(excerpt(ledger, self, rows, hold=False))
-        return Forms.of(ledger.units(rows), equations, self.unknowns, self.step_at)
+        return Forms.of(ledger.units(rows), equations, self.columns, self.step_at)
 
     def without(self, ids: Sequence[str]) -> System | None:
         """Return the system without observations; none where an update cannot tell.
@@ -320,7 +382,7 @@ class System:
             columns: Index = np.unique(a.indices).astype(np.intp)
             for point in self.lifted.touched(columns):
                 slots.setdefault(point, len(slots))
-            if len(slots) > ROOM:
+            if slots and not self.has_room(slots):
                 return None
             f = self.lifted.expand(columns, a[:, columns].toarray(), slots)
             v = self.base.normal().system.residual[rows]
