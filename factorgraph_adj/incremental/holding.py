@@ -28,6 +28,9 @@ TURNED = 1.3
 """Part of the promised accuracy that the relative error of a variance may be. The error of a
 standard deviation is half of it; the rest is room for what the power iteration misses."""
 
+LOOK = 0.1
+"""Work of a look at the whole, relative to an adjustment of it."""
+
 
 def within(system: System, accuracy: float, arrived: Forms | None = None) -> System | None:
     """Return a system, moved if need be, within ``accuracy`` of the minimum.
@@ -70,7 +73,8 @@ def with_rest(system: System, accuracy: float) -> System | None:
         gone = d if before is None else d - before[section.columns]
         own = u.copy()
         own[: len(of_own)] -= of_own
-        left, change = there.predicted(section.length(gone, own), gained)
+        inner = section.inner(d - gone, u - own, gone, own)
+        left, change = there.predicted(section.length(gone, own), gained, inner)
         if left <= bound and change <= largest:
             return system
     rest, _ = _look(system.rest, gained, section.rows)
@@ -78,7 +82,8 @@ def with_rest(system: System, accuracy: float) -> System | None:
     assert drift is not None
     if drift.left <= bound and drift.turned <= largest:
         looked = Looked(rest.movement, drift, u)
-        return replace(system, section=replace(section, looked=looked))
+        work = section.work + int(LOOK * section.base.equations.n_rays)
+        return replace(system, section=replace(section, looked=looked, work=work))
     return None  # neither are figures that are not finite
 
 
@@ -100,8 +105,8 @@ def _within(system: System, accuracy: float, arrived: Forms | None) -> System | 
         if not (step <= bound and changed <= TURNED * accuracy):
             return None
     if system.drift is not None:
-        ahead = _length(system, system.drift.weights)
-        left, change = system.drift.predicted(ahead, gained)
+        ahead, inner = _since(system, system.drift.weights)
+        left, change = system.drift.predicted(ahead, gained, inner)
         if step + np.sqrt(larger) * left <= bound and larger * change <= TURNED * accuracy:
             return system
     looked, g = _look(system, gained)
@@ -129,8 +134,8 @@ def _look(system: System, gained: float, apart: Index = NO_ROWS) -> tuple[System
     g = missed(here, there, system.movement, apart)
     if system.followed is not None:
         g = g - system.followed
-    left = _left(system, g) * float(np.sqrt(gained))
-    length = _length(system, np.zeros(0)) + system.shifted
+    left = _left(system, g, gained)
+    length = _since(system, np.zeros(0))[0] + system.shifted
     before = system.drift
     curvature = left / length**2 if length > 0 else 0.0
     if before is not None and system.followed is not None:
@@ -144,14 +149,18 @@ def _look(system: System, gained: float, apart: Index = NO_ROWS) -> tuple[System
     return replace(system, drift=drift), g
 
 
-def _left(system: System, g: Array) -> float:
-    """Return the largest step −Q g of an unknown, relative to its σ in the base."""
+def _left(system: System, g: Array, gained: float) -> float:
+    """Return a bound of the largest step h = −Q' g of an unknown, relative to its σ'.
+
+    It is the smaller of two: |h| ≤ σ' √(gᵀ Q' g), as Q' is positive, and σ' ≥ σ/√gained.
+    """
     lifted, update = system.lifted, system.update
     h = lifted.factor.solve(g[:, None])[:, 0]
     along = update.spread.T @ lifted.gradient(g, system.slots)
     h -= lifted.unknowns(update.spread @ (update.inverse @ along), system.slots)
     sigma = lifted.sigma
-    return float(np.max(np.abs(h) / np.where(sigma > 0, sigma, np.inf), initial=0.0))
+    largest = np.max(np.abs(h) / np.where(sigma > 0, sigma, np.inf), initial=0.0)
+    return float(min(largest * np.sqrt(gained), np.sqrt(max(float(g @ h), 0.0))))
 
 
 def _gained(system: System) -> float:
@@ -192,9 +201,13 @@ def _following(system: System, g: Array) -> System:
     return replace(system, update=update, offset=offset, followed=followed, shifted=shifted)
 
 
-def _length(system: System, since: Array) -> float:
-    """Return √(dxᵀN dx) of the movement by the update since its weights were ``since``."""
-    w = system.weights.copy()
-    w[: len(since)] -= since
-    square = float(w @ (system.update.inner @ w)) - float(w @ (system.update.signs * w))
-    return float(np.sqrt(max(square, 0.0)))
+def _since(system: System, then: Array) -> tuple[float, float]:
+    """Return √(dxᵀN dx) of the movement dx by the update since its weights were ``then``.
+
+    The second is dxᵀN dx' with the movement dx' until then.
+    """
+    w, before = system.weights.copy(), np.zeros(len(system.weights))
+    before[: len(then)] = then
+    w -= before
+    moved = system.update.inner @ w - system.update.signs * w
+    return float(np.sqrt(max(float(w @ moved), 0.0))), float(before @ moved)

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_solve
 
 from ..solve.drift import Drift
 from ..solve.lifted import ROOM, Lifted
@@ -141,8 +141,12 @@ class Section:
 
     def length(self, d: Array, u: Array) -> float:
         """Return the length √(dᵀ Q_TT⁻¹ d + uᵀu) of a movement, relative to σ."""
-        whitened = solve_triangular(self.known.root, d, lower=True)
-        return float(np.linalg.norm(np.append(whitened, u)))
+        return float(np.sqrt(max(self.inner(d, u, d, u), 0.0)))
+
+    def inner(self, d: Array, u: Array, other: Array, own: Array) -> float:
+        """Return the inner product of two movements whose squares are those of their lengths."""
+        whitened = cho_solve((self.known.root, True), other)
+        return float(d @ whitened + u @ own)
 
     def carried(self, columns: Index) -> Array:
         """Return K and G of unknowns outside the section, beside one another, (k, m + n)."""

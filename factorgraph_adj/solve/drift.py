@@ -9,8 +9,11 @@ forms,
 
 A look costs a few linearisations. Between two looks both are predicted from the length
 ‖dx‖ = √(dxᵀN dx) of the movement: the step, relative to σ, grows at most with the square of the
-length, as its part from the residuals v₀ grows with the length, and t grows with the length. Along
-combinations of unknowns that hardly any observation determines, t grows with the square too.
+length, as its part from the residuals v₀ grows with the length, and t grows with the length. What
+moves after a look is mostly elsewhere. Step and t of both are composed as the lengths are, with the
+cosine of their angle in the metric of N; where what they miss has one direction all the same, the
+step is twice what is predicted at most, and t √2 times. Along combinations of unknowns that hardly
+any observation determines, t grows with the square too.
 """
 
 from __future__ import annotations
@@ -28,8 +31,8 @@ SEED = 1
 POWER = 4
 """Number of steps of the power iteration at the first look. A later look makes one step, from the
 vector at which the look before it ended."""
-FARTHER = 4.0
-"""Largest length for which a look predicts anything, relative to the length that it saw."""
+FARTHER = 2.0
+"""Length, relative to the one that a look saw, from which on its prediction is enlarged."""
 GAINED = 4.0
 """Factor by which ``gained`` may grow since a look."""
 
@@ -57,21 +60,29 @@ class Drift:
     direction: Array | None
     """The last vector of the power iteration, (n_columns,); none: there was none."""
 
-    def predicted(self, ahead: float, gained: float) -> tuple[float, float]:
+    def predicted(self, ahead: float, gained: float, inner: float = np.inf) -> tuple[float, float]:
         """Return bounds of left step and t after a movement since the look.
 
         Both are infinite where a row has determined something that was known far less before: the
-        movement along it tells nothing of the curvature there. They are so, too, where the movement
-        is far longer than it was when somebody looked.
+        movement along it tells nothing of the curvature there. Where the movement is far longer
+        than it was when somebody looked, they are taken to grow with its square beside that.
 
         Args:
             ahead: length of the movement.
             gained: largest factor by which rows that joined make a variance smaller.
+            inner: dxᵀN dx' of the movements before the look and since; infinite: they have one
+                direction.
         """
-        if gained > GAINED * self.gained or self.length + ahead > FARTHER * self.reach:
+        if gained > GAINED * self.gained or (ahead > 0 and not self.reach > 0):
             return np.inf, np.inf
-        left = self.left + self.curvature * (2.0 * self.length * ahead + ahead**2)
-        return left, self.turned + self.rate * ahead
+        most = self.length * ahead
+        along = min(max(inner / most, 0.0), 1.0) if most > 0 else 1.0
+        left = self.left + self.curvature * (2.0 * along * most + ahead**2)
+        more = self.rate * ahead
+        square = self.turned**2 + 2.0 * along * self.turned * more + more**2
+        seen = FARTHER * self.reach
+        farther = max(1.0, (self.length + ahead) / seen) ** 2 if seen > 0 else 1.0
+        return left * farther, float(np.sqrt(square)) * farther
 
     def anew(self) -> Drift:
         """Return what is expected of a new base of nearly the same observations."""

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigvalsh
 
-from factorgraph_adj.solve.drift import GAINED, Drift, missed, turned
+from factorgraph_adj.solve.drift import FARTHER, GAINED, Drift, missed, turned
 from factorgraph_adj.solve.linear import LinearSystem
 from factorgraph_adj.types import Array
 from tests.networks.eliminated import CASES, Eliminated, eliminated
@@ -176,6 +176,15 @@ def test_predictions_begin_at_the_look_and_grow_with_the_movement():
     assert anew.direction is None
 
 
+def test_predictions_of_t_follow_the_angle_between_the_movements():
+    """At a right angle t adds in squares, as lengths do; back over the way it does not shrink."""
+    nothing = np.zeros(0)
+    drift = Drift(nothing, 0.0, 0.03, 2.0, 0.0, 0.02, 2.0, 1.0, nothing)
+    for cosine, t in ((1.0, 0.07), (0.5, np.sqrt(9 + 12 + 16) / 100), (0.0, 0.05), (-1.0, 0.05)):
+        assert drift.predicted(2.0, 1.0, cosine * 4.0)[1] == pytest.approx(t)
+    assert drift.anew().predicted(2.0, 1.0, 0.0)[1] == pytest.approx(0.04)
+
+
 def test_nothing_is_predicted_where_a_row_has_determined_far_more():
     nothing = np.zeros(0)
     drift = Drift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 3.0, nothing)
@@ -183,10 +192,17 @@ def test_nothing_is_predicted_where_a_row_has_determined_far_more():
     assert drift.predicted(0.0, 3.0 * GAINED * 1.001) == (np.inf, np.inf)
 
 
-def test_nothing_is_predicted_far_beyond_what_was_seen():
+def test_predictions_far_beyond_what_was_seen_are_enlarged():
+    """They grow with two more powers of the length; without any movement nothing was seen."""
     nothing = np.zeros(0)
     drift = Drift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 1.0, nothing)
-    assert np.isfinite(drift.predicted(6.0, 1.0)).all()
-    assert drift.predicted(6.001, 1.0) == (np.inf, np.inf)
-    assert np.isfinite(drift.anew().predicted(8.0, 1.0)).all()
-    assert drift.anew().predicted(8.001, 1.0) == (np.inf, np.inf)
+    there = FARTHER * 2.0
+    for by in (1.0, 1.5, 4.0):
+        length = by * there
+        plain = np.array((0.01 + 0.5 * (length**2 - 4.0), 0.02 + 0.01 * (length - 2.0)))
+        assert drift.predicted(length - 2.0, 1.0) == pytest.approx(plain * by**2)
+        plain = np.array((0.5 * length**2, 0.01 * length))
+        assert drift.anew().predicted(length, 1.0) == pytest.approx(plain * by**2)
+    unseen = Drift(nothing, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, nothing)
+    assert unseen.predicted(0.0, 1.0) == (0.0, 0.0)
+    assert unseen.predicted(0.1, 1.0) == (np.inf, np.inf)
