@@ -14,7 +14,13 @@ from factorgraph_adj.incremental import commands, cutting, entering, taking_out
 from factorgraph_adj.incremental.rebasing import with_doubt
 from factorgraph_adj.incremental.system import System
 from factorgraph_adj.models.variables import UNKNOWNS
-from factorgraph_adj.observations import ControlPoint, ImagePoint, SlopeDistance
+from factorgraph_adj.observations import (
+    ControlPoint,
+    ImagePoint,
+    Observation,
+    PhotoPosition,
+    SlopeDistance,
+)
 from factorgraph_adj.solve.solution import Solution
 from tests.benchmarks.vehicle import Drive, Event
 from tests.networks.arriving import CASES
@@ -214,15 +220,91 @@ def test_the_whole_is_adjusted_again_when_sections_have_taken_as_long(monkeypatc
     assert deviations(driving, driving.batch())[0] < PROMISE
 
 
+def outside(driving: Driving) -> list[str]:
+    """Return the free points outside the section."""
+    system, points = driving.system, driving.inc.network().points
+    names = [n for n in system.whole.unknowns["point"].names if n in points]
+    return [n for n in names if not all(points[n].fixed) and not system.covers([("point", n)])]
+
+
+def scattered(driving: Driving, n: int, seed: int = 3) -> Iterator[Observation]:
+    """Measure between points anywhere, and positions of any photos."""
+    rng = np.random.default_rng(seed)
+    inside = [n for n in driving.system.unknowns["point"].names if "/" not in n][:40]
+    far, photos = outside(driving), driving.inc.network().photos
+    value = driving.system.value
+    for i in range(n):
+        a, b = rng.choice(far, 2, replace=False)
+        if i % 2:
+            b = rng.choice([p for p in inside if value("point", p) is not None])
+        x, y = (value("point", p) for p in (a, b))
+        if i % 3 == 0:
+            length = float(np.linalg.norm(x - y))
+            yield SlopeDistance(a, b, length + 0.01 * rng.normal(), sigma=0.01, id=f"tape {i}")
+        elif i % 3 == 1:
+            at = tuple((x + 0.02 * rng.normal(size=3)).tolist())
+            yield ControlPoint(a, at, sigma=(0.02,) * 3, id=f"control {i}")
+        else:
+            photo = rng.choice(sorted(photos))
+            at = value("pose", photo)[9:] + 0.02 * rng.normal(size=3)
+            yield PhotoPosition(photo, tuple(at.tolist()), sigma=(0.02,) * 3, id=f"antenna {i}")
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_rows_beside_a_section_reach_the_whole_network(monkeypatch, seed):
+    """Estimates, counts, vᵀPv and covariances anywhere, also of what no row touches."""
+    monkeypatch.setattr(cutting, "WORK", np.inf)
+    monkeypatch.setattr(cutting, "SMALLEST", 0)
+    driving = Driving(seed=seed)
+    section_with(driving)
+    beside, removed = 0, ""
+    for o in scattered(driving, 9, seed):
+        driving.inc.add(o)
+        section, joined = driving.system.section, list(driving.system.joined)
+        assert section is not None
+        beside += section.n_own > 0
+        if len(joined) > 1 and not removed:
+            removed = joined[-1]
+            driving.inc.remove(removed)
+    assert beside > 3 and removed
+    batch = driving.batch()
+    assert removed not in batch.observations.ids
+    assert driving.inc.redundancy == batch.redundancy
+    assert driving.inc.n_observations == batch.n_observations
+    assert driving.inc.vtpv == pytest.approx(batch.vtpv, rel=1e-4)
+    far, within, beyond = deviations(driving, batch)
+    assert far < PROMISE and within > 50 and beyond > 50
+    rng = np.random.default_rng(seed)
+    names = [p.name for p in batch.network.points.values() if not all(p.fixed)]
+    pairs = [tuple(rng.choice(names, 2)) for _ in range(30)]
+    near = [p for i in ("tape 0", "tape 6") for p in driving.inc.observation(i).points()]
+    pairs += [(a, b) for a in near for b in (*near, *names[::40])]
+    assert cofactor_gap(driving.inc, batch, pairs) < 2 * PROMISE
+
+
+def test_rows_touch_no_more_of_the_rest_than_there_is_room_for():
+    driving = Driving()
+    section_with(driving)
+    system = driving.system
+    far = [("point", n) for n in outside(driving)]
+    room = system.lifted.slots - len(system.slots)
+    assert system.reaching(far[:5]).section.n_own == 15
+    again = system.reaching(far[:5]).reaching(far[3:8])
+    assert again.section.n_own == 24
+    assert not system.has_room({k: k for k in range(room + len(system.slots) + 1)})
+    poses = [
+        ("pose", n) for n in system.whole.unknowns["pose"].names if not system.covers([("pose", n)])
+    ]
+    assert len(far) + 2 * len(poses) <= room or system.reaching([*far, *poses]) is None
+
+
 def test_observations_between_known_points_are_sections_too(monkeypatch):
     monkeypatch.setattr(cutting, "WORK", np.inf)
     monkeypatch.setattr(cutting, "SMALLEST", 0)
     driving = Driving()
     section_with(driving)
-    outer = driving.system.whole
-    names = [n for n in outer.unknowns["point"].names if not driving.system.covers([("point", n)])]
     batch = driving.batch()
-    known = [n for n in names if n in batch.network.points][:40:8]
+    known = outside(driving)[:40:8]
     for i, (a, b) in enumerate(pairwise(known)):
         x, y = (batch.point(n) for n in (a, b))
         length = float(np.linalg.norm(x - y))
