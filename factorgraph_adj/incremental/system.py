@@ -8,7 +8,7 @@ holds. A system is a value: every change returns another one.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -25,7 +25,6 @@ from ..solve.update import Update
 from ..types import NO_ROWS, Array, Index, Mask
 from .excerpt import excerpt
 from .forms import Forms
-from .judging import MOVES, TIED
 from .ledger import Ledger
 from .section import Section, renumbered
 
@@ -342,83 +341,6 @@ class System:
         """
         equations = compile_rows(excerpt(ledger, self, rows, hold=False))
         return Forms.of(ledger.units(rows), equations, self.columns, self.step_at)
-
-    def without(self, ids: Sequence[str]) -> System | None:
-        """Return the system without observations; none where an update cannot tell.
-
-        Args:
-            ids: first ids of units, ids of image points, and names of weighted unknowns.
-        """
-        found = self._reduced(ids)
-        if found is None or not found.update.trusted or found.update.condition <= TIED:
-            return None
-        return found
-
-    def _reduced(self, ids: Sequence[str]) -> System | None:
-        """Return the system without observations, determined or not; none: they are too many."""
-        joined = dict(self.joined)
-        gone = [joined.pop(i) for i in ids if i in joined]
-        update = self.update
-        if gone:
-            stays = np.ones(len(update.signs), dtype=bool)
-            stays[np.concatenate(gone)] = False
-            update = update.only(np.flatnonzero(stays))
-            new = np.cumsum(stays) - 1
-            joined = {i: new[rows] for i, rows in joined.items()}
-        own = [i for i in ids if i not in self.joined]
-        equations = self.base.equations
-        of_own = equations.find(own)
-        if self.section is not None and not all(map(len, of_own)):
-            return None  # the rest has one
-        rows = np.concatenate([NO_ROWS, *of_own])
-        for c in equations.clusters:
-            if np.isin(c.rows, rows).any():
-                rows = np.union1d(rows, c.rows)
-        slots = dict(self.slots)
-        if len(rows):
-            if len(update.signs) + len(rows) > MOST_BESIDE:
-                return None
-            a = self.base.normal().system.sparse(rows)
-            columns: Index = np.unique(a.indices).astype(np.intp)
-            for point in self.lifted.touched(columns):
-                slots.setdefault(point, len(slots))
-            if slots and not self.has_room(slots):
-                return None
-            f = self.lifted.expand(columns, a[:, columns].toarray(), slots)
-            v = self.base.normal().system.residual[rows]
-            if self.offset is not None:
-                v = v + a @ self.offset
-            update = update.with_rows(f.at, f.b, v, sign=-1.0)
-        return replace(self, update=update, joined=joined, slots=slots, drift=None)
-
-    def loosened(self, ids: Sequence[str]) -> set[Variable] | None:
-        """Return the variables that observations alone determine; none where that is not known.
-
-        With M of the rows that leave, a null vector z of M is a motion x = Q Aᵀ z that only these
-        rows see.
-        """
-        found = self._reduced(ids)
-        if found is None:
-            return None
-        update = found.update
-        leave = update.signs < 0
-        inner, spread = update.inner, update.spread
-        e, g = inner[np.ix_(leave, leave)], spread[:, leave]
-        if (~leave).any():
-            gain = np.linalg.solve(inner[np.ix_(~leave, ~leave)], inner[np.ix_(~leave, leave)])
-            e = e - inner[np.ix_(leave, ~leave)] @ gain
-            g = g - spread[:, ~leave] @ gain
-        values, vectors = np.linalg.eigh(-0.5 * (e + e.T))
-        weight = np.sqrt(np.where(found.unknowns.free, self.base.normal().diagonal, 0.0))
-        far = np.zeros(len(weight))
-        for z in vectors[:, values <= TIED].T:
-            far = np.maximum(far, np.abs(self.lifted.unknowns(g @ z, found.slots)) * weight)
-        unknowns = self.unknowns
-        return {
-            (kind, unknowns[kind].names[number])
-            for kind, number in unknowns.active()
-            if (far[unknowns.columns(kind, number)] > MOVES).any()
-        }
 
     @property
     def unknowns(self) -> Unknowns:

@@ -16,6 +16,7 @@ from .candidates import Candidates, Nothing
 from .flow import State, Task
 from .holding import within
 from .judging import untested
+from .leaving import loosened, without
 from .ledger import Ledger
 from .rebasing import Draft, Failure, with_doubt
 from .rules import Rules
@@ -75,7 +76,7 @@ def _without(
     """Return ledger and system without observations, what waits again, and where it was."""
     if not system.doubt:
         with suppress(AdjustmentError):
-            after = system.without(ids)
+            after = without(system, ids)
             after = None if after is None else within(after, rules.accuracy)
             if after is not None:
                 return ledger, after, NO_ROWS, None
@@ -84,7 +85,7 @@ def _without(
             whole = Draft.of(ledger, system, rules.datum).adjusted(rules.datum)
             if isinstance(whole, System) and whole.base.converged:
                 return ledger, whole, NO_ROWS, None
-    loose = set() if system.doubt or rules.datum == "free" else system.loosened(ids)
+    loose = set() if system.doubt or rules.datum == "free" else loosened(system, ids)
     again = NO_ROWS
     if loose:
         inside = ledger.having("accepted")
@@ -99,7 +100,7 @@ def _without(
         if isinstance(found, System) and (found.base.converged or found.redundancy):
             return ledger, found, again, None
         if isinstance(found, Failure) and found.loose is None:
-            stays = system.without(ids) or system
+            stays = without(system, ids) or system
             return ledger, with_doubt(stays, found.reason), again, None
     inside, where = ledger.having("accepted"), system.solution
     if loose is None:
