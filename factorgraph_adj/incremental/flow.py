@@ -167,7 +167,8 @@ class _Loop:
             return
         draft = Draft.of(ledger, system, self.rules.datum)
         system.whole.base.forget()  # two of them may be more than there is memory for
-        found = draft.adjusted(self.rules.datum, tolerances=(EFFORT.again,))
+        close = min(EFFORT.again, self.rules.accuracy)
+        found = draft.adjusted(self.rules.datum, tolerances=(close,))
         if not isinstance(found, System):  # the section stands for the whole a little longer
             found = replace(system, section=replace(system.section, work=0))
         elif system.section.looked is not None:

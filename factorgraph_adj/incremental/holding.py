@@ -15,7 +15,7 @@ from scipy.linalg import solve_triangular
 
 from ..solve.drift import Drift, missed, turned
 from ..solve.linear import LinearSystem
-from ..types import NO_ROWS, Array, Index
+from ..types import NO_ROWS, Array
 from .forms import Forms
 from .section import Looked
 from .system import System
@@ -77,7 +77,7 @@ def with_rest(system: System, accuracy: float) -> System | None:
         left, change = there.predicted(section.length(gone, own), gained, inner)
         if left <= bound and change <= largest:
             return system
-    rest, _ = _look(system.rest, gained, section.rows)
+    rest, _ = _look(system.rest, gained, system)
     drift = rest.drift
     assert drift is not None
     if drift.left <= bound and drift.turned <= largest:
@@ -120,21 +120,22 @@ def _within(system: System, accuracy: float, arrived: Forms | None) -> System | 
     return again if step + again.drift.left <= bound else None
 
 
-def _look(system: System, gained: float, apart: Index = NO_ROWS) -> tuple[System, Array]:
+def _look(system: System, gained: float, part: System | None = None) -> tuple[System, Array]:
     """Look at the linear forms; return the system that knows how far they hold, and g.
 
     Args:
         system: the system.
         gained: largest factor by which a variance is smaller than that of the base.
-        apart: rows of the base that are not looked at.
+        part: a section of the system, whose rows are not looked at; none: there is none.
     """
+    apart = NO_ROWS if part is None or part.section is None else part.section.rows
     here = system.base.normal().system
     extra = system.base.extra.at(here.equations, system.state).rows
     there = LinearSystem(here.equations, system.state, extra)
     g = missed(here, there, system.movement, apart)
     if system.followed is not None:
         g = g - system.followed
-    left = _left(system, g, gained)
+    left = _left(system, g, gained, part)
     length = _since(system, np.zeros(0))[0] + system.shifted
     before = system.drift
     curvature = left / length**2 if length > 0 else 0.0
@@ -149,18 +150,34 @@ def _look(system: System, gained: float, apart: Index = NO_ROWS) -> tuple[System
     return replace(system, drift=drift), g
 
 
-def _left(system: System, g: Array, gained: float) -> float:
+def _left(system: System, g: Array, gained: float, part: System | None) -> float:
     """Return a bound of the largest step h = −Q' g of an unknown, relative to its σ'.
 
     It is the smaller of two: |h| ≤ σ' √(gᵀ Q' g), as Q' is positive, and σ' ≥ σ/√gained.
     """
     lifted, update = system.lifted, system.update
     h = lifted.factor.solve(g[:, None])[:, 0]
-    along = update.spread.T @ lifted.gradient(g, system.slots)
-    h -= lifted.unknowns(update.spread @ (update.inverse @ along), system.slots)
+    if part is not None:
+        h += _by_section(part, g)
+    elif len(update.signs):
+        along = update.spread.T @ lifted.gradient(g, system.slots)
+        h -= lifted.unknowns(update.spread @ (update.inverse @ along), system.slots)
     sigma = lifted.sigma
     largest = np.max(np.abs(h) / np.where(sigma > 0, sigma, np.inf), initial=0.0)
     return float(min(largest * np.sqrt(gained), np.sqrt(max(float(g @ h), 0.0))))
+
+
+def _by_section(system: System, g: Array) -> Array:
+    """Return (Q' − Q) g of the whole, where Q' counts the section: [K G] (C' − C) [K G]ᵀ g.
+
+    C and C' are the cofactors of T and u without it and with it.
+    """
+    section, at = system.section, system.of_rest
+    assert section is not None
+    along = section.coordinates(section.lifted.gradient(g, section.slots))
+    now = system.update.times(at, along[None])[at, 0] - section.root @ (section.root.T @ along)
+    m = len(section.columns)
+    return section.movement(now[:m], now[m:])
 
 
 def _gained(system: System) -> float:
@@ -210,4 +227,8 @@ def _since(system: System, then: Array) -> tuple[float, float]:
     before[: len(then)] = then
     w -= before
     moved = system.update.inner @ w - system.update.signs * w
-    return float(np.sqrt(max(float(w @ moved), 0.0))), float(before @ moved)
+    inner = float(before @ moved)
+    if system.followed is not None:  # N dx of the base is the gradient that it followed
+        along = system.update.spread.T @ system.lifted.gradient(system.followed, system.slots)
+        inner += float(along @ w)
+    return float(np.sqrt(max(float(w @ moved), 0.0))), inner

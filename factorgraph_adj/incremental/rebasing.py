@@ -40,8 +40,8 @@ class Effort:
     close: float = 1e-4
     """Bound of the last step relative to σ after an arrival."""
     again: float = 1e-2
-    """The same where the whole is adjusted again at values that its sections have found; what such
-    a step leaves is of the size of its square."""
+    """The same where the whole is adjusted again at values that its sections have found: such a
+    step leaves less than a tenth of its length."""
     at_rest: tuple[float, ...] = (1e-7, 1e-6, 1e-5)
     """The bounds that are tried to settle: rounding may keep weak networks from smaller ones."""
     most: int = 200

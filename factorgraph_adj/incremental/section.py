@@ -32,6 +32,9 @@ from ..solve.prior import VANISHED, Marginal
 from ..solve.solution import Solution
 from ..types import NO_ROWS, Array, Index
 
+ROUNDING = 1e-13
+"""Part of a variance that is the rounding of differences of it."""
+
 
 class Looked(NamedTuple):
     """A look at how far the linear forms of the whole hold."""
@@ -120,11 +123,15 @@ class Section:
             return None
         f = self.lifted.expand(new, np.eye(len(new)), slots)
         q = self.lifted.times(f.at, f.b)
-        sigma = np.sqrt(np.maximum(np.einsum("ij,ji->i", f.b, q[f.at]), np.finfo(float).tiny))
+        before = np.einsum("ij,ji->i", f.b, q[f.at])
         q -= self.spread @ cho_solve((self.known.root, True), (f.b @ self.spread[f.at]).T)
         if self.own is not None:
             q -= self.own @ (f.b @ self.own[f.at]).T
-        c = (f.b @ q[f.at]) / np.outer(sigma, sigma)
+        c = f.b @ q[f.at]
+        # What T leaves may be far less than a weak datum makes of all of it together.
+        least = np.maximum(ROUNDING * before, np.finfo(float).tiny)
+        sigma = np.sqrt(np.maximum(np.diag(c), least))
+        c = c / np.outer(sigma, sigma)
         values, vectors = np.linalg.eigh(0.5 * (c + c.T))
         on = values > VANISHED  # the others follow T
         own = (q / sigma) @ (vectors[:, on] / np.sqrt(values[on]))
@@ -138,6 +145,11 @@ class Section:
         if self.own is not None:
             z += self.own @ u
         return self.lifted.unknowns(z, self.slots)
+
+    def coordinates(self, g: Array) -> Array:
+        """Return a gradient by the coordinates of the whole (size,) as one by T and u, (m + n,)."""
+        of_t = cho_solve((self.known.root, True), self.spread.T @ g)
+        return np.asarray(of_t if self.own is None else np.append(of_t, self.own.T @ g))
 
     def length(self, d: Array, u: Array) -> float:
         """Return the length √(dᵀ Q_TT⁻¹ d + uᵀu) of a movement, relative to σ."""

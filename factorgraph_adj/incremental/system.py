@@ -197,7 +197,7 @@ class System:
         number = unknowns[kind].number.get(name)
         if number is None and self.section is not None:
             return unknowns.n_columns + self.whole.columns(kind, name)
-        return unknowns.columns(kind, unknowns[kind].number[name])
+        return NO_ROWS if number is None else unknowns.columns(kind, number)
 
     def free(self, columns: Index) -> Mask:
         """Return which columns are free, (m,)."""

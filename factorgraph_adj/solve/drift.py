@@ -11,9 +11,9 @@ A look costs a few linearisations. Between two looks both are predicted from the
 ‖dx‖ = √(dxᵀN dx) of the movement: the step, relative to σ, grows at most with the square of the
 length, as its part from the residuals v₀ grows with the length, and t grows with the length. What
 moves after a look is mostly elsewhere. Step and t of both are composed as the lengths are, with the
-cosine of their angle in the metric of N; where what they miss has one direction all the same, the
-step is twice what is predicted at most, and t √2 times. Along combinations of unknowns that hardly
-any observation determines, t grows with the square too.
+cosine of their angle in the metric of N; where what they miss has one direction all the same, these
+laws allow twice the step that is predicted, and √2 times t. Along combinations of unknowns that
+hardly any observation determines, t grows with the square too.
 """
 
 from __future__ import annotations
@@ -78,6 +78,7 @@ class Drift:
         most = self.length * ahead
         along = min(max(inner / most, 0.0), 1.0) if most > 0 else 1.0
         left = self.left + self.curvature * (2.0 * along * most + ahead**2)
+        left = max(left, 0.5 * (self.left + self.curvature * (2.0 * most + ahead**2)))
         more = self.rate * ahead
         square = self.turned**2 + 2.0 * along * self.turned * more + more**2
         seen = FARTHER * self.reach

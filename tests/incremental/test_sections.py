@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.incremental import commands, cutting, entering, taking_out
+from factorgraph_adj.incremental import commands, cutting, entering, holding, taking_out
 from factorgraph_adj.incremental.rebasing import with_doubt
 from factorgraph_adj.incremental.system import System
 from factorgraph_adj.models.variables import UNKNOWNS
+from factorgraph_adj.network.entities import Point
 from factorgraph_adj.observations import (
     ControlPoint,
     ImagePoint,
@@ -280,6 +281,51 @@ def test_rows_beside_a_section_reach_the_whole_network(monkeypatch, seed):
     near = [p for i in ("tape 0", "tape 6") for p in driving.inc.observation(i).points()]
     pairs += [(a, b) for a in near for b in (*near, *names[::40])]
     assert cofactor_gap(driving.inc, batch, pairs) < 2 * PROMISE
+
+
+def test_what_a_section_makes_of_a_step_of_the_rest(monkeypatch):
+    """(Q' − Q) g, of gradients by points outside and by photos of T."""
+    monkeypatch.setattr(cutting, "SMALLEST", 0)
+    driving = Driving()
+    section_with(driving)
+    for o in scattered(driving, 2):
+        driving.inc.add(o)
+    system, outer = driving.system, driving.system.whole
+    assert system.section is not None and system.section.n_own
+    far = outside(driving)
+    both = [n for n in outer.unknowns["pose"].names if system.covers([("pose", n)])]
+    some = [*(("point", n) for n in far[::30]), *(("pose", n) for n in both[:2])]
+    rng = np.random.default_rng(1)
+    g, expected = np.zeros(outer.unknowns.n_columns), 0.0
+    for v in some:
+        g[outer.columns(*v)] = rng.normal(size=len(outer.columns(*v)))
+    found = holding._by_section(system, g)
+    for a in some:
+        for b in some:
+            gap = system.cofactors(a, b) - outer.cofactors(a, b)
+            expected = expected + gap @ g[outer.columns(*b)]
+        at = found[outer.columns(*a)]
+        scale = np.abs(outer.cofactors(a, a)).max() * np.abs(g).max()
+        assert np.abs(at - expected).max() < 1e-6 * scale
+        expected = 0.0
+
+
+@pytest.mark.parametrize("least", [0, 10**9])
+def test_rows_may_touch_constants_that_have_come_since(monkeypatch, least):
+    monkeypatch.setattr(cutting, "LEAST", least)
+    driving = Driving()
+    for event in driving.later[:6]:
+        driving.add([event])
+    assert (driving.system.section is not None) == (least == 0)
+    names = driving.inc.network().points
+    known = next(n for n in names if driving.system.value("point", n) is not None)
+    at = driving.inc.estimate(known) + np.array([3.0, 4.0, 0.0])
+    driving.inc.add(
+        SlopeDistance(known, "new", 5.0, sigma=0.01, id="tape"),
+        points=[Point("new", tuple(at.tolist()), fixed=(True,) * 3)],
+    )
+    assert "tape" in driving.inc.network().observations
+    assert deviations(driving, driving.batch())[0] < PROMISE
 
 
 def test_rows_touch_no_more_of_the_rest_than_there_is_room_for():

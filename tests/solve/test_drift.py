@@ -185,6 +185,15 @@ def test_predictions_of_t_follow_the_angle_between_the_movements():
     assert drift.anew().predicted(2.0, 1.0, 0.0)[1] == pytest.approx(0.04)
 
 
+def test_predicted_steps_are_at_least_half_of_those_of_one_direction():
+    """Also where the state has followed its gradient, so that hardly anything was left."""
+    nothing = np.zeros(0)
+    drift = Drift(nothing, 5e-4, 0.0, 10.0, 1e-4, 0.0, 10.0, 1.0, nothing)
+    whole = 5e-4 + 1e-4 * (12.0**2 - 10.0**2)
+    assert drift.predicted(2.0, 1.0)[0] == pytest.approx(whole)
+    assert drift.predicted(2.0, 1.0, 0.0)[0] == pytest.approx(0.5 * whole)
+
+
 def test_nothing_is_predicted_where_a_row_has_determined_far_more():
     nothing = np.zeros(0)
     drift = Drift(nothing, 0.01, 0.02, 2.0, 0.5, 0.01, 2.0, 3.0, nothing)
