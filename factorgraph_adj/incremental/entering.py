@@ -214,8 +214,8 @@ class Entering:
         found = draft.adjusted(self.rules.datum, doubted=doubted)
         if draft.section is None:
             return found
-        if isinstance(found, Failure) and found.loose and not found.singular:
-            return found  # points with rays that hardly meet: the whole would creep as well
+        if isinstance(found, Failure) and self.found and not found.singular:
+            return found  # it waits: the whole, which has the same values, would creep as long
         with suppress(AdjustmentError):  # an observation of the rest may have no answer there
             if isinstance(found, System) and (held := with_rest(found, self.rules.accuracy)):
                 return held

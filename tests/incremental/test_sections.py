@@ -11,7 +11,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.incremental import commands, cutting, entering, holding, taking_out
-from factorgraph_adj.incremental.rebasing import with_doubt
+from factorgraph_adj.incremental.rebasing import Draft, Failure, with_doubt
 from factorgraph_adj.incremental.system import System
 from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.network.entities import Point
@@ -438,6 +438,27 @@ def test_a_section_without_minimum_is_not_followed_by_another():
     system = with_doubt(driving.system, "no minimum")
     assert cutting.section_of(driving.inc._state.ledger, system) is None
     assert cutting.section_of(driving.inc._state.ledger, driving.system) is not None
+
+
+def test_what_comes_to_no_minimum_in_a_section_waits(monkeypatch):
+    """The whole, from the same values, would only take longer to find none."""
+    driving = Driving()
+    section_with(driving)
+    adjusted = Draft.adjusted
+
+    def creeping(draft: Draft, *arguments, **options):
+        assert draft.section is not None, "the whole is adjusted"
+        adjusted(draft, *arguments, **options)
+        return Failure("not at rest after 200 iterations")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Draft, "adjusted", creeping)
+        before, waiting = len(driving.inc), driving.inc.n_waiting
+        driving.add(driving.later[7:8])
+        assert len(driving.inc) == before and driving.inc.n_waiting > waiting + 50
+    driving.inc.settle()
+    assert len(driving.inc) > before + 50
+    assert deviations(driving, driving.batch())[0] < PROMISE
 
 
 def test_rows_of_the_rest_that_left_make_no_section(monkeypatch):
