@@ -99,7 +99,7 @@ class IncrementalAdjustment:
 
         A torn last line, of an arrival in hand when the process ended, is left out; ``resumed``
         says so. The network, what waits, suspects and rejected observations are as they were;
-        estimates are at rest.
+        estimates are at rest. Why something waits is told anew when it is looked at again.
 
         Raises:
             InputError: no journal, or a damaged line before the last.

@@ -178,16 +178,18 @@ class _Loop:
     def _fitting_by_now(self, before: System | None) -> Index:
         """Return suspects that may fit now that a base is new, or something has left.
 
-        Beside a new section only those are looked at of which it has everything.
+        What has left may have been what determined their unknowns, so that all of them are looked
+        at. Beside a new section only those are of which it has everything.
         """
         ledger, system = self.state.ledger, self.state.system
-        if self.rules.policy != "flag" or system is None or system.doubt:
+        if self.rules.policy != "flag" or (system is not None and system.doubt):
             return NO_ROWS
-        if not self.left and (before is None or system.base is before.base):
-            return NO_ROWS
-        part = system if self.left else replace(system, section=None)
         suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(self.told))
-        return Candidates(ledger, known_in(part), suspects).ready
+        if self.left:
+            return suspects
+        if system is None or before is None or system.base is before.base:
+            return NO_ROWS
+        return Candidates(ledger, known_in(replace(system, section=None)), suspects).ready
 
     # -- one task -----------------------------------------------------------------------------
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.observations import SlopeDistance
+from factorgraph_adj.observations import ControlPoint, HeightDifference, SlopeDistance
 
 MM = 1e-3
 
@@ -58,3 +58,55 @@ def test_a_suspect_that_does_not_fit_yet_keeps_its_first_figures() -> None:
     assert not arrival.verdicts
     (told,) = inc.suspects
     assert told.t2 == suspect.t2
+
+
+@pytest.mark.parametrize("elsewhere", [True, False])
+def test_suspects_come_back_when_what_determined_their_point_has_left(
+    tmp_path: Path, *, elsewhere: bool
+) -> None:
+    """The wrong reading came first, alone; with it the point is gone, or everything is."""
+    network = fga.Network("levelling")
+    network.add_point("A", (0.0, 0.0, 100.0), fixed="xyz")
+    for name in ("B", "C"):
+        network.add_point(name, (100.0, 0.0, np.nan), fixed="xy")
+    journal = tmp_path / "levelling.jsonl"
+    inc = fga.IncrementalAdjustment(network, journal=journal)
+    if elsewhere:
+        inc.add(HeightDifference("A", "C", 2.0, sigma=MM, id="elsewhere"))
+    for ident, value in (("wrong", 1.5), ("first", 1.0), ("second", 1.001)):
+        inc.add(HeightDifference("A", "B", value, sigma=MM, id=ident))
+    assert {v.id for v in inc.suspects} == {"first", "second"}
+    arrival = inc.remove("wrong")
+    assert {v.id for v in arrival.verdicts} == {"first", "second"}
+    assert not inc.suspects and not inc.n_waiting
+    assert inc.estimate("B")[2] == pytest.approx(101.0005, abs=1e-9)
+    del inc
+    assert fga.IncrementalAdjustment.resume(journal).estimate("B")[2] == pytest.approx(101.0005)
+
+
+def test_suspects_come_back_when_a_wrong_weight_has_left() -> None:
+    network = fga.Network("a weighted height")
+    network.add_point("A", (0.0, 0.0, 100.0), fixed="xyz")
+    network.add_point("W", (100.0, 0.0, 101.5), fixed="xy", sigma=MM)
+    inc = fga.IncrementalAdjustment(network)
+    for ident, value in (("first", 1.0), ("second", 1.001)):
+        (verdict,) = inc.add(HeightDifference("A", "W", value, sigma=MM, id=ident)).verdicts
+        assert verdict.verdict == "suspect"
+    arrival = inc.remove("point W z")
+    assert {v.id for v in arrival.verdicts} == {"first", "second"}
+    assert inc.estimate("W")[2] == pytest.approx(101.0005, abs=1e-9)
+
+
+def test_a_suspect_waits_where_nothing_determines_its_point_any_more() -> None:
+    """It is no suspect of anything then."""
+    network = fga.Network("a lone sight")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("P", (30.0, 40.0, 0.0), fixed="z")
+    inc = fga.IncrementalAdjustment(network)
+    for ident, by in (("x", (30.0, 40.0)), ("y", (30.0, 40.0))):
+        inc.add(ControlPoint("P", (*by, 0.0), sigma=(MM, MM, MM), id=ident))
+    inc.add(SlopeDistance("A", "P", 51.0, sigma=MM, id="tape"))
+    assert {v.id for v in inc.suspects} == {"tape"}
+    inc.remove(["x", "y"])
+    assert not inc.suspects
+    assert [w.id for w in inc.waiting] == ["tape"]
