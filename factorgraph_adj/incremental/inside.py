@@ -23,7 +23,7 @@ from .units import Unit
 
 FEW = 300
 """Number of rows up to which all columns of M are solved for at once."""
-MOST_NUMBERS = 20_000_000
+MOST_NUMBERS = 3_000_000
 """Largest number of rows times unknowns for which this is done."""
 AT_ONCE = 64
 """Number of rows that are solved for at once beyond that."""
