@@ -34,13 +34,10 @@ class Beside:
     @classmethod
     def of(cls, system: System, forms: Forms) -> Beside | None:
         """Put forms beside a system; none where a new base has to take them in."""
-        lifted, slots = system.lifted, dict(system.slots)
         own = forms.columns[forms.columns < system.unknowns.n_columns]
-        for point in lifted.touched(own):
-            slots.setdefault(point, len(slots))
-        if slots and not system.has_room(slots):
-            return None
-        if len(system.update.signs) + len(forms.v) > MOST_BESIDE:
+        slots = system.lifted.with_slots(own, system.slots)
+        too_many = len(system.update.signs) + len(forms.v) > MOST_BESIDE
+        if too_many or not system.has_room(slots):
             return None
         f = replace(system, slots=slots).expand(forms.columns, forms.a)
         update = system.update.with_rows(f.at, f.b, forms.residuals)

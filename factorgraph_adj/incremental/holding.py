@@ -27,7 +27,6 @@ there it is this divided by σ̂0."""
 TURNED = 1.3
 """Part of the promised accuracy that the relative error of a variance may be. The error of a
 standard deviation is half of it; the rest is room for what the power iteration misses."""
-
 LOOK = 0.1
 """Work of a look at the whole, relative to an adjustment of it."""
 

@@ -82,9 +82,8 @@ def _reduced(system: System, ids: Sequence[str]) -> System | None:
             return None
         a = system.base.normal().system.sparse(rows)
         columns: Index = np.unique(a.indices).astype(np.intp)
-        for point in system.lifted.touched(columns):
-            slots.setdefault(point, len(slots))
-        if slots and not system.has_room(slots):
+        slots = system.lifted.with_slots(columns, slots)
+        if not system.has_room(slots):
             return None
         f = system.lifted.expand(columns, a[:, columns].toarray(), slots)
         v = system.base.normal().system.residual[rows]

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +34,7 @@ from ..solve.solution import Solution
 from ..types import NO_ROWS, Array, Index
 
 ROUNDING = 1e-13
-"""Part of a variance that is the rounding of differences of it."""
+"""A difference of variances that is less than this part of them is rounding."""
 
 
 class Looked(NamedTuple):
@@ -102,7 +103,7 @@ class Section:
         """Number of coordinates u."""
         return 0 if self.own is None else self.own.shape[1]
 
-    @property
+    @cached_property
     def root(self) -> Array:
         """Root of the cofactors of T and u in the rest: L and I, (m + n, m + n)."""
         m = len(self.columns)
@@ -116,9 +117,7 @@ class Section:
         None: there is no room for them.
         """
         new = np.setdiff1d(columns, self.reached)
-        slots = dict(self.slots)
-        for point in self.lifted.touched(new):
-            slots.setdefault(point, len(slots))
+        slots = self.lifted.with_slots(new, self.slots)
         if len(slots) > ROOM:
             return None
         f = self.lifted.expand(new, np.eye(len(new)), slots)

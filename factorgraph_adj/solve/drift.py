@@ -64,8 +64,9 @@ class Drift:
         """Return bounds of left step and t after a movement since the look.
 
         Both are infinite where a row has determined something that was known far less before: the
-        movement along it tells nothing of the curvature there. Where the movement is far longer
-        than it was when somebody looked, they are taken to grow with its square beside that.
+        movement along it tells nothing of the curvature there. Where the movement is longer than
+        `FARTHER` times the one that was seen, both are multiplied by the square of what it is
+        longer by.
 
         Args:
             ahead: length of the movement.

@@ -150,6 +150,13 @@ class Lifted:
             out[r + 3 * slot : r + 3 * slot + 3] = e[:, 0, point]
         return out
 
+    def with_slots(self, columns: Index, slots: Mapping[int, int]) -> dict[int, int]:
+        """Return slots, and beside them new ones of the points that columns belong to."""
+        out = dict(slots)
+        for point in self.touched(columns):
+            out.setdefault(point, len(out))
+        return out
+
     def touched(self, columns: Index) -> list[int]:
         """Return the numbers of the points in the first layer that columns belong to."""
         if not self.slots:
