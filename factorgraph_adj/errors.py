@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+
+MOST_COMPARED = 2_000
+"""Largest number of names that are compared with a wrong one, which takes 10 µs for each name."""
 
 
 class AdjustmentError(Exception):
@@ -76,3 +80,16 @@ def known(names: Iterable[str], *, most: int = 12) -> str:
     if len(listed) <= most:
         return ", ".join(listed)
     return ", ".join(listed[:most]) + f", … ({len(listed)} in all)"
+
+
+def similar(name: str, names: Collection[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` with the name that is most similar; empty if none is.
+
+    >>> similar("d1", ["D1", "D2"])
+    "; did you mean 'D1'?"
+    """
+    if len(names) > MOST_COMPARED:
+        return ""
+    there = {n.casefold(): n for n in names}
+    close = get_close_matches(name.casefold(), there, 1)
+    return f"; did you mean {there[close[0]]!r}?" if close else ""

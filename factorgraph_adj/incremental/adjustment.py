@@ -23,6 +23,7 @@ from . import commands, points, records
 from .arrival import Arrival, Waiting, waiting_of
 from .beginning import begin, replayed
 from .flow import State
+from .given import Given, listed
 from .ledger import Ledger
 from .rebasing import known_network, solution_of
 from .rules import Rules
@@ -80,6 +81,7 @@ class IncrementalAdjustment:
         Raises:
             InputError: an option or the network's input is bad, or the journal has content.
         """
+        (network,) = listed([network], "fga.Network: fga.read_project(FOLDER) reads one", Network)
         chosen = network.datum if datum is None else datum
         self.resumed = ""
         """What `resume` found torn at the end of its journal; empty if nothing."""
@@ -143,9 +145,9 @@ class IncrementalAdjustment:
         self,
         observations: AnyObservation | Sequence[AnyObservation] = (),
         *,
-        points: Iterable[Point] = (),
-        photos: Iterable[Photo] = (),
-        cameras: Iterable[Camera] = (),
+        points: Point | Iterable[Point] = (),
+        photos: Photo | Iterable[Photo] = (),
+        cameras: Camera | Iterable[Camera] = (),
     ) -> Arrival:
         """Test observations and absorb them; what they lack, they wait for.
 
@@ -156,17 +158,17 @@ class IncrementalAdjustment:
 
         Args:
             observations: one or many, of any kind, correlated groups among them.
-            points: new points.
+            points: new points, or approximate coordinates of points that have none yet.
             photos: new photos.
             cameras: new cameras.
 
         Raises:
             InputError: everything that is wrong with the input; nothing has changed then.
         """
-        listed = commands.listed(observations)
-        new = tuple(points), tuple(photos), tuple(cameras)
-        result = commands.add(self._state, listed, self._rules, *new)
-        return self._changed("add", result, records.entities(*new))
+        given = Given.of(observations, points, photos, cameras)
+        result = commands.add(self._state, given, self._rules)
+        new = records.entities(self._state.ledger.network, result[0].ledger.network, given)
+        return self._changed("add", result, new)
 
     def remove(self, ids: str | Iterable[str]) -> Arrival:
         """Take observations out, wherever they are: in the graph, waiting, suspect or rejected.
@@ -228,8 +230,7 @@ class IncrementalAdjustment:
         Args:
             options: as those of `factorgraph_adj.snoop`.
 
-        What it takes out is then among ``rejected``, with verdicts that have no figures: those are
-        in what is returned.
+        What it takes out is then among ``rejected``; only what is returned has its figures.
 
         Raises:
             InputError: nothing is in the graph.
@@ -329,7 +330,7 @@ class IncrementalAdjustment:
 
     def pose(self, photo: str) -> PoseEstimate:
         """Return the exterior orientation of a photo, as `Solution.pose`."""
-        return self.solution().pose(photo)
+        return points.pose(self._state, photo, self.solution)
 
     def calibration(self, camera: str) -> CalibrationEstimate:
         """Return the calibration of a camera, as `Solution.calibration`."""
@@ -345,10 +346,7 @@ class IncrementalAdjustment:
 
     @property
     def described(self) -> Network:
-        """Everything that was described, what is not determined yet among it; not to be changed.
-
-        Its observations are those in the graph.
-        """
+        """Everything that was described, with the observations in the graph; not to be changed."""
         return self._state.ledger.described
 
     def determined(self, name: str) -> bool:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from numbers import Real
 from typing import Any
 
 from ..errors import InputError, Problem, known
 from ..graph.dependence import Variable, components
-from ..network.entities import Camera, Photo, Point
 from ..network.network import Network
 from ..network.selection import weighted_unknowns
-from ..observations import AnyObservation, Correlated, Observation
+from ..observations import Observation
 from ..observations.identity import named
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
@@ -19,8 +19,10 @@ from ..solve.solution import Solution
 from ..types import Index
 from .arrival import Arrival, arrival_of
 from .beginning import settled
+from .candidates import Candidates, known_in
 from .cutting import in_pieces
 from .flow import State, Task, Told, absorb
+from .given import Given, ids_in, listed
 from .judging import untested
 from .ledger import Ledger
 from .rebasing import Draft
@@ -35,25 +37,22 @@ MOST_ROUNDS = 5
 """Largest number of times that what waits is looked at before everything is at rest."""
 
 
-def add(
-    state: State,
-    observations: Sequence[AnyObservation],
-    rules: Rules,
-    points: Sequence[Point] = (),
-    photos: Sequence[Photo] = (),
-    cameras: Sequence[Camera] = (),
-) -> tuple[State, Arrival]:
+def add(state: State, given: Given, rules: Rules) -> tuple[State, Arrival]:
     """Take observations, points, photos and cameras in.
 
     Raises:
         InputError: everything that is wrong with them.
     """
     ledger = state.ledger
+    observations, points, photos, cameras = given
     if points or photos or cameras:
         ledger = ledger.with_entities(points, photos, cameras)
     ledger, rows = ledger.taken(observations)
     pieces = in_pieces(ledger, state.system, rows)
     tasks = [Task(piece, asked=True) for piece in pieces]
+    if placed := [("point", p.name) for p in points if p.name in state.ledger.network.points]:
+        waiting = Candidates(ledger, known_in(state.system), state.ledger.having("waiting"))
+        tasks.append(Task(waiting.touching(placed)))
     after, told = absorb(replace(state, ledger=ledger), tasks, rules)
     new: list[Variable] = [("point", p.name) for p in points]
     new += [("pose", f.name) for f in photos]
@@ -81,7 +80,8 @@ def put_in_place(
     Raises:
         InputError: no such id, or what is wrong with the observation.
     """
-    known_ids(state, [ident])
+    known_ids(state, ids_in([ident]))
+    (observation,) = listed([observation], "single observation", Observation)
     out = take_out(state, [ident], rules, "replaced")
     ledger, rows = out.state.ledger.taken([named(observation, ident)])
     tasks = [Task(rows, asked=True), *out.tasks]
@@ -99,9 +99,9 @@ def reweight(
         InputError: unknown ids, or a bad factor.
     """
     wanted = known_ids(state, ids_in(ids))
-    if not 1.0 / MOST_WEIGHT <= factor <= MOST_WEIGHT:
+    if not isinstance(factor, Real) or not 1.0 / MOST_WEIGHT <= factor <= MOST_WEIGHT:
         what = f"the factor of weights must be between {1 / MOST_WEIGHT:g} and {MOST_WEIGHT:g}"
-        raise InputError(f"{what}, not {factor}")
+        raise InputError(f"{what}, not {factor!r}")
     before = state.ledger
     rows = before.find(wanted)
     every = before.ids_of(rows)
@@ -224,7 +224,7 @@ def known_ids(state: State, ids: Sequence[str], weights: Collection[str] = ()) -
     wanted = list(dict.fromkeys(ids))
     missing = [i for i in state.ledger.missing(wanted) if i not in weights]
     if missing:
-        raise InputError([Problem("unknown observation", f"observation {i!r}") for i in missing])
+        raise InputError([state.ledger.unknown(i) for i in missing])
     return wanted
 
 
@@ -265,24 +265,3 @@ def _measured_again(ledger: Ledger, chosen: Index) -> list[Problem]:
             (name,) = rows.ids(ledger.names, row)
             problems.append(Problem(what, f"observation {name!r}"))
     return problems
-
-
-def listed(given: object) -> list[AnyObservation]:
-    """Return observations as a list."""
-    if isinstance(given, Observation | Correlated):
-        return [given]
-    several = isinstance(given, Iterable) and not isinstance(given, str)
-    items: list[Any] = list(given) if several else [given]  # type: ignore[call-overload]
-    problems = [
-        Problem("is no observation: see factorgraph_adj.observations", repr(i)[:80])
-        for i in items
-        if not isinstance(i, Observation | Correlated)
-    ]
-    if problems:
-        raise InputError(problems)
-    return items
-
-
-def ids_in(given: str | Iterable[str]) -> list[str]:
-    """Return ids as a list."""
-    return [given] if isinstance(given, str) else list(given)

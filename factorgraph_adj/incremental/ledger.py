@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import MOST_COMPARED, InputError, Problem, similar
 from ..graph.dependence import Variable, components
 from ..models.variables import VariableKind
 from ..network.additions import add_entities
-from ..network.entities import Camera, ImageTable, Photo, Point
+from ..network.entities import Camera, ImageTable, Photo, Point, triple
 from ..network.network import Network
 from ..network.selection import without
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
@@ -75,14 +75,30 @@ class Ledger:
     ) -> Ledger:
         """Return the ledger with new points, photos and cameras.
 
+        A point that is there without coordinates takes those of one that has nothing else, as
+        approximate values.
+
         Raises:
-            InputError: every name that is there already, and unknown cameras.
+            InputError: every other name that is there already, and unknown cameras.
         """
         network = self.network.copy()
-        problems = add_entities(network, points=points, photos=photos, cameras=cameras)
+        placed = {p.name: p for p in points if self._places(p)}
+        new = [p for p in points if placed.get(p.name) is not p]
+        problems = add_entities(network, points=new, photos=photos, cameras=cameras)
         if problems:
             raise InputError(problems)
-        return replace(self, network=network, names=Names.of(network), sizes={})
+        out = replace(self, network=network, names=Names.of(network), sizes={})
+        return out.with_values("point", {n: np.array(p.coordinates) for n, p in placed.items()})
+
+    def _places(self, point: Point) -> bool:
+        """Return whether a point only has approximate values for one without coordinates."""
+        there = self.network.points.get(point.name)
+        if there is None or not any(map(isnan, there.coordinates)):
+            return False
+        if any(point.fixed) or point.sigma is not None or point.datum or point.check is not None:
+            return False
+        at = triple(point.coordinates, "coordinates", f"point {point.name!r}")
+        return not any(map(isnan, at))
 
     def taken(self, observations: Sequence[AnyObservation]) -> tuple[Ledger, Index]:
         """Take new observations in as waiting, each with an id; return their rows in order.
@@ -189,9 +205,14 @@ class Ledger:
                     continue
                 there[o.photo].add(o.point)
             if ident in used or named_here[ident] > 1:
-                problems.append(Problem(f"duplicate id {ident!r}", o.label()))
+                problems.append(Problem(self._duplicate(ident), o.label()))
         if problems:
             raise InputError(problems)
+
+    def _duplicate(self, ident: str) -> str:
+        if self.status(ident) == "gone":
+            return f"duplicate id {ident!r}"
+        return f"duplicate id {ident!r}: replace() puts an observation in the place of another"
 
     def _measured(self, photo: str) -> set[str]:
         """Return the points that are measured in a photo, rejected image points apart."""
@@ -301,6 +322,12 @@ class Ledger:
         there = set(self.ids_of(self.find(every)))
         return [i for i in every if i not in there]
 
+    def unknown(self, ident: str) -> Problem:
+        """Return the problem that no observation has an id."""
+        there = np.flatnonzero(self.rows.status != GONE)
+        meant = similar(ident, self.ids_of(there)) if len(there) <= MOST_COMPARED else ""
+        return Problem(f"unknown observation{meant}", f"observation {ident!r}")
+
     def status(self, ident: str) -> str:
         """Return what became of an id; ``gone`` where there is none."""
         rows = self.find([ident])
@@ -331,7 +358,7 @@ class Ledger:
         """
         rows = self.find([ident])
         if not len(rows):
-            raise InputError(Problem("unknown observation", f"observation {ident!r}"))
+            raise InputError(self.unknown(ident))
         unit = self.unit(int(rows[0]))
         return unit.observations[unit.ids.index(ident)]
 

@@ -1,12 +1,15 @@
-"""Coordinates and covariances of points, from a state."""
+"""Coordinates and covariances of points, and poses of photos, from a state."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Literal
 
 import numpy as np
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, similar
+from ..network.entities import Photo, Point
+from ..solve.estimates import PoseEstimate
 from ..solve.solution import Solution
 from ..types import Array
 from .flow import State
@@ -56,11 +59,29 @@ def covariance(state: State, a: str, b: str, solution: Callable[[], Solution]) -
     return out
 
 
-def _require(state: State, name: str) -> None:
-    """Refuse a point that is not there, or not determined."""
-    points, system = state.ledger.network.points, state.system
-    if name not in points:
-        raise InputError(f"unknown point {name!r}; known: {known(points)}")
-    if (system is None or not system.known("point", name)) and not all(points[name].fixed):
-        lacks = state.ledger.lacks.get(("point", name), "no observation has determined it yet")
-        raise InputError(Problem(f"is not determined: {lacks}", f"point {name!r}"))
+def pose(state: State, photo: str, solution: Callable[[], Solution]) -> PoseEstimate:
+    """Return the exterior orientation of a photo.
+
+    Args:
+        state: the state.
+        photo: the photo.
+        solution: returns the whole solution.
+
+    Raises:
+        InputError: no such photo, or it is not determined yet.
+    """
+    _require(state, photo, "pose")
+    return solution().pose(photo)
+
+
+def _require(state: State, name: str, kind: Literal["point", "pose"] = "point") -> None:
+    """Refuse a point, or a photo, that is not there, or not determined."""
+    network, system = state.ledger.network, state.system
+    described: Mapping[str, Point | Photo]
+    noun, described = ("point", network.points) if kind == "point" else ("photo", network.photos)
+    if name not in described:
+        meant = similar(name, described)
+        raise InputError(f"unknown {noun} {name!r}{meant}; known: {known(described)}")
+    if (system is None or not system.known(kind, name)) and not all(described[name].fixed):
+        lacks = state.ledger.lacks.get((kind, name), "no observation has determined it yet")
+        raise InputError(Problem(f"is not determined: {lacks}", f"{noun} {name!r}"))

@@ -10,7 +10,7 @@ photo with the same outcome together. Reading back needs no test again.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -29,11 +29,12 @@ from ..io.json_records import (
     point_fields,
     point_of,
 )
-from ..network.entities import Camera, ImageTable, Photo, Point
+from ..network.entities import ImageTable
 from ..network.network import Network
 from ..observations import Correlated, Observation
 from ..observations.identity import identity
 from ..types import Array, Index
+from .given import Given
 from .ledger import Ledger
 from .rows import GONE
 from .units import Unit
@@ -54,14 +55,19 @@ def start_of(line: Mapping[str, Any]) -> tuple[Network, dict[str, Any]]:
     return network_of(line["files"]), dict(line["options"])
 
 
-def entities(
-    points: Iterable[Point], photos: Iterable[Photo], cameras: Iterable[Camera]
-) -> dict[str, Any]:
-    """Return the fields of what is new beside observations."""
+def entities(before: Network, after: Network, given: Given) -> dict[str, Any]:
+    """Return the fields of what is new beside observations, as a network has checked it.
+
+    Args:
+        before: the network before.
+        after: the network with what is new.
+        given: what is new, and approximate values of points that were there.
+    """
+    new = [after.points[p.name] for p in given.points if p.name not in before.points]
     found = {
-        "cameras": [camera_fields(c) for c in cameras],
-        "points": [point_fields(p) for p in points],
-        "photos": [photo_fields(f) for f in photos],
+        "cameras": [camera_fields(after.cameras[c.name]) for c in given.cameras],
+        "points": [point_fields(p) for p in new],
+        "photos": [photo_fields(after.photos[f.name]) for f in given.photos],
     }
     return {k: v for k, v in found.items() if v}
 

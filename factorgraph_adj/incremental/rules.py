@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 
 from ..errors import InputError, Problem
 from ..network.network import DatumChoice
@@ -31,10 +32,10 @@ class Rules:
         if self.policy not in POLICIES:
             valid = ", ".join(POLICIES)
             problems.append(Problem(f"unknown policy {self.policy!r}; valid: {valid}"))
-        if not 0 < self.alpha < 1:
-            problems.append(Problem(f"alpha must be between 0 and 1, not {self.alpha}"))
-        if not 0 < self.accuracy <= 0.1:
-            problems.append(Problem(f"accuracy must be in (0, 0.1], not {self.accuracy}"))
+        if not isinstance(self.alpha, Real) or not 0 < self.alpha < 1:
+            problems.append(Problem(f"alpha must be between 0 and 1, not {self.alpha!r}"))
+        if not isinstance(self.accuracy, Real) or not 0 < self.accuracy <= 0.1:
+            problems.append(Problem(f"accuracy must be in (0, 0.1], not {self.accuracy!r}"))
         if self.datum not in DATUMS:
             problems.append(Problem(f"unknown datum {self.datum!r}; valid: {', '.join(DATUMS)}"))
         if problems:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import fields
-from difflib import get_close_matches
 from functools import lru_cache
 from itertools import product
 
+from ..errors import similar
 from ..models.variables import Quantity
 from ..observations import KINDS, observation_kind
 from ..units import ANGLE, LENGTH
@@ -157,9 +157,8 @@ def unknown_field(name: str, valid: Iterable[str]) -> str | None:
     if stem and len(units) > 1:
         order = [u for u in (*LENGTH, *ANGLE, "px", *(f"{u}2" for u in LENGTH)) if u in units]
         return f"unknown unit {unit!r} in {name!r}; valid: {', '.join(order)}"
-    close = get_close_matches(name, names, 1)
-    if close:
-        return f"unknown column {name!r}; did you mean {close[0]!r}?"
+    if meant := similar(name, names):
+        return f"unknown column {name!r}{meant}"
     stems = {n.rpartition("_")[0] for n in names if n.rpartition("_")[2] in (*LENGTH, *ANGLE)}
     short = sorted({n for n in names if n.rpartition("_")[0] not in stems})
     return (

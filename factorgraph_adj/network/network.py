@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, similar
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds, unknown_kind
@@ -474,7 +474,9 @@ class Network(Shown):
 
     def _known(self, name: str, names: Mapping[Any, object], what: str, where: str) -> None:
         if name not in names:
-            raise InputError(Problem(f"unknown {what} {name!r}; known: {known(names)}", where))
+            meant = similar(name, names)
+            text = f"unknown {what} {name!r}{meant}; known: {known(names)}"
+            raise InputError(Problem(text, where))
 
     def headline(self) -> str:
         """Say what the network has."""

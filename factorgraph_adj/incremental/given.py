@@ -1,0 +1,69 @@
+"""What is given to commands: one thing or several, each of the right sort."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple, TypeVar
+
+from ..errors import InputError, Problem
+from ..network.entities import Camera, Photo, Point
+from ..observations import AnyObservation, Correlated, Observation
+
+Thing = TypeVar("Thing")
+"""What is given to a command, alone or with others."""
+
+
+class Given(NamedTuple):
+    """What is given to an adjustment at once."""
+
+    observations: list[AnyObservation]
+    """Observations."""
+    points: list[Point]
+    """New points."""
+    photos: list[Photo]
+    """New photos."""
+    cameras: list[Camera]
+    """New cameras."""
+
+    @classmethod
+    def of(cls, observations: object, points: object, photos: object, cameras: object) -> Given:
+        """Return things, of each sort one or several.
+
+        Raises:
+            InputError: everything that is of another sort.
+        """
+        noun = "observation: see factorgraph_adj.observations"
+        return cls(
+            listed(observations, noun, Observation, Correlated),
+            listed(points, "fga.Point", Point),
+            listed(photos, "fga.Photo", Photo),
+            listed(cameras, "fga.Camera", Camera),
+        )
+
+
+def listed(given: object, noun: str, *kinds: type[Thing]) -> list[Thing]:
+    """Return one thing, or several, as a list.
+
+    Args:
+        given: the things.
+        noun: what each of them should be, for messages.
+        kinds: what each of them may be.
+
+    Raises:
+        InputError: everything that is something else.
+    """
+    several = isinstance(given, Iterable) and not isinstance(given, str)
+    items: list[Any] = list(given) if several else [given]  # type: ignore[call-overload]
+    problems = [Problem(f"is no {noun}", repr(i)[:80]) for i in items if not isinstance(i, kinds)]
+    if problems:
+        raise InputError(problems)
+    return items
+
+
+def ids_in(given: str | Iterable[str]) -> list[str]:
+    """Return ids as a list.
+
+    Raises:
+        InputError: everything that is no text.
+    """
+    return listed(given, "id: an id is a text", str)
