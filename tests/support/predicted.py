@@ -73,8 +73,9 @@ def compare_next(
     """Add an observation, and compare its verdict with the prediction from the batch adjustment.
 
     Returns:
-        None where there is no prediction: it waits, or determines something new; or where there
-        is no batch adjustment.
+        None where there is no prediction: it waits, or determines something new; where it fixes a
+        motion that the datum of a free network left open, on which a prediction depends; or where
+        there is no batch adjustment.
     """
     before = expected = None
     if len(adjustment):
@@ -88,6 +89,8 @@ def compare_next(
     there = len(adjustment)
     verdicts = {v.id: v for v in adjustment.add(item).verdicts}
     if before is None or expected is None:
+        return None
+    if adjustment.solution().datum_defect < before.datum_defect:
         return None
     found = [verdicts[i] for i in expected.ids]
     if any(v.verdict == "waiting" for v in found):
