@@ -134,7 +134,7 @@ def section_of(ledger: Ledger, system: System) -> tuple[Equations, Section] | No
         looked = Looked(looked.movement, looked.drift)
     elif outer.drift is not None:
         looked = Looked(None, outer.drift)
-    return _joined(ledger, outer, np.flatnonzero(mine), own, work, looked)
+    return _joined(ledger, outer, np.flatnonzero(mine), own, work, looked, system.section)
 
 
 def _joined(
@@ -144,6 +144,7 @@ def _joined(
     points: set[str],
     work: int,
     looked: Looked | None,
+    before: Section | None,
 ) -> tuple[Equations, Section] | None:
     """Return a section of some rows; none: it is too large.
 
@@ -154,6 +155,7 @@ def _joined(
         points: the points P.
         work: see `Section`.
         looked: see `Section`.
+        before: the section until now; none: there was none.
     """
     unknowns, base = outer.unknowns, outer.base
     table = unknowns["point"]
@@ -167,7 +169,7 @@ def _joined(
             known.add((kind, name))
     known -= {("point", name) for name in points}
     columns: Index = np.sort(np.concatenate([touched[:0], *(outer.columns(*v) for v in known)]))
-    if not 0 < len(columns) <= MOST_COLUMNS:
+    if len(columns) > MOST_COLUMNS:
         return None
     network = excerpt(ledger, Described(outer, known), rows, hold=False)
     try:
@@ -176,12 +178,11 @@ def _joined(
         return None
     if any(name not in equations.unknowns[kind].number for kind, name in known):
         return None
-    at = outer.lifted.place[columns]
-    spread = outer.lifted.times(at, np.eye(len(columns)))
+    spread = _spread(outer, columns, before)
     found = marginal(
         base.normal(),
         columns,
-        spread[at],
+        spread[outer.lifted.place[columns]],
         table.offset[numbers][:, None] + np.arange(3),
         of_points,
     )
@@ -191,3 +192,16 @@ def _joined(
         base, outer.lifted, outer.rows, outer.drift, columns, spread, found, of_points, work, looked
     )
     return equations, section
+
+
+def _spread(outer: System, columns: Index, before: Section | None) -> Array:
+    """Return the cofactors of all coordinates with T (size, m); those that are there are kept."""
+    out = np.empty((outer.lifted.size, len(columns)))
+    kept = np.zeros(len(columns), dtype=bool)
+    if before is not None and before.lifted is outer.lifted:
+        kept = np.isin(columns, before.columns)
+        out[:, kept] = before.spread[:, np.searchsorted(before.columns, columns[kept])]
+    at = outer.lifted.place[columns[~kept]]
+    if len(at):
+        out[:, ~kept] = outer.lifted.times(at, np.eye(len(at)))
+    return out

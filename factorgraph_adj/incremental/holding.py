@@ -197,6 +197,8 @@ def _of_rest(system: System, root: Array) -> float:
     free = np.ones(len(at), dtype=bool)
     of_prior = system.base.extra.rows[0].columns
     free[: len(of_prior)] = system.unknowns.free[of_prior]
+    if not free.any():
+        return 1.0
     q = system.update.times(at, np.eye(len(at)))[at]
     half = solve_triangular(root, solve_triangular(root, q, lower=True).T, lower=True)
     least = np.linalg.eigvalsh(half[np.ix_(free, free)])[0]

@@ -17,11 +17,13 @@ from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.network.entities import Point
 from factorgraph_adj.observations import (
     ControlPoint,
+    Direction,
     ImagePoint,
     Observation,
     PhotoPosition,
     SlopeDistance,
 )
+from factorgraph_adj.solve.lifted import Lifted
 from factorgraph_adj.solve.solution import Solution
 from tests.benchmarks.vehicle import Drive, Event
 from tests.networks.arriving import CASES
@@ -326,6 +328,55 @@ def test_rows_may_touch_constants_that_have_come_since(monkeypatch, least):
     )
     assert "tape" in driving.inc.network().observations
     assert deviations(driving, driving.batch())[0] < PROMISE
+
+
+def test_what_touches_nothing_of_the_rest_is_a_section_too(monkeypatch):
+    """Directions between constants: their orientation is all that is new."""
+    monkeypatch.setattr(cutting, "SMALLEST", 0)
+    driving = Driving()
+    fixed = (True,) * 3
+    names = {"pillar": (5.0, 5.0, 2.0), "north": (5.0, 95.0, 2.0), "east": (85.0, 5.0, 2.0)}
+    before = driving.system.whole.base
+    driving.inc.add(
+        [
+            Direction("pillar", "north", 0.1, sigma=1e-5, set="1", id="north"),
+            Direction("pillar", "east", 0.1 + np.pi / 2 + 2e-5, sigma=1e-5, set="1", id="east"),
+        ],
+        points=[Point(n, at, fixed=fixed) for n, at in names.items()],
+    )
+    assert {"north", "east"} <= set(driving.inc.network().observations)
+    assert driving.system.section is not None and driving.system.whole.base is before
+    batch = driving.batch()
+    assert driving.inc.redundancy == batch.redundancy
+    assert deviations(driving, batch)[0] < PROMISE
+
+
+def test_the_rest_is_solved_for_what_is_new_in_a_section(monkeypatch):
+    """Cofactors of T that the section before had are the same to the last bit."""
+    monkeypatch.setattr(cutting, "WORK", np.inf)
+    monkeypatch.setattr(cutting, "SMALLEST", 0)
+    driving = Driving()
+    section_with(driving, 1)
+    before, asked = driving.system.section, []
+    times = Lifted.times
+
+    def counted(self, at, b):
+        asked.append(len(at))
+        return times(self, at, b)
+
+    monkeypatch.setattr(Lifted, "times", counted)
+    assert before is not None
+    _, after = cutting.section_of(driving.inc._state.ledger, driving.system)
+    assert np.array_equal(after.columns, before.columns) and not asked
+    assert np.array_equal(after.spread, before.spread)
+    for event in driving.later[4:8]:
+        driving.add([event])
+    section = driving.system.section
+    assert section is not None and section.lifted is before.lifted
+    monkeypatch.setattr(Lifted, "times", times)
+    at = section.lifted.place[section.columns]
+    found = section.lifted.times(at, np.eye(len(at)))
+    assert np.abs(section.spread - found).max() <= 1e-12 * np.abs(found).max()
 
 
 def test_rows_touch_no_more_of_the_rest_than_there_is_room_for():
