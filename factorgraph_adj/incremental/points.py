@@ -80,8 +80,8 @@ def _require(state: State, name: str, kind: Literal["point", "pose"] = "point") 
     described: Mapping[str, Point | Photo]
     noun, described = ("point", network.points) if kind == "point" else ("photo", network.photos)
     if name not in described:
-        meant = similar(name, described)
-        raise InputError(f"unknown {noun} {name!r}{meant}; known: {known(described)}")
+        text = f"unknown {noun} {name!r}; known: {known(described)}"
+        raise InputError(text + similar(name, described))
     if (system is None or not system.known(kind, name)) and not all(described[name].fixed):
         lacks = state.ledger.lacks.get((kind, name), "no observation has determined it yet")
         raise InputError(Problem(f"is not determined: {lacks}", f"{noun} {name!r}"))

@@ -474,8 +474,7 @@ class Network(Shown):
 
     def _known(self, name: str, names: Mapping[Any, object], what: str, where: str) -> None:
         if name not in names:
-            meant = similar(name, names)
-            text = f"unknown {what} {name!r}{meant}; known: {known(names)}"
+            text = f"unknown {what} {name!r}; known: {known(names)}{similar(name, names)}"
             raise InputError(Problem(text, where))
 
     def headline(self) -> str:

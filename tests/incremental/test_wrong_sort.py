@@ -46,9 +46,9 @@ def inc() -> fga.IncrementalAdjustment:
         ),
         (
             lambda i: i.add(SlopeDistance("a", "B", 10.0, sigma=0.002)),
-            "slope_distance a B: unknown point 'a'; did you mean 'A'",
+            "slope_distance a B: unknown point 'a'; known: A, B; did you mean 'A'",
         ),
-        (lambda i: i.estimate("b"), "unknown point 'b'; did you mean 'B'"),
+        (lambda i: i.estimate("b"), "unknown point 'b'; known: A, B; did you mean 'B'"),
         (lambda i: i.pose("b"), "unknown photo 'b'; known: none"),
     ],
 )

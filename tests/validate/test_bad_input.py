@@ -86,7 +86,7 @@ READING = {
     ),
     "an unknown camera": (
         *("photos", "P,cam", "P,can"),
-        "photos.csv:2: photo 'P': unknown camera 'can'; known: cam",
+        "photos.csv:2: photo 'P': unknown camera 'can'; known: cam; did you mean 'cam'?",
     ),
     "a duplicate point": (
         *("points", "F,5,5,3,", "F,5,5,3,\nF,5,5,4,"),
