@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
+    from .field.faces import FaceReading, reduce_faces
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
     from .graph.build import build_graph
     from .incremental.adjustment import IncrementalAdjustment
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from .io.gama import read_gama
     from .io.project import read_project
     from .io.readers import read
+    from .io.solution_file import load_solution
     from .io.write_project import write_project
     from .models.registry import register_lens
     from .models.variables import UnknownKind, register_unknown
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
     from .planning.plan import plan
     from .planning.propose import propose
     from .planning.spare import find_sparable
+    from .quality.causes.search import causes
     from .quality.check_points import check_points
     from .quality.datum_change import s_transform
     from .quality.ellipses import error_ellipse, error_ellipsoid
@@ -66,6 +69,8 @@ if TYPE_CHECKING:
     from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
+    from .validate.preliminary.finding import Finding
+    from .validate.preliminary.search import preliminary
     from .version import __version__
 
 __all__ = [
@@ -80,6 +85,8 @@ __all__ = [
     "Correlated",
     "DatumError",
     "Direction",
+    "FaceReading",
+    "Finding",
     "GeocentricFrame",
     "GnssPosition",
     "GnssVector",
@@ -112,6 +119,7 @@ __all__ = [
     "adjust",
     "adjust_parts",
     "build_graph",
+    "causes",
     "check_points",
     "distance_precision",
     "error_ellipse",
@@ -119,15 +127,18 @@ __all__ = [
     "estimate_variance_components",
     "exclude_insignificant",
     "find_sparable",
+    "load_solution",
     "memory_needed",
     "plan",
     "predict",
+    "preliminary",
     "propose",
     "protocol",
     "read",
     "read_bal",
     "read_gama",
     "read_project",
+    "reduce_faces",
     "register_lens",
     "register_observation",
     "register_unknown",
@@ -152,6 +163,8 @@ _MODULES = {
     "Correlated": "observations.correlated",
     "DatumError": "errors",
     "Direction": "observations.terrestrial",
+    "FaceReading": "field.faces",
+    "Finding": "validate.preliminary.finding",
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",
     "GnssVector": "observations.positions",
@@ -166,6 +179,8 @@ _MODULES = {
     "Observation": "observations.base",
     "ObservationKind": "observations.registry",
     "Parameter": "network.entities",
+    "Part": "parts.part",
+    "PartsSolution": "parts.result",
     "Photo": "network.entities",
     "PhotoPosition": "observations.positions",
     "Point": "network.entities",
@@ -179,11 +194,10 @@ _MODULES = {
     "VerticalAngle": "observations.terrestrial",
     "ZenithAngle": "observations.terrestrial",
     "__version__": "version",
-    "Part": "parts.part",
-    "PartsSolution": "parts.result",
     "adjust": "parts.network",
     "adjust_parts": "parts.adjust",
     "build_graph": "graph.build",
+    "causes": "quality.causes.search",
     "check_points": "quality.check_points",
     "distance_precision": "quality.relative",
     "error_ellipse": "quality.ellipses",
@@ -191,15 +205,18 @@ _MODULES = {
     "estimate_variance_components": "quality.variance_components",
     "exclude_insignificant": "quality.exclusion",
     "find_sparable": "planning.spare",
+    "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
     "plan": "planning.plan",
     "predict": "quality.prediction",
+    "preliminary": "validate.preliminary.search",
     "propose": "planning.propose",
     "protocol": "report.text",
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_gama": "io.gama",
     "read_project": "io.project",
+    "reduce_faces": "field.faces",
     "register_lens": "models.registry",
     "register_observation": "observations.registry",
     "register_unknown": "models.variables",

@@ -22,6 +22,8 @@ ANGLE: dict[str, float] = {
 LENGTH: dict[str, float] = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "km": 1e3}
 """Metres in one unit of length."""
 
+TURN = 2.0 * math.pi
+"""The whole circle, radians."""
 ARCSEC = ANGLE["arcsec"]
 GON = ANGLE["gon"]
 CC = ANGLE["cc"]
@@ -57,12 +59,30 @@ def parse_angle(text: str, unit: str) -> float:
     return -value if sign == "-" else value
 
 
+def decimal(value: float, digits: int) -> str:
+    """Write a number with ``digits`` decimals; zero has no sign.
+
+    >>> decimal(-0.0004, 3), decimal(-0.0006, 3)
+    ('0.000', '-0.001')
+    """
+    text = f"{value:.{digits}f}"
+    return text[1:] if text.startswith("-") and not text.strip("-0.") else text
+
+
+def format_turn(radians: float, unit: str, digits: int) -> str:
+    """Write an angle of the whole circle, from 0 to less than 2π, as `format_angle`."""
+    text = format_angle(radians % (2 * math.pi), unit, digits)
+    return (
+        format_angle(0.0, unit, digits) if text == format_angle(2 * math.pi, unit, digits) else text
+    )
+
+
 def format_angle(radians: float, unit: str, digits: int) -> str:
-    """Write an angle in ``unit`` or ``dms`` with ``digits`` decimals."""
+    """Write an angle in ``unit`` or ``dms`` with ``digits`` decimals; zero has no sign."""
     if unit != "dms":
-        return f"{radians / angle_unit(unit):.{digits}f}"
-    sign = "-" if radians < 0 else ""
+        return decimal(radians / angle_unit(unit), digits)
     ticks = round(abs(radians) / ARCSEC * 10**digits)
+    sign = "-" if radians < 0 and ticks else ""
     seconds, minutes, degrees = (
         ticks % (60 * 10**digits),
         ticks // (60 * 10**digits) % 60,

@@ -22,13 +22,14 @@ SOURCE = ROOT / PACKAGE
 
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "types", "version", "shown"),
-    ("units", "rotation", "ellipsoid", "blas"),
+    ("units", "rotation", "ellipsoid", "blas", "columns"),
     ("frames", "stochastic"),
     ("models",),
     ("network.entities",),
     ("observations",),
     ("network",),
     ("network.additions",),
+    ("field",),
     # The equations in arrays, which know nothing of GTSAM.
     (
         "graph.variables",
@@ -43,6 +44,9 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("approximate",),
     # The same equations as factors of GTSAM, which start at approximate values.
     ("graph",),
+    # What an adjustment says of itself takes the global test.
+    ("quality.distributions", "quality.levels"),
+    ("quality.unit_weight",),
     ("solve",),
     ("quality",),
     ("validate",),
@@ -68,7 +72,7 @@ EXTRAS = {
     "rich": ("cli",),
     "matplotlib": ("report", "papers"),
     "distributed": ("experiment", "parts"),
-    "pandas": ("experiment",),
+    "pandas": ("experiment", "columns"),
 }
 """Optional; imported when they are needed, and where."""
 

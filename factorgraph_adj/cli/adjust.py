@@ -15,6 +15,7 @@ from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.context import Report
+from ..report.doubts import doubts_about
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
 from ..report.text import render
@@ -22,8 +23,15 @@ from ..solve.batch import adjust
 from ..solve.solution import Solution
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
-from .messages import doubts_about, iteration, progress
-from .options import PROJECT_HELP, add_adjustment, add_project, count, probability
+from .messages import iteration, progress
+from .options import (
+    PROJECT_HELP,
+    add_adjustment,
+    add_allow_outside,
+    add_project,
+    count,
+    probability,
+)
 from .parts import add_parts, adjust_in_parts, in_parts
 
 
@@ -31,6 +39,7 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Add the commands."""
     run = commands.add_parser("adjust", help="adjust a project and print the protocol")
     run.add_argument("project", metavar="PROJECT", nargs="+", help=PROJECT_HELP)
+    add_allow_outside(run)
     run.add_argument("--out", metavar="DIR", help="write protocol, solution.json and CSV tables")
     run.add_argument(
         "--rows",
@@ -81,7 +90,7 @@ def _solve(options: argparse.Namespace) -> Adjusted:
         InputError: options contradict each other, or the input has problems.
     """
     _refuse_options(options)
-    project = READERS.load(options.project)
+    project = READERS.load(options.project, allow_outside=options.allow_outside)
     network = project.network
     if options.datum is not None:
         network.datum = options.datum
@@ -203,6 +212,9 @@ def _verdict(found: Adjusted) -> int:
                 f"{left} observation{'s' * (left != 1)} above the critical value could not be set "
                 "aside"
             )
+        causes = found.snooping.causes
+        if causes is not None and causes.likelier:
+            doubts.append(f"likelier than gross errors of single readings: {causes.likelier[0]}")
     for doubt in doubts:
         print(doubt, file=sys.stderr)
     return DOUBTFUL if doubts else FINE

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 
-from ..errors import InputError
+from ..errors import InputError, Problem
 from ..io.project import Project
 from ..io.readers import READERS
-from ..validate.check import check
-from .exit_codes import BAD_INPUT, FINE
-from .messages import complain
+from ..validate.check import check, start_problems
+from ..validate.preliminary.search import mistaken, preliminary
+from .exit_codes import BAD_INPUT, DOUBTFUL, FINE
+from .messages import MOST_PROBLEMS, complain
 from .options import add_project
 
 
@@ -23,19 +24,35 @@ def add_check(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
 
 def _check(options: argparse.Namespace) -> int:
     try:
-        project = READERS.load(options.project)
+        project = READERS.load(options.project, allow_outside=options.allow_outside)
     except InputError as error:
         complain(error.problems)
-        _hint_at_plan(options.project, len(error.problems))
+        _hint_at_plan(options, len(error.problems))
         return BAD_INPUT
     refuse_problems(project)
     network = project.network
-    print(
-        f"{network.name}: no problems found in {len(network.points)} points, "
-        f"{len(network.photos)} photos, {network.n_image_points} image points and "
-        f"{len(network.observations)} other observations"
+    content = (
+        f"{len(network.points)} points, {len(network.photos)} photos, {network.n_image_points} "
+        f"image points and {len(network.observations)} other observations"
     )
-    return FINE
+    found = preliminary(network)
+    without = start_problems(network)
+    if not found and not without:
+        print(f"{network.name}: no problems found in {content}; approximate values are there")
+        return FINE
+    print(f"{network.name}: {content}")
+    if found:
+        n = len(found)
+        print(f"{n} doubt{'s' * (n != 1)} about readings or given values; nothing was changed:")
+        for finding in found[:MOST_PROBLEMS]:
+            print(f"  {finding}")
+        if n > MOST_PROBLEMS:
+            print(f"  … and {n - MOST_PROBLEMS} more")
+    if without:
+        print("adjust will find no approximate values for:")
+        for problem in without[:MOST_PROBLEMS]:
+            print(f"  {problem}")
+    return DOUBTFUL
 
 
 def refuse_problems(project: Project) -> None:
@@ -46,13 +63,15 @@ def refuse_problems(project: Project) -> None:
     """
     problems = check(project.network, sources=project.sources)
     if problems:
-        raise InputError(problems)
+        # Points behind cameras are a symptom; images with y the wrong way are the cause.
+        causes = [Problem(str(f)) for f in mistaken(project.network)]
+        raise InputError([*causes, *problems])
 
 
-def _hint_at_plan(name: str, n_problems: int) -> None:
+def _hint_at_plan(options: argparse.Namespace, n_problems: int) -> None:
     """Print that a design needs no readings, if the input lacks readings."""
     try:
-        READERS.load(name, readings=False)
+        READERS.load(options.project, readings=False, allow_outside=options.allow_outside)
     except InputError as error:
         if len(error.problems) >= n_problems:
             return

@@ -11,6 +11,7 @@ import io
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem
 from ..version import __version__
@@ -21,15 +22,55 @@ from .messages import complain
 from .plan import add_plan
 from .stream import add_stream
 
+_TEXT = io.TextIOWrapper
+
+
+class UntilClosed:
+    """A stream that writes to nothing once its reader has closed the pipe (… | head).
+
+    The command goes on: its exit code says what it found, not how much of it was read.
+    """
+
+    def __init__(self, stream: io.TextIOWrapper) -> None:
+        """Write to a stream."""
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write a text."""
+        try:
+            return self._stream.write(text)
+        except BrokenPipeError:
+            self._forget()
+            return len(text)
+
+    def flush(self) -> None:
+        """Write what is left."""
+        try:
+            self._stream.flush()
+        except BrokenPipeError:
+            self._forget()
+
+    def _forget(self) -> None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the stream itself."""
+        return getattr(self._stream, name)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # the terminal's encoding may lack σ
+    streams = {n: s for n in ("stdout", "stderr") if isinstance(s := getattr(sys, n), _TEXT)}
+    for stream in streams.values():
+        stream.reconfigure(errors="replace")  # the terminal's encoding may lack σ
     options = _parser().parse_args(arguments)
+    if not options.ends_with_reader:
+        for name, stream in streams.items():
+            setattr(sys, name, UntilClosed(stream))
     try:
-        return int(options.run(options))
+        code = int(options.run(options))
+        sys.stdout.flush()
+        return code
     except (InputError, ApproximationError) as error:
         complain(error.problems)
         return BAD_INPUT
@@ -39,8 +80,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("interrupted: nothing was written", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:
-        # The reader of the protocol has closed the pipe (… | head).
+    except BrokenPipeError:  # nobody reads the answers of a stream any more
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FINE
     except Exception as error:
@@ -64,6 +104,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     version = f"factorgraph-adj {__version__}".strip()
     parser.add_argument("--version", action="version", version=version)
+    parser.set_defaults(ends_with_reader=False)
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     add_adjust(commands)
     add_stream(commands)

@@ -5,10 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 from ..errors import Problem
-from ..quality.unit_weight import Adjusted, global_test
 
 Show: TypeAlias = Callable[[str], None]
 """Function that replaces the line of progress by a text."""
@@ -51,31 +50,6 @@ def progress(name: str) -> Iterator[Show | None]:
         return
     with Console(stderr=True).status(f"{name}: reading and approximate values") as status:
         yield lambda text: status.update(f"{name}: {text}")
-
-
-class Ended(Adjusted, Protocol):
-    """An adjustment that says how it ended."""
-
-    @property
-    def converged(self) -> bool:
-        """Whether the iteration came to rest."""
-        ...
-
-    @property
-    def reason(self) -> str:
-        """Why the iteration ended."""
-        ...
-
-
-def doubts_about(solution: Ended) -> list[str]:
-    """Return why the result of an adjustment may be wrong: not at rest, or the global test."""
-    test = global_test(solution)
-    if not solution.converged:
-        return [f"not converged: {solution.reason}"]
-    if test.accepted:
-        return []
-    bounds = f"accepted from {test.lower:.4f} to {test.upper:.4f}"
-    return [f"global test failed: σ̂0 = {test.sigma0:.4f}, {bounds}"]
 
 
 def iteration(number: int, vtpv: float, step: float) -> str:

@@ -16,6 +16,16 @@ PROJECT_HELP = f"a file: {READERS}; or a folder"
 def add_project(parser: argparse.ArgumentParser) -> None:
     """Add the argument for the project."""
     parser.add_argument("project", metavar="PROJECT", help=PROJECT_HELP)
+    add_allow_outside(parser)
+
+
+def add_allow_outside(parser: argparse.ArgumentParser) -> None:
+    """Add the option that lets a project name files anywhere."""
+    parser.add_argument(
+        "--allow-outside",
+        action="store_true",
+        help="let project.toml name tables outside its folder",
+    )
 
 
 def add_adjustment(parser: argparse.ArgumentParser) -> None:

@@ -12,10 +12,11 @@ from ..parts.network import adjust_cut
 from ..parts.result import PartsSolution
 from ..parts.workers import connected
 from ..quality.levels import ALPHA, POWER
+from ..report.doubts import doubts_about
 from ..report.parts import parts_protocol, write_parts
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
-from .messages import doubts_about, iteration, progress
+from .messages import iteration, progress
 from .options import count
 
 WHOLE_ONLY = ("snoop", "robust", "variance_components", "ellipses", "rows", "test", "sidak")
@@ -83,7 +84,7 @@ def _solution(options: argparse.Namespace) -> PartsSolution:
                 max_iterations=options.max_iterations or MOST_ITERATIONS,
                 progress=show and (lambda *figures: show(iteration(*figures))),
             )
-    project = READERS.load(options.project[0])
+    project = READERS.load(options.project[0], allow_outside=options.allow_outside)
     refuse_problems(project)
     with connected(options.cluster) as client, progress(project.network.name) as show:
         return adjust_cut(

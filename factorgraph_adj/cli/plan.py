@@ -80,7 +80,7 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    project = READERS.load(options.project, readings=False)
+    project = READERS.load(options.project, readings=False, allow_outside=options.allow_outside)
     wishes = Wishes((), ())
     if options.targets is not None:
         wishes = read_wishes(options.targets, project, candidates=False)
@@ -92,7 +92,7 @@ def _plan(options: argparse.Namespace) -> int:
 
 
 def _propose(options: argparse.Namespace) -> int:
-    project = READERS.load(options.project, readings=False)
+    project = READERS.load(options.project, readings=False, allow_outside=options.allow_outside)
     wishes = read_wishes(options.candidates, project)
     problems = [
         Problem(f"has no [[{what}]]", options.candidates)

@@ -66,7 +66,7 @@ def add_stream(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         action="store_true",
         help="show counts, verdicts, weakest points and latency on the terminal",
     )
-    parser.set_defaults(run=_stream)
+    parser.set_defaults(run=_stream, ends_with_reader=True)
 
 
 def _stream(options: argparse.Namespace) -> int:
@@ -110,7 +110,7 @@ def _start(options: argparse.Namespace) -> Stream:
         raise InputError(problems)
     if options.live and find_spec("rich") is None:
         raise InputError(MISSING)
-    project = READERS.load(options.project)
+    project = READERS.load(options.project, allow_outside=options.allow_outside)
     if options.resume:
         adjustment = IncrementalAdjustment.resume(options.journal)
         _same(adjustment, project, options)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..columns import MISSING
 from ..errors import InputError, Problem, known
 from ..io.atomic import write_files
 from ..quality.levels import CONFIDENCE
@@ -21,8 +22,6 @@ from .summary import Summary, summarise
 
 if TYPE_CHECKING:
     import pandas
-
-MISSING = "a data frame needs pandas: pip install 'factorgraph_adj[table]'"
 
 
 @dataclass(frozen=True, repr=False)

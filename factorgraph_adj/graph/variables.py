@@ -7,8 +7,9 @@ constants of the observations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -54,27 +55,45 @@ class Unknowns:
         """Arrange the variables of ``network`` in tables and columns."""
         self.network = network
         tables: dict[VariableKind, Variables] = {}
-        first = 0
         for kind in UNKNOWNS:
             names, values, sizes, free, sigma = _laid_out(network, kind)
-            active = free.any(axis=1)
-            columns = np.where(active, sizes, 0)
-            offset = first + np.cumsum(columns) - columns
+            number = {n: i for i, n in enumerate(names)}
+            nowhere = np.full(len(names), -1, dtype=np.intp)
             tables[kind] = Variables(
-                kind,
-                tuple(names),
-                {n: i for i, n in enumerate(names)},
-                values,
-                sizes,
-                free,
-                sigma,
-                np.where(active, offset, -1).astype(np.intp),
+                kind, tuple(names), number, values, sizes, free, sigma, nowhere
             )
+        self._place(tables)
+
+    def _place(self, tables: dict[VariableKind, Variables]) -> None:
+        """Give columns to the variables that have a free component."""
+        self.tables: dict[VariableKind, Variables] = {}
+        first = 0
+        for kind, table in tables.items():
+            active = table.free.any(axis=1)
+            columns = np.where(active, table.size, 0)
+            offset = first + np.cumsum(columns) - columns
+            placed = np.where(active, offset, -1).astype(np.intp)
+            self.tables[kind] = replace(table, offset=placed)
             first += int(columns.sum())
-        self.tables = tables
         self.n_columns = first
-        self.free = np.concatenate([_of_columns(table) for table in tables.values()])
+        self.free = np.concatenate([_of_columns(table) for table in self.tables.values()])
         self.n_unknowns = int(self.free.sum())
+
+    def freed(self, held: Mapping[VariableKind, Mask]) -> Unknowns:
+        """Return the unknowns with held components free.
+
+        Args:
+            held: flags of the components to free, (n, largest size), by kind.
+        """
+        out = copy(self)
+        out.__dict__.pop("size_at", None)
+        out._place(
+            {
+                kind: replace(table, free=table.free | held[kind]) if kind in held else table
+                for kind, table in self.tables.items()
+            }
+        )
+        return out
 
     @cached_property
     def size_at(self) -> dict[int, int]:

@@ -21,16 +21,17 @@ import numpy as np
 from ..approximate import reach
 from ..errors import AdjustmentError, DatumError, InputError, Problem
 from ..graph.dependence import Variable
-from ..graph.equations import Equations, compile_rows
+from ..graph.equations import Equations, compile_network, compile_rows
 from ..models.variables import UNKNOWNS
 from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
 from ..quality.snooping import snoop
 from ..solve.anywhere import anywhere
-from ..solve.batch import adjust
+from ..solve.batch import adjust_from
 from ..solve.linear import LinearSystem
 from ..solve.rank import UNDETERMINED, loose
 from ..solve.solution import Solution
+from ..solve.start import start_of
 from ..types import NO_ROWS, Index
 from .candidates import Candidates, Nothing
 from .excerpt import excerpt
@@ -186,10 +187,15 @@ class Search:
         tolerance = LIMITS.at_rest if self.datum == "free" else 1e-4
         if start is not None:
             with suppress(AdjustmentError):
-                solution = adjust(local, datum=self.datum, start=start, tolerance=tolerance)
+                solution = self._adjusted_from(local, start, tolerance)
                 if solution.converged:
                     return solution
-        return adjust(local, datum=self.datum, tolerance=tolerance)
+        return self._adjusted_from(local, None, tolerance)
+
+    def _adjusted_from(self, local: Network, start: Solution | None, bound: float) -> Solution:
+        equations, free = compile_network(local), self.datum == "free"
+        begin = start_of(equations, self.datum, start)
+        return adjust_from(equations, begin, free=free, tolerance=bound)
 
     def _anywhere(self, solution: Solution) -> set[Variable]:
         """Return waiting points of which their readings do not say where they are."""

@@ -83,24 +83,29 @@ class Project:
         return self.context.units
 
 
-def read_project(path: str | Path) -> Network:
+def read_project(path: str | Path, *, allow_outside: bool = False) -> Network:
     """Read the network of a project.
 
     Args:
         path: the TOML file, or the folder that has it as ``project.toml``.
+        allow_outside: whether the project may name tables outside its folder; through symbolic
+            links it never may.
 
     Raises:
         InputError: all problems, each with file and line or key.
     """
-    return load_project(path).network
+    return load_project(path, allow_outside=allow_outside).network
 
 
-def load_project(path: str | Path, *, readings: bool = True) -> Project:
+def load_project(
+    path: str | Path, *, readings: bool = True, allow_outside: bool = False
+) -> Project:
     """Read a project: its network, units and options. Raises as `read_project` does.
 
     Args:
         path: as in `read_project`.
         readings: whether observations need observed values; a plan does not.
+        allow_outside: as in `read_project`.
     """
     path = Path(path)
     if path.is_dir():
@@ -125,7 +130,7 @@ def load_project(path: str | Path, *, readings: bool = True) -> Project:
     axes = _cameras(document, network, path.name, problems)
     sigma = _sigma_defaults(document, path.name, problems)
     options = _options(_table(document, "adjust", path.name, problems))
-    found_tables = _tables(_table(document, "files", path.name, problems), path)
+    found_tables = _tables(_table(document, "files", path.name, problems), path, allow_outside)
     reader = UnknownsReader(network, units, cast(Dimension, dimension or 3), problems)
     readers: list[tuple[str, Callable[[Table], None]]] = [
         ("points", reader.points),
@@ -169,6 +174,8 @@ def _read_toml(path: Path) -> dict[str, Any]:
         line = re.search(r"line (\d+)", str(error))
         where = f"{path.name}:{line.group(1)}" if line else path.name
         raise InputError(Problem(f"is not TOML: {error}", where)) from None
+    except RecursionError:
+        raise InputError(Problem("is nested too deeply", path.name)) from None
 
 
 def _table(document: dict[str, Any], key: str, file: str, problems: list[Problem]) -> Row:
@@ -369,7 +376,7 @@ def _options(row: Row) -> AdjustOptions:
     return AdjustOptions(cast(Variance, variance), 100 if most is None else most)
 
 
-def _tables(row: Row, path: Path) -> dict[str, Table | None]:
+def _tables(row: Row, path: Path, allow_outside: bool) -> dict[str, Table | None]:
     """Read the tables that [files] names; without [files], those whose default file exists."""
     _only(row, tables())
     stated = bool(row.fields)
@@ -377,6 +384,33 @@ def _tables(row: Row, path: Path) -> dict[str, Table | None]:
     for name in tables():
         needed = name == "points"
         file = row.text(name, default=None if stated and not needed else f"{name}.csv")
-        if file is not None and (stated or needed or (path.parent / file).exists()):
+        if file is None or not (stated or needed or (path.parent / file).exists()):
+            continue
+        out[name] = None
+        if why := _astray(path.parent, Path(file), allow_outside):
+            row.wrong(f"{name} = {file!r} {why}")
+        else:
             out[name] = read_table(path.parent / file, row.problems)
     return out
+
+
+def _astray(folder: Path, file: Path, allow_outside: bool) -> str:
+    """Return why a table must not be read; empty if it may.
+
+    A project may come from anybody: messages about a table outside its folder would show cells of
+    any file of the reader's machine.
+    """
+    outside = file.is_absolute() or ".." in file.parts
+    there = folder
+    for part in file.parts if not outside else ():
+        there = there / part
+        if there.is_symlink():
+            return "is a symbolic link, or lies behind one: name the file itself"
+    if outside and (folder / file).is_symlink():
+        return "is a symbolic link: name the file itself"
+    if allow_outside or not outside:
+        return ""
+    return (
+        "lies outside the folder of the project, or is named as if it did: move it there and give "
+        "its name alone, or allow such files (--allow-outside)"
+    )

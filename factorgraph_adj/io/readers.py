@@ -20,12 +20,13 @@ from .project import Project, load_project
 class Load(Protocol):
     """Function that reads a file as a project."""
 
-    def __call__(self, path: Path, /, *, readings: bool) -> Project:
+    def __call__(self, path: Path, /, *, readings: bool, allow_outside: bool) -> Project:
         """Return the project.
 
         Args:
             path: the file.
             readings: whether observations need observed values; those of a design do not.
+            allow_outside: whether a project may name files outside its folder.
         """
 
 
@@ -80,12 +81,15 @@ class Readers:
         """Return the suffixes with the names of their formats."""
         return ", ".join(f"{', '.join(r.suffixes)} ({r.description})" for r in self.entries)
 
-    def load(self, path: str | Path, *, readings: bool = True) -> Project:
+    def load(
+        self, path: str | Path, *, readings: bool = True, allow_outside: bool = False
+    ) -> Project:
         """Read a file of any of the formats, or a folder.
 
         Args:
             path: file or folder.
             readings: whether observations need observed values; those of a design do not.
+            allow_outside: whether a project may name files outside its folder.
 
         Raises:
             InputError: the file does not exist, no reader has its suffix, or the file has
@@ -97,7 +101,7 @@ class Readers:
         reader = self._of_folders() if source.is_dir() else self._of_file(source)
         if reader is None:
             raise InputError(Problem(f"unknown kind of file; valid: {self}", str(path)))
-        return reader.load(source, readings=readings)
+        return reader.load(source, readings=readings, allow_outside=allow_outside)
 
     def _of_folders(self) -> Reader | None:
         return next((r for r in self.entries if r.folders), None)
@@ -119,7 +123,7 @@ def network_alone(read: Callable[[Path], Network]) -> Load:
         A reader of projects in default units, with default options.
     """
 
-    def load(path: Path, /, *, readings: bool) -> Project:
+    def load(path: Path, /, *, readings: bool, allow_outside: bool) -> Project:
         return Project(read(path), path)
 
     return load

@@ -12,6 +12,10 @@ from ..errors import InputError, Problem
 from . import numbers
 
 TRUE, FALSE = ("yes", "true", "1"), ("no", "false", "0", "")
+MOST_CHARACTERS = 500
+"""Largest number of characters of a cell."""
+SHOWN = 20
+"""Number of characters of a longer one that a message quotes."""
 IGNORED = ("remark",)
 """Columns for human readers; programs ignore them."""
 
@@ -71,6 +75,15 @@ def read_table(path: Path, problems: list[Problem]) -> Table | None:
     except csv.Error as error:
         problems.append(Problem(f"is not CSV: {error}", f"{name}:{begun}"))
         return None
+    for line, cells in found:
+        long = next((c for c in cells if len(c) > MOST_CHARACTERS), None)
+        if long is not None:
+            what = (
+                f"a cell of {len(long)} characters begins with {long[:SHOWN]!r}: is a quotation "
+                f"mark missing? A cell has {MOST_CHARACTERS} at most"
+            )
+            problems.append(Problem(what, f"{name}:{line}"))
+            return None
     if not found:
         problems.append(Problem("is empty: the first line must name the columns", name))
         return None

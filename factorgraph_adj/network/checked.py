@@ -12,6 +12,11 @@ from ..rotation import world_R_camera
 from ..types import Array
 from .entities import Camera, Photo, Point, sigmas, triple
 
+ROUGH = 5e-4
+"""Largest deviation from orthogonality that few digits explain: those of four."""
+SINGLE = 1e-6
+"""Deviation from orthogonality that is always taken: matrices in single precision have 1e-7."""
+
 
 def checked_point(
     name: str,
@@ -97,6 +102,33 @@ def checked_camera(
     )
 
 
+def _nearest_rotation(matrix: Array, where: str) -> Array:
+    """Return the rotation nearest to a matrix, which is orthogonal to the digits that it has.
+
+    Raises:
+        InputError: it is none; the message tells by how much.
+    """
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise InputError(Problem("rotation must be a 3 × 3 rotation matrix", where))
+    with np.errstate(over="ignore"):
+        off = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
+        digits = next((k for k in range(1, 15) if np.array_equal(np.round(matrix, k), matrix)), 15)
+    # Errors of half a digit in each element: 2 · 3 · 0.5, and a little for their squares.
+    if off > max(SINGLE, min(3.5 * 10.0**-digits, ROUGH)):
+        what = (
+            f"rotation must be a rotation matrix: R Rᵀ differs from the identity by {off:.2g}, "
+            f"more than the {digits} decimals of its elements explain"
+        )
+        raise InputError(Problem(what, where))
+    if np.linalg.det(matrix) < 0:
+        what = "rotation must be a rotation matrix: its determinant is −1, it mirrors one axis"
+        raise InputError(Problem(what, where))
+    if off <= 1e-14:  # it stays bit-identical
+        return matrix
+    u, _, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ vt)
+
+
 def checked_photo(
     name: str,
     camera: str,
@@ -116,17 +148,7 @@ def checked_photo(
     if rotation is None and omega_phi_kappa is not None:
         rotation = world_R_camera(*triple(omega_phi_kappa, "omega_phi_kappa", where))
     if rotation is not None:
-        rotation = np.asarray(rotation, dtype=float)
-        if (
-            rotation.shape != (3, 3)
-            or not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
-            or np.linalg.det(rotation) < 0
-        ):
-            raise InputError(Problem("rotation must be a 3 × 3 rotation matrix", where))
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-14:
-            # A matrix with few digits becomes the nearest rotation; others stay bit-identical.
-            u, _, vt = np.linalg.svd(rotation)
-            rotation = u @ vt
+        rotation = _nearest_rotation(np.asarray(rotation, dtype=float), where)
     held = (bool(fixed),) * 6 if isinstance(fixed, bool) else tuple(map(bool, fixed))
     if len(held) != 6:
         raise InputError(Problem("fixed must be true, false or six flags", where))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import KW_ONLY, dataclass
 from typing import ClassVar
 
@@ -38,9 +39,20 @@ class VerticalAngle(Sight):
 
 @dataclass(frozen=True)
 class ZenithAngle(VerticalAngle):
-    """Zenith angle, radians: π/2 − (β + κ S cosβ / 2R)."""
+    """Zenith angle, radians: π/2 − (β + κ S cosβ / 2R); from 0 to π."""
 
     kind: ClassVar[str] = "zenith_angle"
+
+    def _check(self) -> None:
+        """Refuse readings of the second face, besides what all observations refuse."""
+        super()._check()
+        if not 0.0 <= self.value <= math.pi:
+            gon = self.value * 200.0 / math.pi
+            self._fail(
+                f"a zenith angle lies between 0 and 200 gon, not at {gon:.4f} gon (in degrees: 0 "
+                f"and 180, {0.9 * gon:.4f}): a reading in the second face is 400 gon minus the "
+                "zenith angle; give both faces to fga.reduce_faces"
+            )
 
 
 @dataclass(frozen=True)

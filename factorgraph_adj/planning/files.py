@@ -80,7 +80,7 @@ def read_wishes(path: str | Path, project: Project, *, candidates: bool = True) 
         document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InputError(Problem(f"cannot be read: {error.strerror}", str(path))) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(Problem(f"is not TOML: {error}", path.name)) from None
     top = Row(document, path.name, problems)
     for key in document:

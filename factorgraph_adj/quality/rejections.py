@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
 
 from ..network.network import Network
 from ..shown import Rows, Shown
 from ..solve.solution import Solution
+from .causes.search import Causes
 from .reliability import Reliability
 
 Test = Literal["baarda", "pope"]
@@ -122,6 +125,8 @@ class Snooping(Shown):
     """Test that decides."""
     reason: str
     """Reason why the search ended."""
+    look: Callable[[], Causes | None] | None = field(default=None, repr=False)
+    """Looks for the causes of the misfits; none: they were not asked for before pickling."""
 
     def headline(self) -> str:
         """Return the numbers of observations and points set aside, and why the search ended."""
@@ -138,6 +143,15 @@ class Snooping(Shown):
             ((r.label, r.test, r.estimated_error, r.round) for r in self.rejected),
             len(self.rejected),
         )
+
+    @cached_property
+    def causes(self) -> Causes | None:
+        """What may have caused the misfits, the likeliest first; None where there are none."""
+        return None if self.look is None else self.look()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the data for pickles: with the causes if they have been asked for."""
+        return self.__dict__ | {"look": None}
 
     @property
     def network(self) -> Network:

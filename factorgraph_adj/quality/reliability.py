@@ -21,12 +21,14 @@ from functools import cached_property
 
 import numpy as np
 
+from ..columns import Columns
 from ..errors import AdjustmentError, InputError
 from ..shown import FIRST, Rows, Shown
 from ..solve.leverage import Leverages, STransform, leverages, point_leverages
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask
+from .causes.given import GivenValue, given_values
 from .distributions import normal_quantile, student_quantile
 from .effects import Effect, Unknown, effect_of, response
 from .groups import GroupReliability, group_reliabilities
@@ -140,6 +142,11 @@ class Reliability(Shown):
         return 1.0 - self.redundancy_numbers - self.e1 - self.e2
 
     @cached_property
+    def given_values(self) -> tuple[GivenValue, ...]:
+        """Tests of held values, each as if it had been given with σ → ∞."""
+        return given_values(self.solution)
+
+    @cached_property
     def groups(self) -> tuple[GroupReliability, ...]:
         """Tests of correlated groups as a whole: observations with a covariance, clusters."""
         return group_reliabilities(
@@ -147,6 +154,27 @@ class Reliability(Shown):
             self._leverages.hats,
             (self.alpha, self.power),
             np.sqrt(self.solution.variance_factor),
+        )
+
+    def table(self) -> Columns:
+        """Return the figures of all observations as columns, SI or image units."""
+        rows = self.solution.observations
+        components = [rows[i].component for i in range(len(rows))]
+        text = {"id": rows.ids, "kind": rows.kinds, "component": components}
+        figures = {
+            "residual": rows.residuals,
+            "sigma": rows.sigmas,
+            "r": self.redundancy_numbers,
+            "w": self.w,
+            "tau": self.tau,
+            "mdb": self.mdb,
+            "delta_bar": self.delta_bar,
+            "estimated_error": self.estimated_errors,
+            "largest_effect": self.largest_effect,
+            "controlled": self.controlled,
+        }
+        return Columns(
+            "observations", {n: np.array(c, dtype=object) for n, c in text.items()} | figures
         )
 
     # -- of single observations ---------------------------------------------------------------

@@ -30,17 +30,21 @@ from typing import Literal
 import numpy as np
 
 from ..errors import InputError
+from ..graph.equations import compile_network
 from ..network.network import DatumChoice, Network
 from ..shown import Shown
 from ..solve.batch import adjust
 from ..solve.solution import Solution
-from ..solve.start import Start
+from ..solve.standing import standing
+from ..solve.start import Start, start_of
 from ..types import Array
 from .reliability import Reliability, reliability
 
 Estimator = Literal["huber", "danish", "igg3", "tukey"]
 ESTIMATORS: tuple[Estimator, ...] = ("huber", "danish", "igg3", "tukey")
 
+AT_START = "the approximate values"
+"""Reason of a solution that is only where an estimation begins."""
 LEAST_WEIGHT = 1e-6
 """Smallest γ. It keeps every unknown determined; an error of 1000 σ has the effect of 0.001 σ."""
 OF_THE_MEDIAN = 1.4826
@@ -123,7 +127,7 @@ def robust_adjust(
         raise InputError(f"unknown estimator {estimator!r}; valid: {', '.join(ESTIMATORS)}")
     if scale not in ("a-priori", "median"):
         raise InputError(f"unknown scale {scale!r}; valid: a-priori, median")
-    solution = adjust(network, datum=datum, start=start)
+    solution = _first(network, datum, start)
     size = _spread(reliability(solution))
     known = scale == "a-priori"
     gamma = np.ones(len(size))
@@ -145,6 +149,22 @@ def robust_adjust(
         )
     reason = f"weights not at rest after {max_iterations} adjustments: they change by {change:.2g}"
     return Robust(solution, estimator, gamma, t, s, max_iterations, False, reason)
+
+
+def _first(network: Network, datum: DatumChoice | None, start: Solution | Start | None) -> Solution:
+    """Return where the estimation begins: the plain adjustment, or the start values.
+
+    Readings that are far off bend a plain adjustment until it has no minimum, or none where all is
+    determined. At the start values they are far off all the same, and the others are not.
+    """
+    choice = network.datum if datum is None else datum
+    # A network that does not determine its unknowns is a DatumError here.
+    solution = adjust(network, datum=datum, start=start)
+    if solution.converged or choice == "free":
+        return solution
+    equations = compile_network(network)
+    begin = start_of(equations, choice, start)
+    return standing(equations, begin, None, reason=AT_START, doubt=AT_START)
 
 
 def equivalent_weights(estimator: Estimator, t: Array) -> Array:

@@ -54,11 +54,12 @@ def snoop(
         share: part of the largest test value that others must reach to be set aside in the same
             round, see `candidates`; 1: only the largest of each round.
         robust: M-estimator for networks with many gross errors; the outliers of its adjustment
-            are set aside before the first round.
+            are set aside before the first round. Without one, Huber's is used where the network
+            as it is has no minimum.
         max_rounds: maximum number of rounds.
         datum: as for `adjust`.
         variance: as for `adjust`.
-        start: an earlier solution of the network to start from.
+        start: an earlier solution of the network to start from, if it has converged.
         progress: called after each round; an exception in it ends the search.
 
     Raises:
@@ -81,12 +82,15 @@ def snoop(
         problems.append(f"max_rounds must be 1 or more, not {max_rounds}")
     if problems:
         raise InputError([Problem(p) for p in problems])
+    if isinstance(start, Solution) and not start.converged:
+        start = None  # nothing leads back from where it ended
+    solution, values = None, None
     if robust is None:
         solution = adjust(network, datum=datum, variance=variance, start=start)
-        values = None
-    else:
+    if solution is None or not solution.converged:
         scale: Literal["a-priori", "median"] = "a-priori" if test == "baarda" else "median"
-        found = robust_adjust(network, estimator=robust, scale=scale, datum=datum, start=start)
+        estimator: Estimator = robust or "huber"
+        found = robust_adjust(network, estimator=estimator, scale=scale, datum=datum, start=start)
         solution, values = found.solution, found.test_values / found.scale
     if sidak:
         alpha = float(1.0 - (1.0 - alpha) ** (1.0 / solution.equations.n_rows))

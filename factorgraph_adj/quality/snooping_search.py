@@ -7,6 +7,7 @@ the end, and for members of clusters, the network without the observations is ad
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +21,8 @@ from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
 from .candidates import Choice, Outlier, Units, choose
+from .causes.matches import matches
+from .causes.search import Causes, causes
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
 from .prediction import Prediction, Predictor
 from .present import Present
@@ -62,7 +65,8 @@ class SnoopingSearch:
             self.equations = compile_network(self.network)
         self.test: Test = test
         self.alpha, self.power, self.options = alpha, power, options
-        self.present = Present(reliability(solution, alpha=alpha, power=power), test)
+        self.first = reliability(solution, alpha=alpha, power=power)
+        self.present = Present(self.first, test)
         self.withdrawing = withdrawing
         self.aside: dict[str, Rejected] = {}
         self.points: dict[str, PointSetAside] = {}
@@ -348,7 +352,25 @@ class SnoopingSearch:
             self.present.critical,
             self.test,
             reason,
+            self._causes,
         )
+
+    def _causes(self) -> Causes | None:
+        """Return what may have caused the misfits; none where there are none."""
+        ids = [*self.aside, *(i for p in self.points.values() for i in p.rays)]
+        first = self.first
+        if first.solution.weights is not None:  # a robust start hides causes that several share
+            first = self.reliability  # where nothing is bent, if the whole has no minimum
+            with suppress(AdjustmentError):
+                plain = adjust(self.network, start=self.solution, **self.options)
+                if plain.converged:
+                    first = reliability(plain, alpha=self.alpha, power=self.power)
+        sigma0 = self.solution.sigma0 if self.test == "pope" else 1.0
+        largest = float(np.nanmax(np.abs(first.w), initial=0.0))
+        if not ids and not largest > self.present.critical * sigma0:
+            return None
+        found = matches(self.equations, self.solution, ids, self.alpha)
+        return causes(first, found, sigma0=sigma0)
 
     def _with_final_errors(self) -> tuple[Rejected, ...]:
         prediction = self._prediction()

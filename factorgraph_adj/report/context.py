@@ -14,11 +14,14 @@ from ..graph.variables import calibration_name
 from ..io.numbers import Units
 from ..models.variables import VariableKind
 from ..network.network import Network
+from ..quality.causes.given import GivenValue
+from ..quality.causes.search import Causes, causes
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
 from ..quality.rejections import Snooping
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
 from ..quality.systematic import Label, Significance, TestedParameter, significance
+from ..quality.unit_weight import global_test
 from ..quality.variance_components import VarianceComponents
 from ..rotation import angles_by_rotation, omega_phi_kappa
 from ..solve.estimates import CalibrationEstimate
@@ -26,6 +29,7 @@ from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array
 from ..units import ANGLE, LENGTH
+from .doubts import above_critical, doubts_about
 from .options import Provenance, ReportOptions
 from .rows import ReportRows
 from .set_aside import SetAside, set_aside
@@ -136,6 +140,38 @@ class Report:
         if rel is None:
             return np.zeros(0), nan
         return (rel.tau, rel.critical_tau) if self.pope else (rel.w, rel.critical_w)
+
+    @cached_property
+    def doubts(self) -> list[str]:
+        """Why the result may be wrong; empty if nothing speaks against it."""
+        values, critical = self.tests
+        name = "τ" if self.pope else "w"
+        return [
+            *doubts_about(self.solution),
+            *above_critical(values, critical, name, self.options.alpha),
+        ]
+
+    @cached_property
+    def causes(self) -> Causes | None:
+        """Causes that several observations share; None where no test value is critical."""
+        if self.snooping is not None:
+            return self.snooping.causes
+        rel = self.reliability
+        if rel is None or not self.solution.converged:
+            return None
+        values, critical = self.tests
+        if (
+            not np.nanmax(np.abs(values), initial=0.0) > critical
+            and global_test(self.solution).accepted
+        ):
+            return None
+        return causes(rel)
+
+    @cached_property
+    def given(self) -> tuple[GivenValue, ...]:
+        """Tests of given values that are held."""
+        rel = self.reliability
+        return () if rel is None else rel.given_values
 
     @cached_property
     def set_aside(self) -> SetAside | None:

@@ -6,7 +6,7 @@ from math import isfinite, nan, sqrt
 
 from ..quality.check_points import check_points as compare
 from ..types import Array
-from ..units import format_angle
+from ..units import decimal, format_angle
 from .context import Report
 from .layout import decimals, exponent, rms, short, table, title
 from .precision import ellipse_columns
@@ -27,7 +27,7 @@ def points(report: Report) -> list[str]:
     rows = []
     for name in shown:
         xyz, fixed = solution.point(name).tolist(), given[name].fixed
-        place = [f"{xyz[i] / report.metre:.{digits}f}" for i in axes]
+        place = [decimal(xyz[i] / report.metre, digits) for i in axes]
         sigma = ["held" if fixed[i] else f"{sigmas[name][i]:.{places}f}" for i in axes]
         rows.append([name, *place, *sigma, *cells.get(name, [""] * len(figures))])
     header = ["point", *(f"{'xyz'[i]} [{units.length}]" for i in axes)]
@@ -56,7 +56,7 @@ def check_points(report: Report) -> list[str]:
     places = decimals(known, default=2, most=5)
 
     def row(name: str, values: Array | list[float]) -> list[str]:
-        return [name, *(f"{v:.{places}f}" if isfinite(v) else "" for v in values)]
+        return [name, *(decimal(v, places) if isfinite(v) else "" for v in values)]
 
     rows = [row(name, d) for name, d in zip(found.names, differences, strict=True)]
     shown, note = report.cut(rows, "check points", "points.csv")

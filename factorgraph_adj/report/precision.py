@@ -8,7 +8,7 @@ from math import isfinite
 import numpy as np
 
 from ..quality.ellipses import confidence_factor
-from ..units import ANGLE, format_angle
+from ..units import ANGLE, decimal, format_angle
 from .context import Report
 from .layout import decimals, percent, table, title
 
@@ -46,7 +46,7 @@ def coarse(report: Report, angle: float) -> str:
         return format_angle(angle, "dms", 0)
     digits = COARSE[report.units.angle]
     value = round(angle / ANGLE[report.units.angle], digits)
-    return f"{value:.{max(digits, 0)}f}"
+    return decimal(value, max(digits, 0))
 
 
 def ellipse_columns(report: Report, places: int) -> tuple[list[str], dict[str, list[str]], str]:

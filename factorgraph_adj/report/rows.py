@@ -13,7 +13,7 @@ from ..graph.image_blocks import ImageIds
 from ..io.numbers import Units
 from ..observations import Unit
 from ..types import Array, Index
-from ..units import ANGLE, LENGTH, format_angle
+from ..units import ANGLE, LENGTH, decimal, format_angle
 
 MOST_CAMERAS = 8
 """Largest number of cameras with one group each; more cameras are grouped by image unit."""
@@ -34,7 +34,7 @@ class Scale:
         """Write a value."""
         if self.unit in ANGLE or self.unit == "dms":
             return format_angle(value, self.unit, digits)
-        return f"{value / LENGTH.get(self.unit, 1.0):.{digits}f}"
+        return decimal(value / LENGTH.get(self.unit, 1.0), digits)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..frames import GeocentricFrame, LocalFrame
+from ..quality.causes.search import Cause
 from ..quality.rejections import Snooping
 from ..quality.unit_weight import global_test
 from .context import Report
@@ -52,6 +53,7 @@ def summary(report: Report) -> dict[str, Any]:
             for g in report.rows.groups()
         ],
         "reliability": _reliability(report),
+        "causes": [] if report.causes is None else [_cause(c) for c in report.causes.likelier],
         **({} if report.snooping is None else {"snooping": _snooping(report.snooping)}),
         **({} if report.components is None else {"variance_components": _components(report)}),
         **({} if report.significance is None else {"parameters": _parameters(report)}),
@@ -107,6 +109,21 @@ def _reliability(report: Report) -> dict[str, Any]:
             }
             for i in above.tolist()
         ],
+    }
+
+
+def _cause(c: Cause) -> dict[str, Any]:
+    return {
+        "cause": c.cause,
+        "where": c.where,
+        "components": list(c.components),
+        "quantities": list(c.sizes),
+        "error": c.error.tolist(),
+        "sigma": c.sigma.tolist(),
+        "t2": c.t2,
+        "dof": c.dof,
+        "critical": c.critical,
+        "ids": list(c.ids),
     }
 
 

@@ -20,6 +20,7 @@ from ..io.tables import write_columns, write_table
 from ..models.variables import VariableKind
 from ..quality.variance_components import VarianceComponents
 from ..solve.solution import Solution
+from .causes import unit_of
 from .context import Report
 from .coordinates import by_photo
 from .observation_tables import figures, observations_table, snooping_table
@@ -32,6 +33,10 @@ from .unknowns import small_unknowns
 UNKNOWN_COLUMNS = (
     *("kind", "name", "component", "value", "sigma", "unit", "state"),
     *("t", "significant"),
+)
+GIVEN_COLUMNS = (
+    *("kind", "name", "component", "error", "sigma", "unit", "w"),
+    *("t2_together", "dof_together"),
 )
 PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
 
@@ -68,6 +73,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
         "photos.csv": None,
         "snooping.csv": snooping_table(report) or None,
         "variance_components.csv": None,
+        "given_values.csv": _given_table(report) if report.given else None,
     }
     if report.components is not None:
         files["variance_components.csv"] = _components_table(report.components)
@@ -125,6 +131,20 @@ def _photos_table(report: Report) -> str:
     columns["image_points"] = [str(counts[n]) for n in names]
     columns["normalised_rms"] = [figure(norms[n]) for n in names]
     return write_columns(columns)
+
+
+def _given_table(report: Report) -> str:
+    rows = []
+    for v in report.given:
+        t2 = figure(v.together.t2)
+        for i, (component, one) in enumerate(zip(v.components, v.apart, strict=True)):
+            unit, symbol = unit_of(report, v.sizes[i])
+            error, sigma = (figure(float(x[0]) / unit) for x in (one.error, one.sigma))
+            w = figure(float(v.w[i]))
+            dof = str(v.together.dof)
+            cells = (v.kind, v.name, component, error, sigma, symbol, w, t2, dof)
+            rows.append(dict(zip(GIVEN_COLUMNS, cells, strict=True)))
+    return write_table(GIVEN_COLUMNS, rows)
 
 
 def _components_table(found: VarianceComponents) -> str:

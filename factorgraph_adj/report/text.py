@@ -9,9 +9,10 @@ from ..quality.unit_weight import global_test
 from ..solve.solution import Solution
 from ..units import format_angle
 from ..version import __version__
+from .causes import causes, given, sentence
 from .context import Report
 from .coordinates import check_points, photos, points
-from .layout import WIDTH, short, table, title
+from .layout import WIDTH, paragraph, short, table, title
 from .options import Provenance, ReportOptions
 from .precision import centres
 from .reliability import reliability, suspects, weakest
@@ -55,7 +56,8 @@ def render(report: Report) -> str:
         overparametrised,
     )
     sections = (
-        *(_overview, _observations, _result, snooping, components, reliability, weakest),
+        *(_overview, _observations, _result, causes, snooping, components, reliability, given),
+        weakest,
         *(() if report.singular else precise),
         suspects,
     )
@@ -82,6 +84,7 @@ def _overview(report: Report) -> list[str]:
     out = [
         f"Adjustment of {network.name or 'a network without a name'}",
         "=" * WIDTH,
+        *_doubts(report),
         f"  program        factorgraph_adj {__version__}",
         f"  frame          {_frame(network.frame)}",
         f"  points         {len(network.points)}" + (f" ({parts})" if parts else ""),
@@ -94,6 +97,17 @@ def _overview(report: Report) -> list[str]:
     if network.orientations:
         out += [f"  direction sets {len(network.orientations)}"]
     return out
+
+
+def _doubts(report: Report) -> list[str]:
+    """Return why the result is not to be trusted, and the likeliest cause."""
+    if not report.doubts:
+        return []
+    out = paragraph(f"DOUBTFUL RESULT: {'; '.join(report.doubts)}")
+    found = report.causes
+    if found is not None and found.likelier:
+        out += paragraph(f"likeliest cause: {sentence(report, found.likelier[0])}", indent=4)
+    return [*out, ""]
 
 
 def _frame(frame: Frame) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ..models.variables import UNKNOWNS, Quantity, VariableKind, parameter_kinds
 from ..network.entities import Camera, parameter_name
 from ..quality.systematic import TestedParameter
-from ..units import format_angle
+from ..units import format_turn
 from .context import Report
 from .layout import paragraph, percent, short, table, title, with_sigma
 
@@ -102,7 +102,7 @@ def orientations(report: Report) -> list[str]:
         e = report.solution.orientation(station, chosen)
         free = report.free("orientation", f"{station}/{chosen}")
         sigma = short(float(e.sigmas[0]) / report.radian) if free else "held"
-        rows.append([station, chosen, format_angle(float(e.values[0]), units.angle, digits), sigma])
+        rows.append([station, chosen, format_turn(float(e.values[0]), units.angle, digits), sigma])
     if not rows:
         return []
     shown, note = report.cut(rows, "orientation unknowns", "unknowns.csv")

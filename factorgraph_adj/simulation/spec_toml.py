@@ -34,7 +34,7 @@ def read_spec(source: str | Path) -> Spec:
     text, where = _text(source)
     try:
         document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(Problem(f"is not TOML: {error}", where)) from None
     names = [f.name for f in fields(Spec)]
     found = [

@@ -33,7 +33,7 @@ TOLERANCE = 1e-5
 """Bound on the last step of every unknown relative to its own σ, if nothing else is asked for."""
 MOST_ITERATIONS = 100
 """Largest number of iterations, if nothing else is asked for."""
-MOST_WEIGHINGS = 4
+MOST_WEIGHINGS = 10
 """Largest number of times that weights are computed: they depend on the lengths of sights, which
 hardly change with the unknowns."""
 
@@ -95,6 +95,7 @@ def adjust(
         max_iterations=max_iterations,
         extra=Extra(tuple(extra_factors)),
         progress=progress,
+        astray=True,
     )
 
 
@@ -128,6 +129,7 @@ def readjust(
         weights=weights,
         extra=solution.extra,
         solver=solution.solver,
+        astray=True,
     )
 
 
@@ -143,11 +145,14 @@ def adjust_from(
     extra: Extra = NOTHING_MORE,
     progress: Progress | None = None,
     solver: Solver | None = None,
+    astray: bool = False,
 ) -> Solution:
     """Adjust compiled equations from start values; see `adjust`.
 
     ``extra`` are rows beside the observations. ``solver`` is that of the same network and rows with
-    other weights; none: it is made.
+    other weights; none: it is made. With ``astray`` an iteration that ends where something is not
+    determined that was at the start is returned as not converged; otherwise it is a `DatumError`,
+    by which an incremental adjustment knows what to let wait.
     """
     run, ended = _minimise(
         equations,
@@ -159,6 +164,7 @@ def adjust_from(
         extra=extra,
         progress=progress,
         solver=solver,
+        astray=astray,
     )
     if ended.converged and run.smallest_pivot < ITERATION.poor:
         run.at_solution = run.normal_at(run.state)
@@ -199,6 +205,7 @@ def _minimise(
     extra: Extra,
     progress: Progress | None,
     solver: Solver | None,
+    astray: bool,
 ) -> tuple[Run, Ended]:
     """Iterate to the minimum of vᵀPv; repeat with the weights that follow from the new lengths."""
     state, iterations, extrapolated = start.state, 0, NONE_TAKEN
@@ -206,7 +213,7 @@ def _minimise(
     for _ in range(MOST_WEIGHINGS):
         equations = weighed if weights is None else weighed.reweighted(weights)
         run = Run.at(equations, state, start.origin, free=free, extra=extra, solver=solver)
-        solver = run.solver
+        solver, run.may_go_astray = run.solver, astray
         run.extrapolated = extrapolated
         if not iterations:
             refuse_too_large(run.solver.plan, equations, state)
@@ -219,6 +226,13 @@ def _minimise(
         before, weighed = weighed, weighed.weighted_at(state)
         if not ended.converged or iterations >= max_iterations or weighed.weighs_as(before):
             break
+    else:
+        change = np.max(np.abs(weighed.sigmas() / before.sigmas() - 1.0), initial=0.0)
+        reason = (
+            f"weights that depend on lengths are not at rest after {MOST_WEIGHINGS} adjustments: "
+            f"standard deviations still change by up to {100 * change:.2g} %"
+        )
+        ended = replace(ended, converged=False, reason=reason)
     return run, replace(ended, iterations=iterations)
 
 

@@ -14,6 +14,9 @@ from .rank import LISTED, describe_defects, undetermined, unnoticed
 from .run import Run
 from .singular import SingularError
 
+GROSS = 30.0
+"""Root mean square of v/σ above which gross errors have led an iteration where it is."""
+
 
 def settle_datum(run: Run, normal: NormalEquations) -> None:
     """Find the datum defects; hold a minimal datum in a free network, otherwise raise an error.
@@ -70,6 +73,31 @@ def explain(run: Run, normal: NormalEquations, known: Array | None = None) -> No
             raise error from None
     finally:
         del error  # otherwise frame and traceback keep each other and all their objects alive
+
+
+def astray(run: Run, normal: NormalEquations) -> str:
+    """Return what nothing determines where an iteration ended; empty if all is determined.
+
+    Raises:
+        DatumError: the same is not determined where the iteration began, so that it is the network
+            that does not determine it, or the run may not go astray. Otherwise gross errors, or
+            poor start values, have led to a place where points lie upon one another, or far away.
+    """
+    error = what_is_undetermined(run, normal)
+    if error is None:
+        return ""
+    if not run.may_go_astray or normal.system.vtpv <= GROSS**2 * run.equations.n_rows:
+        explain(run, normal)  # readings that fit do not determine it
+    try:
+        began = run.normal_at(run.began)
+        if what_is_undetermined(run, began) is None:
+            named = error.names or tuple(name for _, name in error.unknowns)
+            listed = f": {', '.join(map(str, named[:LISTED]))}" if named else ""
+            return f"where it ended something is not determined that was at the start{listed}"
+    except InputError:
+        pass
+    explain(run, normal)
+    return ""
 
 
 def what_is_undetermined(

@@ -19,8 +19,8 @@ import numpy as np
 from ..graph.variables import State
 from .damping import Damping
 from .determine import (
+    astray,
     drifting,
-    explain,
     name_overflow,
     refuse_unnoticed,
     settle_datum,
@@ -189,7 +189,7 @@ def step_from(run: Run, normal: NormalEquations, damping: float = 0.0) -> Step |
         if damping > 0.0:
             return None
         if run.equations.unknowns.n_columns <= ITERATION.explained:
-            explain(run, normal)
+            astray(run, normal)
         return None
     if damping == 0.0:
         run.smallest_pivot = normal.smallest_pivot
@@ -272,9 +272,9 @@ def _no_way_on(run: Run, normal: NormalEquations, stop: Stop[State], iteration: 
         return Ended(iteration, True, at_rest(left, stop.tolerance), vtpv)
     if stop.rest.state is not None:  # an earlier state was at rest, as near as vᵀPv can tell
         return _at_smallest_step(run, stop, iteration)
-    explain(run, normal)
+    why = astray(run, normal)
     reason = "no step decreases vᵀPv any more, yet the solution is not at rest"
-    return Ended(iteration, False, reason, vtpv)
+    return Ended(iteration, False, f"{reason}; {why}" if why else reason, vtpv)
 
 
 def _in_vain(run: Run, stop: Stop[State], iteration: int, vtpv: float) -> Ended:
@@ -284,7 +284,9 @@ def _in_vain(run: Run, stop: Stop[State], iteration: int, vtpv: float) -> Ended:
     if stop.near_enough(left, vtpv):
         return Ended(iteration, True, at_rest(left, stop.tolerance), vtpv)
     if run.equations.unknowns.n_columns <= ITERATION.explained:
-        explain(run, normal)
-    elif (why := what_is_undetermined(run, normal)) is not None:
-        run.drifting = why.unknowns
+        if why := astray(run, normal):
+            reason = f"{drifting(run, stop.last)}; {why}"
+            return Ended(iteration, False, reason, vtpv)
+    elif (error := what_is_undetermined(run, normal)) is not None:
+        run.drifting = error.unknowns
     return Ended(iteration, False, drifting(run, stop.last), vtpv)

@@ -30,6 +30,8 @@ class Run:
     """Present values of all variables."""
     start: State
     """Values x₀ that inner constraints refer to."""
+    began: State
+    """Values at which the adjustment began."""
     free: bool
     """Whether a free network is asked for."""
     constraint: Array
@@ -45,6 +47,9 @@ class Run:
     no undamped step."""
     drifting: tuple[tuple[str, str], ...] = ()
     """Kind and name of the undetermined unknowns of an iteration that ended without progress."""
+    may_go_astray: bool = False
+    """Whether an iteration that ends where something is not determined that was at the start has
+    not converged; otherwise it is a `DatumError`."""
     last: tuple[State, Mapping[int, Linearised]] | None = None
     """The state of the last vᵀPv and what `Equations.evaluated` returned for it, until a state is
     linearised: the evaluation of an accepted step is the next linearisation."""
@@ -67,7 +72,7 @@ class Run:
         constraint = np.zeros(equations.unknowns.n_columns)
         if solver is None:
             solver = Solver.of(equations, extra.rows)
-        return cls(solver.reweighted(equations), extra, state, start, free, constraint)
+        return cls(solver.reweighted(equations), extra, state, start, state, free, constraint)
 
     @property
     def equations(self) -> Equations:

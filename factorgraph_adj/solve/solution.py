@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from importlib import import_module
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from ..columns import Columns
 from ..errors import InputError, known
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
+from ..quality.unit_weight import global_test
 from ..shown import Rows, Shown
 from ..types import Array, Index
+from . import columns
+from .adjusted import with_values
 from .datum import Defect, FreeDatum
 from .estimates import CalibrationEstimate, Estimate, PoseEstimate
 from .extra import Extra
@@ -82,6 +89,9 @@ class Solution(Shown):
     def headline(self) -> str:
         """Return the numbers of the adjustment, and how it ended."""
         ended = "converged" if self.converged else f"NOT CONVERGED: {self.reason}"
+        if not (test := global_test(self)).accepted:
+            bounds = f"accepted from {test.lower:.3f} to {test.upper:.3f}"
+            ended += f", GLOBAL TEST REJECTED: σ̂0 {bounds}"
         return (
             f"Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "
             f"d {self.datum_defect}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}"
@@ -206,15 +216,55 @@ class Solution(Shown):
             self.equations, self.equations.residuals(self.state, whitened=False)
         )
 
+    def point_table(self) -> Columns:
+        """Return the adjusted points as columns: coordinates, σ, and what is held; metres."""
+        return columns.points(self)
+
+    def photo_table(self) -> Columns:
+        """Return the adjusted photos as columns: centres, angles and σ; metres, radians."""
+        return columns.photos(self)
+
+    def unknown_table(self) -> Columns:
+        """Return all other unknowns as columns, one row for each component; SI, image units."""
+        return columns.others(self)
+
     # -- covariances --------------------------------------------------------------------------
 
-    def covariance(self, a: str, b: str | None = None) -> Array:
-        """Return the covariance of a point, or between two points, (3, 3) metres².
+    def covariance(self, a: str | Sequence[str], b: str | Sequence[str] | None = None) -> Array:
+        """Return the covariance of points, or between points, metres².
 
         Σ = σ² Q, with σ² = 1 or σ̂0² as chosen for the adjustment; zero for held components. In a
         free network Σ belongs to the inner constraints.
+
+        Args:
+            a: a point, or several.
+            b: a point, or several; by default those of ``a``.
+
+        Returns:
+            (3, 3) for one point, (3 m, 3 n) for several, x, y, z of each together.
         """
-        return self.variable_covariance(("point", a), ("point", a if b is None else b))
+        other = a if b is None else b
+        if isinstance(a, str) and isinstance(other, str):
+            return self.variable_covariance(("point", a), ("point", other))
+        first, second = ([n] if isinstance(n, str) else list(n) for n in (a, other))
+        return np.block([[self.covariance(i, j) for j in second] for i in first])
+
+    def save(self, path: str | Path) -> None:
+        """Write the solution into a file; `factorgraph_adj.load_solution` brings all of it back.
+
+        Raises:
+            InputError: as `factorgraph_adj.io.solution_file.save_solution`.
+        """
+        # Files of networks stand above this module.
+        import_module("factorgraph_adj.io.solution_file").save_solution(self, path)
+
+    def as_network(self) -> Network:
+        """Return the network with adjusted values as given ones, to write it or to go on with it.
+
+        What is held stays held. What is weighted keeps its σ, about the adjusted value then. A
+        camera with a calibration for each photo keeps its given values.
+        """
+        return with_values(self.network, self.equations.unknowns, self.state)
 
     @cached_property
     def point_covariances(self) -> Array:

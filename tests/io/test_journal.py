@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import gc
 import json
+import math
 import os
 import signal
 import subprocess
@@ -94,6 +95,8 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
             out["sigma"] = tuple(abs(number(rng)) for _ in axes)
     else:
         out["value"] = abs(number(rng))
+        if kind == "zenith_angle":
+            out["value"] %= math.pi
         out["sigma"] = abs(number(rng))
         if have["sigma"].type == "Sigma" and rng.random() < 0.5:
             parts = {"centring_instrument": abs(number(rng)), "centring_target": abs(number(rng))}

@@ -184,6 +184,8 @@ def any_observation(draw):
     arguments["value"] = draw(VALUE)
     if kind.endswith("_distance"):
         arguments["value"] = abs(arguments["value"])
+    if kind == "zenith_angle":
+        arguments["value"] = abs(arguments["value"]) % math.pi
     arguments["sigma"] = draw(SIGMA)
     if kind in ("slope_distance", "horizontal_distance") and draw(st.booleans()):
         arguments["sigma"] = StandardDeviation(draw(PART), ppm=draw(SIGMA))

@@ -8,6 +8,7 @@ left to chance: what they do not determine is the part that waits.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -391,7 +392,10 @@ class _Draw:
         value: Any = item.value  # type: ignore[attr-defined]
         if isinstance(value, tuple):
             return replace(item, value=(value[0] + by, *value[1:]))  # type: ignore[call-arg]
-        return replace(item, value=abs(value + by))  # type: ignore[call-arg]
+        value = abs(value + by)
+        if isinstance(item, ZenithAngle):
+            value %= math.pi
+        return replace(item, value=value)  # type: ignore[call-arg]
 
 
 def _can_join(o: Observation) -> bool:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 FILES = {
     *("protocol.txt", "solution.json", "points.csv", "photos.csv"),
-    *("observations.csv", "unknowns.csv"),
+    *("observations.csv", "unknowns.csv", "given_values.csv"),
 }
 
 

@@ -6,9 +6,12 @@ import warnings
 from collections.abc import Callable, Sequence
 from functools import wraps
 from math import floor, isfinite, log10
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from ...errors import InputError
+from ...solve.solution import Solution
+from ..doubts import doubts_about
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,9 +71,25 @@ def drawn(make: Callable[P, R]) -> Callable[P, R]:
         with matplotlib.rc_context(style), warnings.catch_warnings():
             # Names in scripts without a font are drawn as boxes; the adjustment is still valid.
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-            return make(*args, **kwargs)
+            found = make(*args, **kwargs)
+            _mark(found, next(iter(args), None))
+            return found
 
     return wrapped
+
+
+def _mark(figure: Any, of: Any) -> None:
+    """Write over a figure why its adjustment is not to be trusted; nothing if it is."""
+    from matplotlib.figure import Figure
+
+    solution = getattr(of, "solution", of)
+    if isinstance(figure, Figure) and isinstance(solution, Solution):
+        doubts = doubts_about(solution)
+        if doubts:
+            text = fill(f"DOUBTFUL RESULT: {'; '.join(doubts)}", int(figure.get_figwidth() * 14))
+            before = figure.get_suptitle()
+            text = f"{before}\n{text}" if before else text
+            figure.suptitle(text, x=0.01, ha="left", color=VERMILLION, fontsize=9.0)
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -82,8 +101,6 @@ def new_figure(width: float, height: float) -> Figure:
 
 def nothing(title: str, why: str) -> Figure:
     """Return a figure with a message that explains why it is empty."""
-    from textwrap import fill
-
     figure = new_figure(7.0, 2.5)
     axes = figure.add_subplot()
     axes.set_axis_off()

@@ -1,0 +1,72 @@
+"""Results as columns of arrays, and as a data frame where pandas is installed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import InputError, known
+from .shown import FIRST, Rows, Shown
+
+if TYPE_CHECKING:
+    import pandas
+
+MISSING = "a data frame needs pandas: pip install 'factorgraph_adj[table]'"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Columns(Shown):
+    """A table: arrays of the same length by name.
+
+    Example:
+        >>> table = Columns("points", {"name": np.array(["A", "B"]), "x": np.array([1.0, 2.0])})
+        >>> table["x"].sum(), len(table), list(table)
+        (np.float64(3.0), 2, ['name', 'x'])
+    """
+
+    title: str
+    """What the rows are."""
+    columns: Mapping[str, np.ndarray[Any, Any]]
+    """Arrays (n,) by name; the unit is that of the library: metres, radians, image units."""
+
+    def __getitem__(self, name: str) -> np.ndarray[Any, Any]:
+        """Return a column.
+
+        Raises:
+            InputError: no such column.
+        """
+        if name not in self.columns:
+            raise InputError(f"unknown column {name!r}; known: {known(self.columns, most=30)}")
+        return self.columns[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names of the columns."""
+        return iter(self.columns)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(next(iter(self.columns.values()), ()))
+
+    def headline(self) -> str:
+        """Return what the rows are, their number, and the columns."""
+        return f"{len(self)} {self.title}: {', '.join(self.columns)}"
+
+    def first_rows(self) -> Rows:
+        """Return the first rows."""
+        first = [c[:FIRST].tolist() for c in self.columns.values()]
+        return Rows(tuple(self.columns), zip(*first, strict=True), len(self))
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a data frame with the same columns.
+
+        Raises:
+            InputError: pandas is not installed (extra ``table``).
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise InputError(MISSING) from None
+        return pandas.DataFrame(dict(self.columns))

@@ -1,0 +1,1 @@
+"""Field books: readings as they were taken, reduced to observations."""

@@ -1,0 +1,199 @@
+"""A solution in one file: everything that its figures are computed from, without pickle.
+
+The file is a NumPy archive (.npz): ``header`` is JSON with the version of the format, the project
+files of the network and how the iteration ended; the other entries are arrays. Loading linearises
+the network at the state and factorises it again, so that covariances and reliability are those of
+the adjustment.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from ..errors import InputError, Problem
+from ..graph.equations import Equations, compile_network
+from ..solve.datum import Defect, FreeDatum
+from ..solve.extra import Extra
+from ..solve.extrapolation import Extrapolated
+from ..solve.linear import ExtraRows
+from ..solve.normal import Solver
+from ..solve.solution import Solution
+from ..types import Array
+from .atomic import write_files
+from .json_records import network_files, network_of
+
+FORMAT = 1
+"""Version of the format; other versions are refused."""
+WHAT = "factorgraph_adj solution"
+DAMAGE = (
+    *(ValueError, TypeError, KeyError, AttributeError, EOFError, RecursionError, OverflowError),
+    *(NotImplementedError, BadZipFile, zlib.error, struct.error),
+)
+"""What reading a damaged archive ends in."""
+
+
+def save_solution(solution: Solution, path: str | Path) -> None:
+    """Write a solution into a file; `load_solution` reads it.
+
+    Args:
+        solution: the result of an adjustment. Of factors that the user added the file has the rows
+            at the solution, as a pickled solution.
+        path: the file; one that is there is replaced, and stays as it is after an error.
+
+    Raises:
+        InputError: the file cannot be written; or the solution comes from `s_transform`: save the
+            one before, and transform it after loading.
+    """
+    if solution.reference is not None:
+        raise InputError(
+            "a solution of s_transform has no file: save the solution before, and transform it "
+            "after loading"
+        )
+    datum = solution.datum
+    header = {
+        "what": WHAT,
+        "format": FORMAT,
+        "files": network_files(solution.network),
+        "converged": solution.converged,
+        "reason": solution.reason,
+        "iterations": solution.iterations,
+        "vtpv": solution.vtpv,
+        "variance": solution.variance,
+        "extrapolated": asdict(solution.extrapolated),
+        "drifting": solution.drifting,
+        "defects": len(solution.defects),
+        "extra": len(solution.extra.rows),
+    }
+    arrays: dict[str, Any] = {"constraint": solution.constraint}
+    arrays |= {f"state/{kind}": x for kind, x in solution.state.items()}
+    arrays |= {f"start/{kind}": x for kind, x in solution.start.items()}
+    arrays["sigmas"] = solution.equations.sigmas()
+    if solution.weights is not None:
+        arrays["weights"] = solution.weights
+    if datum is not None:
+        arrays |= {"datum/motions": datum.motions, "datum/columns": datum.columns}
+    for i, d in enumerate(solution.defects):
+        centre, size = d.about
+        fields: dict[str, Any] = {
+            "part": d.part,
+            "motions": d.motions,
+            "mixture": d.mixture,
+            "inside": d.inside,
+        }
+        fields |= {"centre": np.asarray(centre), "size": np.asarray(size)}
+        arrays |= {f"defect/{i}/{name}": x for name, x in fields.items()}
+    for i, e in enumerate(solution.extra.rows):
+        arrays |= {f"extra/{i}/columns": e.columns, f"extra/{i}/a": e.a}
+        arrays[f"extra/{i}/residual"] = e.residual
+    text = json.dumps(header, ensure_ascii=False).encode("utf-8")
+    buffer = BytesIO()
+    np.savez_compressed(buffer, header=np.frombuffer(text, dtype=np.uint8), **arrays)
+    file = Path(path)
+    write_files(file.parent, {file.name: buffer.getvalue()})
+
+
+def load_solution(path: str | Path) -> Solution:
+    """Return the solution of a file that `save_solution` wrote.
+
+    Raises:
+        InputError: the file cannot be read, is none of a solution, is damaged, or is of another
+            version.
+    """
+    try:
+        with np.load(BytesIO(Path(path).read_bytes()), allow_pickle=False) as archive:
+            entries = {name: archive[name] for name in archive.files}
+        header = json.loads(entries.pop("header").tobytes().decode("utf-8"))
+    except OSError as error:
+        what = f"cannot be read: {error.strerror or error}"
+        raise InputError(Problem(what, str(path))) from None
+    except DAMAGE as error:
+        raise InputError(Problem(f"is no file of a solution: {error}", str(path))) from None
+    if not isinstance(header, dict) or header.get("what") != WHAT:
+        raise InputError(Problem("is no file of a solution", str(path)))
+    if header.get("format") != FORMAT:
+        what = f"is of format {header.get('format')!r}; this program reads format {FORMAT}"
+        raise InputError(Problem(what, str(path)))
+    try:
+        return _solution(header, entries)
+    except (KeyError, ValueError, TypeError, IndexError) as error:
+        what = f"is damaged: {type(error).__name__}: {error}"
+        raise InputError(Problem(what, str(path))) from None
+
+
+def _solution(header: dict[str, Any], entries: Mapping[str, Any]) -> Solution:
+    network = network_of(header["files"])
+    network.datum = "free" if "datum/motions" in entries else network.datum
+    weights = entries.get("weights")
+    equations = _with_sigmas(compile_network(network), entries["sigmas"], weights)
+    state = _state(equations, entries, "state")
+    rows = tuple(
+        ExtraRows(*(entries[f"extra/{i}/{name}"] for name in ("columns", "a", "residual")))
+        for i in range(header["extra"])
+    )
+    datum = None
+    if "datum/motions" in entries:
+        datum = FreeDatum(entries["datum/motions"], entries["datum/columns"])
+    return Solution(
+        network=network,
+        equations=equations,
+        state=state,
+        start=_state(equations, entries, "start"),
+        converged=header["converged"],
+        reason=header["reason"],
+        iterations=header["iterations"],
+        vtpv=header["vtpv"],
+        solver=Solver.of(equations, rows),
+        constraint=entries["constraint"],
+        datum=datum,
+        defects=tuple(_defect(entries, i) for i in range(header["defects"])),
+        variance=header["variance"],
+        weights=weights,
+        extra=Extra(None, rows) if rows else Extra(),
+        drifting=tuple((kind, name) for kind, name in header["drifting"]),
+        extrapolated=Extrapolated(**header["extrapolated"]),
+    )
+
+
+def _state(equations: Equations, entries: Mapping[str, Any], name: str) -> dict[str, Array]:
+    """Return the values of all variables.
+
+    Raises:
+        ValueError: they are not those of the network.
+    """
+    out = {}
+    for kind, table in equations.unknowns.tables.items():
+        values = entries[f"{name}/{kind}"]
+        if values.shape != table.values.shape:
+            raise ValueError(f"{name} of kind {kind} is {values.shape}, not {table.values.shape}")
+        out[kind] = values
+    return out
+
+
+def _with_sigmas(equations: Equations, sigmas: Array, weights: Array | None) -> Equations:
+    """Return equations with the standard deviations that the adjustment ended with."""
+    if sigmas.shape != (equations.n_rows,):
+        raise ValueError(f"{len(sigmas)} standard deviations for {equations.n_rows} observations")
+    if weights is not None:
+        equations = equations.reweighted(weights)
+    blocks = tuple(
+        replace(b, sigma=sigmas[b.rows].reshape(b.observed.shape)) for b in equations.blocks
+    )
+    return replace(equations, blocks=blocks)
+
+
+def _defect(entries: Mapping[str, Any], number: int) -> Defect:
+    def of(name: str) -> Any:
+        return entries[f"defect/{number}/{name}"]
+
+    about = of("centre"), float(of("size"))
+    return Defect(of("part"), of("motions"), of("mixture"), about, of("inside"))

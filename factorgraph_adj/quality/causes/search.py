@@ -1,0 +1,242 @@
+"""The causes of misfits that surveyors know, the likeliest first.
+
+Two searches make one list. Errors of some size (heights, constants, centring, turned directions,
+given values that are held) are columns, tested in the adjustment of everything (`columns`).
+Exchanges (of targets, names, ends, faces) are looked up in the clean solution (`matches`), as they
+bend an adjustment too far for its linear model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.sparse import csc_array, hstack
+from scipy.special import gammaincc, gammaln
+
+from ...models.variables import UNKNOWNS
+from ...shown import FIRST, Rows, Shown
+from ...solve.solution import Solution
+from ...types import Array, Index
+from ..distributions import chi2_quantile
+from ..reliability import Reliability
+from .columns import Explained, explain, whitening
+from .given import GivenValue, given_values
+from .hypotheses import Hypotheses, Size, hypotheses
+from .matches import Match
+from .readings import Readings
+
+MOST = 50
+"""Largest number of places at which a cause is tested in full: those that may explain most."""
+SAME = 11.0
+"""Difference of T² below which two causes cannot be told apart."""
+SHARED = 2
+"""Smallest number of observations that share a cause; an error of one is tested as its own."""
+
+_UNIT: dict[Size, tuple[float, str]] = {
+    "length": (1e-3, "mm"),
+    "angle": (np.pi / 200e3, "mgon"),
+    "ppm": (1.0, "ppm"),
+    "image": (1.0, ""),
+    "number": (1.0, ""),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """A cause that explains misfits."""
+
+    cause: str
+    """What is wrong: ``the height of the instrument``."""
+    where: str
+    """The place, and of an exchange what is right: ``at 'S3' (1.454 m)``."""
+    components: tuple[str, ...]
+    """Names of the components of its size, (q,); empty for a single one, and for an exchange."""
+    sizes: tuple[Size, ...]
+    """Quantity of each component, (q,)."""
+    error: Array
+    """Estimated error, recorded − true, (q,): metres, radians, image units or ppm; empty for an
+    exchange."""
+    sigma: Array
+    """Its standard deviations, σ0 = 1, (q,)."""
+    t2: float
+    """T²: by how much less vᵀPv would be with it as an unknown, or after the exchange."""
+    dof: int
+    """Degrees of freedom of T²."""
+    critical: float
+    """Critical value of T²."""
+    ids: tuple[str, ...]
+    """Ids of the observations that share it."""
+    rank: int = 0
+    """Place among causes that explain as much: what one set-up makes comes first."""
+
+    def __str__(self) -> str:
+        """Return the cause, its size and its test, in millimetres and milligons."""
+        sizes = [
+            f"{c} {e / _UNIT[s][0]:.3g} ± {d / _UNIT[s][0]:.2g} {_UNIT[s][1]}".strip()
+            for c, s, e, d in zip(
+                self.components or ("",), self.sizes, self.error, self.sigma, strict=False
+            )
+        ]
+        text = f"{self.cause} {self.where}: " + ", ".join([*sizes, f"T² {self.t2:.4g}"])
+        return f"{text} ({self.dof} dof, critical {self.critical:.1f})" if self.sizes else text
+
+    @property
+    def evidence(self) -> float:
+        """−ln P(χ² > T²) without an error: it compares causes of different numbers of unknowns."""
+        return evidence(self.t2, self.dof)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Causes(Shown):
+    """Causes beyond their critical values, the likeliest first."""
+
+    solution: Solution
+    """The adjustment of everything."""
+    found: tuple[Cause, ...]
+    """The causes."""
+    single: float
+    """Evidence of the single observation with the largest test value."""
+    tested: int
+    """Number of hypotheses."""
+    alpha: float
+    """Probability of a false alarm of one test."""
+    given: tuple[GivenValue, ...] = field(default=())
+    """Tests of all given values that are held."""
+
+    def headline(self) -> str:
+        """Return how many causes were found."""
+        return f"Causes: {len(self.found)} of {self.tested} tested beyond their critical values"
+
+    def first_rows(self) -> Rows:
+        """Return the likeliest causes."""
+        rows = ((f"{c.cause} {c.where}", c.t2, c.dof) for c in self.found[:FIRST])
+        return Rows(("cause", "T²", "dof"), rows, len(self.found))
+
+    @property
+    def likelier(self) -> tuple[Cause, ...]:
+        """Exchanges, and causes that explain more than any single observation."""
+        return tuple(c for c in self.found if not c.sizes or c.evidence > self.single)
+
+
+def evidence(t2: float, dof: int) -> float:
+    """Return −ln P(χ² > T²); where it underflows, by the first term of its expansion."""
+    half = 0.5 * t2
+    found = float(gammaincc(0.5 * dof, half))
+    if found > 0.0:
+        return -float(np.log(found))
+    return float(half - (0.5 * dof - 1.0) * np.log(half) + gammaln(0.5 * dof))
+
+
+def causes(rel: Reliability, found: Iterable[Match] = (), *, sigma0: float | None = None) -> Causes:
+    """Test the causes that surveyors know, in an adjustment of everything.
+
+    Args:
+        rel: reliability of the adjustment; its α0 is that of each test.
+        found: exchanges that were found in the clean solution.
+        sigma0: standard deviation of unit weight by which test values are divided; none: σ̂0 of an
+            a-posteriori solution, otherwise 1.
+
+    Raises:
+        SingularError: the normal equations are singular at the solution.
+    """
+    solution, alpha = rel.solution, rel.alpha
+    given = given_values(solution)
+    variance = solution.variance_factor if sigma0 is None else sigma0**2
+    tested = [replace(c, t2=c.t2 / variance) for c in explanations(solution, given)]
+    out: list[Cause] = []
+    for c in tested:
+        critical = chi2_quantile(1.0 - alpha, c.dof) if c.dof else np.inf
+        if c.t2 > critical:
+            out.append(replace(c, critical=critical))
+    out = [*sorted((_of_match(m) for m in found), key=lambda c: -c.t2), *_ordered(out)]
+    w = rel.w[rel.controlled]
+    single = evidence(float(np.max(w * w, initial=0.0)) / variance, 1)
+    return Causes(solution, tuple(out), single, len(tested), alpha, given)
+
+
+def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) -> list[Cause]:
+    """Return all causes that have a size, with what each explains; critical values are NaN.
+
+    Args:
+        solution: the adjustment of everything.
+        given: tests of given values; none: they are made.
+    """
+    readings = Readings.of(solution.equations, solution.state)
+    held = given_values(solution) if given is None else given
+    return [*_tested(solution, hypotheses(readings)), *map(_of_given, held)]
+
+
+def _ordered(found: Iterable[Cause]) -> list[Cause]:
+    """Return causes, the likeliest first; of those that explain as much, the plainest.
+
+    What differs by less than `SAME` in T² cannot be told apart: the cause of one set-up comes
+    before that of several.
+    """
+    left = sorted(found, key=lambda c: -c.evidence)
+    out: list[Cause] = []
+    while left:
+        same = [
+            c for c in left if c.t2 > left[0].t2 - SAME and c.evidence > left[0].evidence - SAME
+        ]
+        out += sorted(same, key=lambda c: c.rank)
+        left = [c for c in left if c not in same]
+    return out
+
+
+def _of_match(m: Match) -> Cause:
+    none = np.zeros(0)
+    return Cause(m.cause, m.where, (), (), none, none, m.before - m.after, 1, 0.0, m.ids)
+
+
+def _of_given(v: GivenValue) -> Cause:
+    components = v.components if len(v.components) > 1 else ()
+    what = f"the given {', '.join(v.components)}"
+    where = f"of {UNKNOWNS[v.kind].noun} {v.name!r}"
+    return _cause(what, where, components, v.sizes, v.together, ())
+
+
+def _cause(
+    cause: str,
+    where: str,
+    components: tuple[str, ...],
+    sizes: tuple[Size, ...],
+    what: Explained,
+    ids: tuple[str, ...],
+) -> Cause:
+    figures = what.error, what.sigma, what.t2, what.dof
+    return Cause(cause, where, components, sizes, *figures, np.nan, ids)
+
+
+def _tested(solution: Solution, every: Iterable[Hypotheses]) -> Iterator[Cause]:
+    """Iterate over causes at places; at most `MOST` places of each."""
+    equations = solution.equations
+    residual = solution.normal().system.residual
+    w, observation = whitening(equations), equations.observation_of_row
+    chosen: list[tuple[Hypotheses, int]] = []
+    parts: list[csc_array] = []
+    groups: list[Index] = []
+    first = 0
+    for h in every:
+        z = csc_array(w @ h.columns)
+        q = len(h.sizes)
+        total = np.asarray(z.multiply(z).sum(axis=0)).ravel()
+        gain = (z.T @ residual) ** 2 / np.where(total > 0, total, 1.0)
+        most = np.argsort(-gain.reshape(-1, q).sum(axis=1), kind="stable")[:MOST]
+        for number in most.tolist():
+            own = z[:, number * q : (number + 1) * q]
+            if len(np.unique(observation[own.indices])) < SHARED:
+                continue
+            chosen.append((h, number))
+            parts.append(own)
+            groups.append(first + np.arange(q))
+            first += q
+    if not parts:
+        return
+    z = csc_array(hstack(parts))
+    for (h, number), group, what in zip(chosen, groups, explain(solution, z, groups), strict=True):
+        rows = np.unique(z[:, group].indices)
+        ids = tuple(dict.fromkeys(equations.id(int(row)) for row in rows))
+        cause = _cause(h.cause, h.where[number], h.components, h.sizes, what, ids)
+        yield replace(cause, rank=h.rank)

@@ -1,0 +1,110 @@
+"""Sections of the protocol: likely causes of misfits, and tests of given values that are held."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+from ..models.variables import UNKNOWNS
+from ..quality.causes.given import GivenValue
+from ..quality.causes.hypotheses import Size
+from ..quality.causes.search import Cause
+from ..quality.distributions import chi2_quantile
+from .context import Report
+from .layout import NO_BREAK, listed, paragraph, percent, short, table, title
+
+MOST = 3
+"""Largest number of causes that are listed, those that explain as much as these apart."""
+NAMED = 6
+"""Largest number of observations of a cause that are named."""
+
+
+def unit_of(report: Report, size: Size) -> tuple[float, str]:
+    """Return the unit of the size of an error, SI, and its name."""
+    if size == "length":
+        return report.small, report.units.sigma_length
+    if size == "angle":
+        return report.radian, report.units.sigma_angle
+    return 1.0, {"ppm": "ppm"}.get(size, "")
+
+
+def causes(report: Report) -> list[str]:
+    """Return the likeliest causes of misfits that several observations share."""
+    found = report.causes
+    if found is None or not found.likelier:
+        return []
+    shown = found.likelier[:MOST]
+    out = title("Likely causes, each of which explains more than any single reading")
+    for i, cause in enumerate(shown, start=1):
+        out += paragraph(f"{i}. {sentence(report, cause)}")
+        out += paragraph(f"shared by {_members(cause)}", indent=5) if cause.ids else []
+    more = len(found.likelier) - len(shown)
+    if more:
+        out.append(f"  … {more} more explain less")
+    legend = (
+        f"of {found.tested} hypotheses, each tested with α0 = {percent(found.alpha)}; T²: by how "
+        "much less vᵀPv would be; size: observed, recorded or given − true, of centring instrument "
+        "or target − mark. One of them may be right: put the first right, and adjust again"
+    )
+    return [*out, *paragraph(legend)]
+
+
+def sentence(report: Report, cause: Cause) -> str:
+    """Return a cause with its size and its test."""
+    text = f"{cause.cause} {cause.where}"
+    sizes = []
+    for name, size, error, sigma in zip(
+        cause.components or ("",), cause.sizes, cause.error, cause.sigma, strict=False
+    ):
+        if isfinite(error):
+            unit, symbol = unit_of(report, size)
+            figures = f"{name} {short(error / unit)} ± {short(sigma / unit)} {symbol}".strip()
+            sizes.append(figures.replace(" ", NO_BREAK))
+    test = f"T² {short(cause.t2)}"
+    if cause.sizes:
+        test += f", {cause.dof} degree{'s' * (cause.dof != 1)} of freedom, critical "
+        test += f"{cause.critical:.1f}"
+    return ": ".join([text, ", ".join(sizes)]) + f" ({test})" if sizes else f"{text} ({test})"
+
+
+def _members(cause: Cause) -> str:
+    n = len(cause.ids)
+    return f"{n} observation{'s' * (n != 1)}: {listed(cause.ids, NAMED)}"
+
+
+def given(report: Report) -> list[str]:
+    """Return the held values with the largest test values; one sentence if all of them fit."""
+    every = report.given
+    if not every:
+        return []
+    rel = report.reliability
+    assert rel is not None
+    where = report.where("given_values.csv")
+    limits = {n: chi2_quantile(1.0 - rel.alpha, n) for n in {v.together.dof for v in every} if n}
+    above = [v for v in every if v.together.dof and v.together.t2 > limits[v.together.dof]]
+    if not above:
+        n = len(every)
+        text = f"{n} given value{'s' * (n != 1)} held, tested as if free: all fit; see {where}"
+        return paragraph(text)
+    order = sorted(above, key=lambda v: -v.together.t2 / v.together.dof)
+    rows = []
+    for v in order[: report.options.n_suspects]:
+        rows += [_row(report, v, i) for i in range(len(v.components))]
+    shown, note = report.cut(rows, "held values", "given_values.csv")
+    header = ["given value", "component", "error", "σ", "w", "T² of all"]
+    text = (
+        "each tested as if it had been given with σ → ∞; error: given − true, if it alone is "
+        f"wrong; {len(above)} of {len(every)} do not fit, all in {where}"
+    )
+    heading = title(f"Given values that are held, T² critical (α0 = {percent(rel.alpha)})")
+    return [*heading, *table(header, shown, left=2), *note, *paragraph(text)]
+
+
+def _row(report: Report, v: GivenValue, i: int) -> list[str]:
+    one = v.apart[i]
+    unit, symbol = unit_of(report, v.sizes[i])
+    name = f"{UNKNOWNS[v.kind].title} {v.name}" if i == 0 else ""
+    whole = f"{v.together.t2:.2f}" if i == 0 and v.together.dof else ""
+    if not one.dof:
+        return [name, v.components[i], "–", "–", "–", whole]
+    figures = [f"{short(one.error[0] / unit)} {symbol}".strip(), short(one.sigma[0] / unit)]
+    return [name, v.components[i], *figures, f"{v.w[i]:.2f}", whole]

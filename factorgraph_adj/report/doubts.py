@@ -1,0 +1,52 @@
+"""Why the result of an adjustment may be wrong: in the words in which every report says it."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from ..quality.unit_weight import Adjusted, global_test
+from ..types import Array
+
+
+class Ended(Adjusted, Protocol):
+    """An adjustment that says how it ended."""
+
+    @property
+    def converged(self) -> bool:
+        """Whether the iteration came to rest."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """Why the iteration ended."""
+        ...
+
+
+def doubts_about(solution: Ended) -> list[str]:
+    """Return why the result of an adjustment may be wrong: not at rest, or the global test."""
+    test = global_test(solution)
+    if not solution.converged:
+        return [f"not converged: {solution.reason}"]
+    if test.accepted:
+        return []
+    bounds = f"accepted from {test.lower:.4f} to {test.upper:.4f}"
+    return [f"global test failed: σ̂0 = {test.sigma0:.4f}, {bounds}"]
+
+
+def above_critical(values: Array, critical: float, name: str, alpha: float) -> list[str]:
+    """Return how many test values are above the critical value.
+
+    Args:
+        values: test values, NaN for observations that nothing controls.
+        critical: the critical value.
+        name: symbol of the test value, w or τ.
+        alpha: probability of a test value above it without an error.
+    """
+    n = int(np.sum(np.abs(values) > critical))
+    if not n:
+        return []
+    by_chance = alpha * np.isfinite(values).sum()
+    chance = f" (chance makes about {by_chance:.0f})" if by_chance >= 1 else ""
+    return [f"{n} test value{'s' * (n != 1)} above the critical |{name}| {critical:.2f}{chance}"]

@@ -1,0 +1,248 @@
+"""Readings against given coordinates: units, signs, frames and exchanged axes.
+
+Where both ends of readings have given coordinates, rough ones too, computed values tell of gross
+mistakes of whole groups. A mistake is told where another reading of a whole group fits the
+coordinates `BETTER` times better, in the median of the misfits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+
+import numpy as np
+
+from ...errors import InputError
+from ...frames import LocalFrame
+from ...graph.blocks import Block
+from ...graph.equations import Equations
+from ...network.network import Network
+from ...types import Array, Index
+from .finding import Finding
+
+BETTER = 5.0
+"""How many times better another reading of a group must fit to be told."""
+LEAST = 4
+"""Smallest number of readings of a group."""
+FAR = 100_000.0
+"""Distance from the origin of a curved local frame, metres, beyond which it is told: the error of
+the sphere that stands for the Earth is more than 1e-4 of the curvature there."""
+LENGTHS: Mapping[str, float] = {
+    "feet": 0.3048,
+    "US survey feet": 1200.0 / 3937.0,
+    "millimetres": 1e-3,
+    "centimetres": 1e-2,
+    "kilometres": 1e3,
+}
+"""Factors to metres."""
+ANGLES: Mapping[str, float] = {
+    "degrees, not gon": 400.0 / 360.0,
+    "gon, not degrees": 360.0 / 400.0,
+    "degrees, not radians": np.pi / 180.0,
+    "gon, not radians": np.pi / 200.0,
+    "radians, not degrees": 180.0 / np.pi,
+    "radians, not gon": 200.0 / np.pi,
+}
+"""Factors by which the values as they were taken become right."""
+
+
+def against_given(equations: Equations) -> Iterator[Finding]:
+    """Iterate over mistakes that given coordinates tell of."""
+    yield from _units(equations)
+    yield from _signs(equations)
+    yield from _vectors(equations)
+    yield from _axes(equations)
+    yield from _origin(equations.network)
+    yield from _photos(equations)
+
+
+def _given(equations: Equations, kind: str) -> Iterator[tuple[Block, Index]]:
+    """Iterate over the blocks of a kind, and the rows whose points have given coordinates."""
+    state = equations.unknowns.start()
+    for block in equations.blocks:
+        if block.kind != kind or block.prior:
+            continue
+        fine = np.ones(block.n, dtype=bool)
+        for what, index in block.variables:
+            if what in ("point", "pose"):
+                fine &= np.isfinite(state[what][index]).all(axis=1)
+        rows = np.flatnonzero(fine)
+        if len(rows) >= LEAST:
+            yield block, rows
+
+
+def _computed(equations: Equations, block: Block, rows: Index) -> tuple[Array, Array]:
+    """Return observed and computed values of rows, (k, d); observed ones where there is no answer.
+
+    Points may coincide in rough coordinates, and sights be vertical.
+    """
+    state = {k: np.nan_to_num(v) for k, v in equations.unknowns.start().items()}
+    part, frame = block.select(rows), equations.network.frame
+    try:
+        v = part.evaluate(frame, state, jacobians=False).residual
+    except InputError:
+        v = np.zeros_like(part.observed)
+        for i in range(part.n):
+            with suppress(InputError):
+                one = part.select(np.array([i]))
+                v[i] = one.evaluate(frame, state, jacobians=False).residual[0]
+    return part.observed, v + part.observed
+
+
+def _median(misfit: Array) -> float:
+    return float(np.median(np.abs(misfit)))
+
+
+def _units(equations: Equations) -> Iterator[Finding]:
+    """Distances and zenith angles whose values fit in another unit."""
+    for kind, factors in (
+        ("slope_distance", LENGTHS),
+        ("horizontal_distance", LENGTHS),
+        ("height_difference", LENGTHS),
+        ("zenith_angle", ANGLES),
+        ("vertical_angle", ANGLES),
+    ):
+        for block, rows in _given(equations, kind):
+            observed, computed = _computed(equations, block, rows)
+            now = _median(observed - computed)
+            left = {unit: _median(f * observed - computed) for unit, f in factors.items()}
+            unit = min(left, key=lambda u: left[u])
+            # Values near zero fit everything: the unit must explain the computed values.
+            if left[unit] * BETTER < min(now, _median(computed)):
+                yield Finding(
+                    f"the values of {len(rows)} {kind.replace('_', ' ')}s fit the given "
+                    f"coordinates {now / max(left[unit], 1e-12):.0f} times better as {unit}",
+                    "state their unit",
+                )
+
+
+def _signs(equations: Equations) -> Iterator[Finding]:
+    """Height differences that fit with the other sign."""
+    for block, rows in _given(equations, "height_difference"):
+        observed, computed = _computed(equations, block, rows)
+        usual = max(_median(observed - computed), 1e-3)
+        off, turned = np.abs(observed - computed)[:, 0], np.abs(observed + computed)[:, 0]
+        wrong = np.flatnonzero((off > BETTER * usual) & (turned * BETTER < off))
+        for i in wrong.tolist():
+            yield Finding(
+                f"{block.labels(int(rows[i]))} contradicts the given heights of its points, and "
+                "fits with the other sign",
+                "look at its sign, and at the order of its points",
+                float(off[i]),
+                float(BETTER * usual),
+                "m",
+            )
+
+
+def _vectors(equations: Equations) -> Iterator[Finding]:
+    """GNSS vectors that are geocentric in a local frame: their lengths fit, components do not."""
+    for block, rows in _given(equations, "gnss_vector"):
+        observed, computed = _computed(equations, block, rows)
+        length = np.linalg.norm(computed, axis=1)
+        by_length = _median(np.linalg.norm(observed, axis=1) - length)
+        by_components = _median(np.linalg.norm(observed - computed, axis=1))
+        if by_components > 0.05 * float(np.median(length)) and by_length * BETTER < by_components:
+            yield Finding(
+                f"{len(rows)} GNSS vectors have the lengths of the given coordinates, but other "
+                "components",
+                "they are geocentric, or in another frame: give the frame of the network, or turn "
+                "the vectors into it",
+                by_components,
+                by_length,
+                "m",
+            )
+
+
+def _axes(equations: Equations) -> Iterator[Finding]:
+    """Control with X and Y exchanged: readings turn the other way round.
+
+    A direction is α − o with the orientation o of its set; with X and Y exchanged α becomes
+    π/2 − α, so that the sum of azimuth and reading is the same for a set, not the difference.
+    """
+    held = np.all(~equations.unknowns["point"].free[:, :2], axis=1)
+    for block, given in _given(equations, "direction"):
+        by = {what: index for what, index in block.variables if what == "orientation"}
+        ends = [index for what, index in block.variables if what == "point"]
+        rows = given[held[ends[0][given]] & held[ends[1][given]]]
+        if len(rows) < LEAST:
+            continue
+        points = equations.unknowns["point"].values
+        d = points[ends[1][rows]] - points[ends[0][rows]]
+        azimuth = np.arctan2(d[:, 0], d[:, 1])
+        reading = block.observed[rows, 0]
+        group = by["orientation"][rows]
+        now, other = (_spread(azimuth - sign * reading, group) for sign in (1.0, -1.0))
+        if other * BETTER < now:
+            yield Finding(
+                f"{len(rows)} directions between held points run the other way round",
+                "X and Y of the control, or the axes of the frame, are exchanged",
+                float(np.rad2deg(now)),
+                float(np.rad2deg(BETTER * other)),
+                "degrees",
+            )
+
+
+def _spread(angle: Array, group: Index) -> float:
+    """Return the median deviation of angles from the mean of their group; one alone has none."""
+    out = []
+    for g in np.unique(group).tolist():
+        own = angle[group == g]
+        if len(own) > 1:
+            mean = np.angle(np.mean(np.exp(1j * own)))
+            out.append(np.abs(np.angle(np.exp(1j * (own - mean)))))
+    return float(np.median(np.concatenate(out))) if out else 0.0
+
+
+def _origin(network: Network) -> Iterator[Finding]:
+    """Coordinates far from the origin of a curved local frame."""
+    frame = network.frame
+    if not isinstance(frame, LocalFrame) or not frame.curvature:
+        return
+    names = list(network.points)
+    xyz = np.array([p.coordinates for p in network.points.values()]).reshape(-1, 3)
+    far = np.linalg.norm((xyz - np.array(frame.origin))[:, :2], axis=1)
+    far = np.nan_to_num(far)
+    if len(far) and far.max() > FAR:
+        yield Finding(
+            f"{int((far > FAR).sum())} points lie far from the origin of the curved frame, the "
+            f"farthest {names[int(far.argmax())]!r}",
+            "give the frame an origin in the middle of the network",
+            float(far.max()) / 1e3,
+            FAR / 1e3,
+            "km",
+        )
+
+
+def _photos(equations: Equations) -> Iterator[Finding]:
+    """Photos whose rotations, or image axes, fit the given orientation better otherwise."""
+    for block, rows in _given(equations, "image"):
+        poses = equations.unknowns["pose"].values
+        (_, photo), (_, camera), (_, point) = (block.variables[i] for i in range(3))
+        c = equations.unknowns["calibration"].values[camera[rows], 0]
+        xyz = equations.unknowns["point"].values[point[rows]] - poses[photo[rows], 9:]
+        rotation = poses[photo[rows], :9].reshape(-1, 3, 3)
+        xy = block.observed[rows]
+        down = np.array([1.0, -1.0])
+
+        def misfit(r: Array, seen: Array) -> float:
+            """Return the median distance of directions; camera axes x right, y down, z ahead."""
+            q = np.einsum("nji,nj->ni", r, xyz)  # noqa: B023
+            ray = np.column_stack([seen * down, c])  # noqa: B023
+            q = q / np.linalg.norm(q, axis=1, keepdims=True)
+            ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+            return float(np.median(np.linalg.norm(q - ray, axis=1)))
+
+        turned = np.swapaxes(rotation, 1, 2)
+        otherwise = {
+            "with the image y axis the other way": misfit(rotation, xy * down),
+            "with x and y of the image exchanged": misfit(rotation, xy[:, ::-1]),
+            "with transposed rotation matrices": misfit(turned, xy),
+        }
+        now = misfit(rotation, xy)
+        best = min(otherwise, key=lambda k: otherwise[k])
+        if otherwise[best] * BETTER < now:
+            yield Finding(
+                f"the rays of {len(np.unique(photo[rows]))} photos with given orientation fit "
+                f"{now / max(otherwise[best], 1e-12):.0f} times better {best}",
+                "state y_axis, or turn the matrices",
+            )

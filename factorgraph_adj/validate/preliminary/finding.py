@@ -1,0 +1,33 @@
+"""One thing that a preliminary check finds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import nan
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A doubt about readings or given values; nothing has been changed."""
+
+    what: str
+    """What does not fit, with the readings concerned."""
+    remedy: str
+    """What to look at, or to do."""
+    size: float = nan
+    """How large the misfit is, in ``unit``; NaN if it has no size."""
+    tolerance: float = nan
+    """How large it may be: `TIMES` its standard deviation, in ``unit``; NaN if there is none."""
+    unit: str = ""
+    """Unit of both."""
+
+    def __str__(self) -> str:
+        """Return the finding as text."""
+        size = f": {self.size:.4g} {self.unit}".rstrip() if self.size == self.size else ""
+        if self.tolerance == self.tolerance:
+            size += f", tolerance {self.tolerance:.3g} {self.unit}".rstrip()
+        return f"{self.what}{size}; {self.remedy}"
+
+
+TIMES = 3.29
+"""Tolerance of a misclosure, in its standard deviations: exceeded by chance once in 1000."""

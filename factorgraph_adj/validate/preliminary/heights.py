@@ -1,0 +1,53 @@
+"""Heights of instruments and targets that differ, or are missing, within a set-up."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+
+from ...network.network import Network
+from ...observations import (
+    Direction,
+    HorizontalDistance,
+    Observation,
+    SlopeDistance,
+    VerticalAngle,
+)
+from .finding import Finding
+
+
+def heights(network: Network) -> Iterator[Finding]:
+    """Iterate over set-ups with several heights of the instrument, or with some missing.
+
+    The readings of a set of directions belong to one set-up. Other readings at a station count to
+    its set-up if it has one set.
+    """
+    setups: dict[tuple[str, str], list[Observation]] = defaultdict(list)
+    sets: dict[str, set[str]] = defaultdict(set)
+    for o in network.observations.values():
+        if isinstance(o, Direction):
+            sets[o.station].add(o.set)
+            setups[o.station, o.set].append(o)
+    for o in network.observations.values():
+        if isinstance(o, SlopeDistance | VerticalAngle) and not isinstance(o, HorizontalDistance):
+            mine = sets[o.station]
+            if len(mine) <= 1:
+                setups[o.station, next(iter(mine), "")].append(o)
+    for (station, number), readings in setups.items():
+        counts = Counter(o.instrument_height for o in readings)  # type: ignore[attr-defined]
+        if len(counts) < 2:
+            continue
+        usual, _ = counts.most_common(1)[0]
+        others = [o for o in readings if o.instrument_height != usual]  # type: ignore[attr-defined]
+        where = f"station {station!r}" + (f", set {number!r}" if len(sets[station]) > 1 else "")
+        missing = all(o.instrument_height == 0.0 for o in others)  # type: ignore[attr-defined]
+        told = "no height of the instrument" if missing else "another height of the instrument"
+        first = others[0]
+        yield Finding(
+            f"{len(others)} of {len(readings)} readings at {where} have {told} than the usual "
+            f"{usual:g} m, the first {first.label()} ({first.instrument_height:g} m)"  # type: ignore[attr-defined]
+            if not missing
+            else f"{len(others)} of {len(readings)} readings at {where} have {told}, the others "
+            f"{usual:g} m; the first is {first.label()}",
+            "give the height that was measured, or another set to another set-up",
+        )

@@ -1,0 +1,121 @@
+"""Readings of the same thing, forth, back or again: they must agree."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+
+from ...frames import MEAN_EARTH_RADIUS
+from ...network.network import Network
+from ...observations import (
+    HorizontalDistance,
+    Observation,
+    SlopeDistance,
+    VerticalAngle,
+    ZenithAngle,
+)
+from ...stochastic import StandardDeviation
+from .finding import TIMES, Finding
+
+REFRACTION = 0.13
+"""Coefficient of refraction with which height differences forth and back are compared."""
+DOUBT = 0.3
+"""Standard deviation of it, for the tolerance."""
+
+
+def size_of(o: Observation, length: float) -> float:
+    """Return the standard deviation of a reading over a sight of a length, unit of its value."""
+    sigma = o.sigma  # type: ignore[attr-defined]
+    if not isinstance(sigma, StandardDeviation):
+        return float(sigma)
+    if isinstance(o, SlopeDistance):
+        own = sigma.constant + 1e-6 * sigma.ppm * length
+        return float(np.hypot(own, np.hypot(sigma.centring_instrument, sigma.centring_target)))
+    beside = np.hypot(sigma.centring_instrument, sigma.centring_target) / max(length, 1e-3)
+    return float(np.hypot(sigma.constant, beside))
+
+
+def repeated(network: Network) -> Iterator[Finding]:
+    """Iterate over readings of the same thing that do not agree."""
+    yield from _duplicates(network)
+    yield from _distances(network)
+    yield from _heights(network)
+
+
+def _duplicates(network: Network) -> Iterator[Finding]:
+    """Rows that are there twice: the same kind, names, value and σ."""
+    seen: dict[tuple[object, ...], Observation] = {}
+    for o in network.observations.values():
+        value = o.value if np.ndim(o.value) == 0 else tuple(o.value)  # type: ignore[attr-defined]
+        group = getattr(o, "set", None)
+        key = (o.kind, o.names(), value, repr(getattr(o, "sigma", None)), group)
+        if key in seen:
+            yield Finding(
+                f"{o.label()} has the same names, value and σ as {seen[key].label()}",
+                "remove one if the reading was copied: two of them make the result look more "
+                "precise than it is",
+            )
+        else:
+            seen[key] = o
+
+
+def _distances(network: Network) -> Iterator[Finding]:
+    """The same distance with the same heights, and horizontal distances forth and back."""
+    same: dict[tuple[object, ...], list[SlopeDistance]] = defaultdict(list)
+    for o in network.observations.values():
+        if isinstance(o, HorizontalDistance):
+            same["horizontal", *sorted((o.station, o.target))].append(o)
+        elif isinstance(o, SlopeDistance):
+            ends = sorted(((o.station, o.instrument_height), (o.target, o.target_height)))
+            same["slope", *ends].append(o)
+    for group in same.values():
+        for a, b in combinations(group, 2):
+            w = a.value - b.value
+            limit = TIMES * float(np.hypot(size_of(a, a.value), size_of(b, b.value)))
+            if abs(w) > limit:
+                yield Finding(
+                    f"{a.label()} and {b.label()} differ",
+                    "look for a wrong reading or name",
+                    1e3 * w,
+                    1e3 * limit,
+                    "mm",
+                )
+
+
+def _heights(network: Network) -> Iterator[Finding]:
+    """Height differences and horizontal distances from zenith angles forth and back."""
+    lengths: dict[tuple[str, str, float, float], float] = {}
+    for o in network.observations.values():
+        if isinstance(o, SlopeDistance) and not isinstance(o, HorizontalDistance):
+            lengths[o.station, o.target, o.instrument_height, o.target_height] = o.value
+    rises: dict[tuple[str, str], list[tuple[Observation, float, float, float]]] = defaultdict(list)
+    for o in network.observations.values():
+        if not isinstance(o, VerticalAngle) or o.station in network.verticals:
+            continue  # a deflection of the vertical that is free explains any difference
+        s = lengths.get((o.station, o.target, o.instrument_height, o.target_height))
+        if s is None:
+            continue
+        up = np.pi / 2 - o.value if isinstance(o, ZenithAngle) else o.value
+        bend = (s * np.cos(up)) ** 2 / (2 * MEAN_EARTH_RADIUS)
+        curved = getattr(network.frame, "curvature", True)
+        rise = s * np.sin(up) + ((1.0 - REFRACTION) * bend if curved else 0.0)
+        rise += o.instrument_height - o.target_height
+        sigma = float(np.hypot(s * np.cos(up) * size_of(o, s), DOUBT * bend))
+        rises[o.station, o.target].append((o, float(rise), sigma, s))
+    for (a, b), there in rises.items():
+        for back in rises.get((b, a), ()) if a < b else ():
+            for forth in there:
+                w = forth[1] + back[1]
+                limit = TIMES * float(np.hypot(forth[2], back[2]))
+                if abs(w) > limit:
+                    yield Finding(
+                        f"the height differences of {forth[0].label()} and {back[0].label()}, "
+                        "forth and back, do not cancel",
+                        "look for a wrong height of instrument or target, or zenith angle",
+                        1e3 * w,
+                        1e3 * limit,
+                        "mm",
+                    )

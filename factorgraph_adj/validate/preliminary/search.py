@@ -1,0 +1,42 @@
+"""All preliminary checks of a network."""
+
+from __future__ import annotations
+
+from ...errors import InputError
+from ...graph.equations import compile_rows
+from ...network.network import Network
+from .against_given import against_given
+from .closures import closures
+from .finding import Finding
+from .heights import heights
+from .repeated import repeated
+
+
+def mistaken(network: Network) -> tuple[Finding, ...]:
+    """Return mistakes of whole groups that given coordinates tell of: units, signs, axes."""
+    try:
+        return tuple(against_given(compile_rows(network)))
+    except InputError:
+        return ()
+
+
+def preliminary(network: Network) -> tuple[Finding, ...]:
+    """Check the readings of a network without adjusting it.
+
+    Levelled loops and loops of GNSS vectors, distances measured several times, height differences
+    forth and back; readings that are there twice; heights of instruments within a set-up; units,
+    signs, frames, axes and rotations against given coordinates. Nothing is changed.
+
+    Args:
+        network: the network.
+    """
+    try:
+        equations = compile_rows(network)
+    except InputError:  # `check` tells why
+        return ()
+    return (
+        *repeated(network),
+        *heights(network),
+        *closures(equations),
+        *against_given(equations),
+    )

@@ -1,0 +1,614 @@
+"""The mistakes: what is done wrong, the command, the exit code, and the line that must appear."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .projects import Project, Row, facade, yard
+
+DOUBTFUL, BAD_INPUT = 1, 2
+CHECK, ADJUST, SNOOP = ("check",), ("adjust",), ("adjust", "--snoop")
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """A mistake in a project."""
+
+    name: str
+    """What was done."""
+    make: Callable[[], Project]
+    """Returns the project with it."""
+    command: tuple[str, ...]
+    """The command that is to find it, without the project."""
+    code: int
+    """Its exit code."""
+    line: str
+    """What must appear in its output, line ends taken as blanks."""
+
+
+MISTAKES: list[Mistake] = []
+
+
+def mistake(
+    name: str,
+    command: tuple[str, ...],
+    code: int,
+    line: str,
+    project: Callable[[], Project] = yard,
+) -> Callable[[Callable[[Project], None]], Callable[[Project], None]]:
+    """Register a function that spoils a project."""
+
+    def noted(spoil: Callable[[Project], None]) -> Callable[[Project], None]:
+        def make() -> Project:
+            out = project()
+            spoil(out)
+            return out
+
+        MISTAKES.append(Mistake(name, make, command, code, line))
+        return spoil
+
+    return noted
+
+
+def add(row: Row, column: str, by: float, digits: int = 4) -> None:
+    """Add a number to a cell."""
+    row[column] = f"{float(row[column] or 0.0) + by:.{digits}f}"
+
+
+def times(row: Row, column: str, by: float, digits: int = 4) -> None:
+    """Multiply a cell by a number."""
+    row[column] = f"{float(row[column]) * by:.{digits}f}"
+
+
+# -- in the field ---------------------------------------------------------------------------------
+
+
+@mistake(
+    "height of the instrument 0.1 m too large",
+    ADJUST,
+    DOUBTFUL,
+    "likeliest cause: the height of the instrument at 'S2' (1.712 m): 10",
+)
+def _(p: Project) -> None:
+    for row in p.tables["observations.csv"]:
+        if row["station"] == "S2" and "instrument_height" in row:
+            add(row, "instrument_height", 0.1, 3)
+
+
+@mistake(
+    "height of a target wrong at one station",
+    ADJUST,
+    DOUBTFUL,
+    "the height of the target at 'E' (1.500 m) seen from 'S1'".replace("1.500", "1.5"),
+)
+def _(p: Project) -> None:
+    for row in p.tables["observations.csv"]:
+        if (row["station"], row["target"]) == ("S1", "E") and "target_height" in row:
+            add(row, "target_height", 0.2, 3)
+
+
+@mistake(
+    "one height of the instrument differs within a set-up",
+    CHECK,
+    DOUBTFUL,
+    "readings at station 'S1' have another height of the instrument than the usual 1.583 m",
+)
+def _(p: Project) -> None:
+    p.rows("zenith_angle", station="S1")[2]["instrument_height"] = "1.853"
+
+
+@mistake(
+    "the height of the instrument is missing in some rows",
+    CHECK,
+    DOUBTFUL,
+    "have no height of the instrument, the others 1.547 m",
+)
+def _(p: Project) -> None:
+    for row in p.rows("slope_distance", station="S3")[:3]:
+        row["instrument_height"] = ""
+
+
+@mistake(
+    "two targets exchanged",
+    SNOOP,
+    DOUBTFUL,
+    "1. two targets, exchanged: 'A' and 'E' seen from 'S1'",
+)
+def _(p: Project) -> None:
+    other = {"A": "E", "E": "A"}
+    for row in p.tables["observations.csv"]:
+        if row["station"] == "S1" and "instrument_height" in row:
+            row["target"] = other.get(row["target"], row["target"])
+
+
+@mistake(
+    "a point confused with another of the list",
+    SNOOP,
+    DOUBTFUL,
+    "1. the name of the target 'B' seen from 'S3', which is 'E'",
+)
+def _(p: Project) -> None:
+    for row in p.tables["observations.csv"]:
+        if (row["station"], row["target"]) == ("S3", "E"):
+            row["target"] = "B"
+
+
+@mistake(
+    "index error of the vertical circle",
+    ADJUST,
+    DOUBTFUL,
+    "likeliest cause: the index error of the vertical circle at station 'S3': 19.8 ±",
+)
+def _(p: Project) -> None:
+    for row in p.rows("zenith_angle", station="S3"):
+        add(row, "value", 0.02)
+
+
+@mistake(
+    "a zenith angle read in the second face",
+    CHECK,
+    BAD_INPUT,
+    "a reading in the second face is 400 gon minus the zenith angle; give both faces to",
+)
+def _(p: Project) -> None:
+    row = p.rows("zenith_angle", station="S2")[1]
+    row["value"] = f"{400.0 - float(row['value']):.4f}"
+
+
+@mistake(
+    "prism constant of 30 mm forgotten at a station",
+    ADJUST,
+    DOUBTFUL,
+    "likeliest cause: the zero constant (prism constant) of distances at station 'S2': 3",
+)
+def _(p: Project) -> None:
+    for row in p.rows("slope_distance", station="S2"):
+        add(row, "value", 0.03)
+
+
+@mistake(
+    "wrong scale of distances: atmospheric correction of another instrument",
+    ADJUST,
+    DOUBTFUL,
+    "likeliest cause: the scale of distances everywhere: 1000 ±",
+)
+def _(p: Project) -> None:
+    for row in p.rows("slope_distance"):
+        times(row, "value", 1.001)
+
+
+MISTAKES.append(
+    Mistake(
+        "instrument 50 mm beside the mark",
+        lambda: yard(beside={"S3": (0.03, 0.04)}),
+        ADJUST,
+        DOUBTFUL,
+        "likeliest cause: the centring of the instrument at 'S3' (height 1.547 m): east",
+    )
+)
+
+
+@mistake(
+    "tripod turned during a set of directions",
+    ADJUST,
+    DOUBTFUL,
+    "likeliest cause: the orientation, turned on the way, of set 'S2/1' from target",
+)
+def _(p: Project) -> None:
+    for row in p.rows("direction", station="S2")[4:]:
+        row["value"] = f"{(float(row['value']) + 0.03) % 400:.4f}"
+
+
+@mistake(
+    "GNSS vector with start and end exchanged",
+    SNOOP,
+    DOUBTFUL,
+    "1. start and end, exchanged, of vector 'A' – 'E'",
+)
+def _(p: Project) -> None:
+    row = p.rows("gnss_vector", station="A", target="E")[0]
+    for axis in "xyz":
+        times(row, axis, -1.0)
+
+
+@mistake(
+    "height of the base antenna 0.1 m too large",
+    ADJUST,
+    DOUBTFUL,
+    "likeliest cause: the height of the antenna at 'A' (0.1 m): 10",
+)
+def _(p: Project) -> None:
+    for row in p.rows("gnss_vector", station="A"):
+        row["instrument_height"] = "0.1"
+
+
+@mistake(
+    "held control point shifted by 60 mm",
+    SNOOP,
+    DOUBTFUL,
+    "1. the given x, y, z of point 'B'",
+)
+def _(p: Project) -> None:
+    add(p.point("B"), "z", 0.06, 3)
+
+
+@mistake(
+    "levelled height difference with the other sign",
+    CHECK,
+    DOUBTFUL,
+    "contradicts the given heights of its points, and fits with the other sign",
+)
+def _(p: Project) -> None:
+    times(p.rows("height_difference")[2], "value", -1.0)
+
+
+@mistake(
+    "levelled loop does not close",
+    CHECK,
+    DOUBTFUL,
+    "the loop of 7 height differences does not close",
+)
+def _(p: Project) -> None:
+    add(p.rows("height_difference")[4], "value", 0.05)
+
+
+@mistake(
+    "loop of GNSS vectors does not close",
+    CHECK,
+    DOUBTFUL,
+    "GNSS vectors does not close in y",
+)
+def _(p: Project) -> None:
+    add(p.rows("gnss_vector", station="C", target="E")[0], "y", 0.1)
+
+
+@mistake(
+    "reciprocal zenith angles do not agree",
+    CHECK,
+    DOUBTFUL,
+    "forth and back, do not cancel",
+)
+def _(p: Project) -> None:
+    add(p.rows("zenith_angle", station="S1", target="S2")[0], "value", 0.1)
+
+
+@mistake(
+    "the same distance measured twice, one metre apart",
+    CHECK,
+    DOUBTFUL,
+    "slope_distance S1 A differ: -1000 mm",
+)
+def _(p: Project) -> None:
+    row = dict(p.rows("slope_distance", station="S1", target="A")[0])
+    add(row, "value", 1.0)
+    p.tables["observations.csv"].append(row)
+
+
+@mistake(
+    "a row copied",
+    CHECK,
+    DOUBTFUL,
+    "two of them make the result look more precise than it is",
+)
+def _(p: Project) -> None:
+    p.tables["observations.csv"].append(dict(p.rows("direction", station="S2")[3]))
+
+
+# -- units, signs, frames -------------------------------------------------------------------------
+
+
+@mistake(
+    "distances in feet",
+    CHECK,
+    DOUBTFUL,
+    "slope distances fit the given coordinates",
+)
+def _(p: Project) -> None:
+    for row in p.rows("slope_distance"):
+        times(row, "value", 1.0 / 0.3048)
+
+
+@mistake(
+    "zenith angles in degrees, the project in gon",
+    CHECK,
+    DOUBTFUL,
+    "times better as degrees, not gon; state their unit",
+)
+def _(p: Project) -> None:
+    for row in p.rows("zenith_angle"):
+        times(row, "value", 0.9)
+
+
+@mistake(
+    "height differences in millimetres",
+    CHECK,
+    DOUBTFUL,
+    "times better as millimetres; state their unit",
+)
+def _(p: Project) -> None:
+    for row in p.rows("height_difference"):
+        times(row, "value", 1000.0, 1)
+
+
+@mistake(
+    "GNSS vectors geocentric in a local frame",
+    CHECK,
+    DOUBTFUL,
+    "they are geocentric, or in another frame",
+)
+def _(p: Project) -> None:
+    lat, lon = np.deg2rad((45.0, 7.0))
+    e = np.array([-np.sin(lon), np.cos(lon), 0.0])
+    n = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
+    u = np.cross(e, n)
+    for row in p.rows("gnss_vector"):
+        x, y, z = (float(row[a]) for a in "xyz")
+        for axis, value in zip("xyz", x * e + y * n + z * u, strict=True):
+            row[axis] = f"{value:.4f}"
+
+
+@mistake(
+    "control with X and Y exchanged",
+    CHECK,
+    DOUBTFUL,
+    "X and Y of the control, or the axes of the frame, are exchanged",
+)
+def _(p: Project) -> None:
+    for row in p.tables["points.csv"]:
+        row["x"], row["y"] = row["y"], row["x"]
+        row["fixed"] = "xyz"
+    p.tables["observations.csv"] = p.rows("direction")
+
+
+@mistake(
+    "coordinates far from the origin of a curved frame",
+    CHECK,
+    DOUBTFUL,
+    "points lie far from the origin of the curved frame",
+)
+def _(p: Project) -> None:
+    p.toml += '[frame]\nkind = "local"\ncurvature = true\n'
+    for row in p.tables["points.csv"]:
+        add(row, "x", 512_000.0, 3)
+
+
+@mistake(
+    "image y axis the other way",
+    CHECK,
+    DOUBTFUL,
+    "times better with the image y axis the other way; state y_axis, or turn the matrices",
+    facade,
+)
+def _(p: Project) -> None:
+    for row in p.tables["images.csv"]:
+        times(row, "y", -1.0)
+
+
+@mistake(
+    "x and y of image points exchanged",
+    CHECK,
+    DOUBTFUL,
+    "times better with x and y of the image exchanged",
+    facade,
+)
+def _(p: Project) -> None:
+    for row in p.tables["images.csv"]:
+        row["x"], row["y"] = row["y"], row["x"]
+
+
+@mistake(
+    "rotation matrices transposed",
+    CHECK,
+    BAD_INPUT,
+    "times better with transposed rotation matrices",
+    facade,
+)
+def _(p: Project) -> None:
+    for row in p.tables["photos.csv"]:
+        for a, b in (("12", "21"), ("13", "31"), ("23", "32")):
+            row[f"r{a}"], row[f"r{b}"] = row[f"r{b}"], row[f"r{a}"]
+
+
+@mistake(
+    "a rotation matrix with a wrong element",
+    CHECK,
+    BAD_INPUT,
+    "more than the 9 decimals of its elements explain",
+    facade,
+)
+def _(p: Project) -> None:
+    add(p.tables["photos.csv"][1], "r11", 0.01, 9)
+
+
+@mistake(
+    "a point measured twice in a photo",
+    CHECK,
+    BAD_INPUT,
+    "the point is measured more than once in this photo; first in line 2",
+    facade,
+)
+def _(p: Project) -> None:
+    p.tables["images.csv"].append(dict(p.tables["images.csv"][0]))
+
+
+# -- at the desk ----------------------------------------------------------------------------------
+
+
+@mistake(
+    "a point name with another case",
+    CHECK,
+    BAD_INPUT,
+    "unknown point 's2'; known: A, B, C, D, E, S1, S2, S3; did you mean 'S2'?",
+)
+def _(p: Project) -> None:
+    p.rows("direction", station="S1", target="S2")[0]["target"] = "s2"
+
+
+@mistake(
+    "a column misspelt",
+    CHECK,
+    BAD_INPUT,
+    "unknown column 'targt_height'; did you mean 'target_height'?",
+)
+def _(p: Project) -> None:
+    p.tables["observations.csv"] = [
+        {("targt_height" if k == "target_height" else k): v for k, v in row.items()}
+        for row in p.tables["observations.csv"]
+    ]
+
+
+@mistake(
+    "an unknown kind of observation",
+    CHECK,
+    BAD_INPUT,
+    "observations.csv:4: slope_distnce S1 A: unknown kind 'slope_distnce'",
+)
+def _(p: Project) -> None:
+    p.rows("slope_distance")[0]["kind"] = "slope_distnce"
+
+
+@mistake(
+    "a letter O in a number",
+    CHECK,
+    BAD_INPUT,
+    "observations.csv:4:",
+)
+def _(p: Project) -> None:
+    p.rows("slope_distance")[0]["value"] = "4O.1274"
+
+
+@mistake(
+    "no value",
+    CHECK,
+    BAD_INPUT,
+    "observations.csv:2:",
+)
+def _(p: Project) -> None:
+    p.rows("direction")[0]["value"] = ""
+
+
+@mistake(
+    "an infinite distance",
+    CHECK,
+    BAD_INPUT,
+    "observations.csv:4:",
+)
+def _(p: Project) -> None:
+    p.rows("slope_distance")[0]["value"] = "inf"
+
+
+@mistake(
+    "a negative distance",
+    CHECK,
+    BAD_INPUT,
+    "a distance cannot be negative",
+)
+def _(p: Project) -> None:
+    times(p.rows("slope_distance")[0], "value", -1.0)
+
+
+@mistake(
+    "a sight from a point to itself",
+    CHECK,
+    BAD_INPUT,
+    "an observation cannot join a point to itself",
+)
+def _(p: Project) -> None:
+    p.rows("direction", station="S1")[0]["target"] = "S1"
+
+
+@mistake(
+    "a standard deviation of zero",
+    CHECK,
+    BAD_INPUT,
+    "observations.csv:2:",
+)
+def _(p: Project) -> None:
+    p.rows("direction")[0]["sigma_mgon"] = "0"
+
+
+@mistake(
+    "no standard deviation for a kind",
+    CHECK,
+    BAD_INPUT,
+    "sigma",
+)
+def _(p: Project) -> None:
+    p.toml = p.toml.replace("[sigma.direction]\nsigma_mgon = 1\n", "")
+
+
+@mistake(
+    "an id used twice",
+    CHECK,
+    BAD_INPUT,
+    "duplicate id 'r1'",
+)
+def _(p: Project) -> None:
+    for row in p.rows("direction")[:2]:
+        row["id"] = "r1"
+
+
+@mistake(
+    "an unknown unit",
+    CHECK,
+    BAD_INPUT,
+    "project.toml",
+)
+def _(p: Project) -> None:
+    p.toml = p.toml.replace('angle = "gon"', 'angle = "gons"')
+
+
+@mistake(
+    "an unknown key of the project",
+    CHECK,
+    BAD_INPUT,
+    "unknown key 'datums'",
+)
+def _(p: Project) -> None:
+    p.toml = 'datums = "free"\n' + p.toml
+
+
+@mistake(
+    "an unknown letter for a held component",
+    CHECK,
+    BAD_INPUT,
+    "points.csv:2:",
+)
+def _(p: Project) -> None:
+    p.point("A")["fixed"] = "xyq"
+
+
+@mistake(
+    "a point without enough readings",
+    CHECK,
+    BAD_INPUT,
+    "point 'F'",
+)
+def _(p: Project) -> None:
+    p.tables["points.csv"].append({"name": "F"})
+    row = dict(p.rows("direction", station="S1")[0]) | {"target": "F", "value": "12.5"}
+    p.tables["observations.csv"].append(row)
+
+
+@mistake(
+    "nothing is held",
+    CHECK,
+    BAD_INPUT,
+    "datum",
+)
+def _(p: Project) -> None:
+    for row in p.tables["points.csv"]:
+        row["fixed"] = ""
+
+
+@mistake(
+    "a table outside the folder of the project",
+    CHECK,
+    BAD_INPUT,
+    "lies outside the folder of the project, or is named as if it did: move it there",
+)
+def _(p: Project) -> None:
+    p.toml += '[files]\npoints = "../../../../etc/passwd"\n'

@@ -1,0 +1,37 @@
+"""Every mistake is named by the command that is to find it, and changes its exit code."""
+
+from __future__ import annotations
+
+import pytest
+
+from factorgraph_adj.cli.main import main
+
+from .mistakes import MISTAKES, Mistake
+from .projects import facade, yard
+
+
+def told(text: str) -> str:
+    """Return a text with single blanks for line ends and indents."""
+    return " ".join(text.split())
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda m: m.name)
+def test_a_mistake_is_named(mistake: Mistake, tmp_path, capsys) -> None:
+    folder = mistake.make().write(tmp_path / "yard")
+    code = main([mistake.command[0], str(folder), *mistake.command[1:]])
+    output = "".join(capsys.readouterr())
+    assert told(mistake.line) in told(output)
+    assert code == mistake.code
+
+
+@pytest.mark.parametrize("project", [yard, facade])
+@pytest.mark.parametrize("command", [("check",), ("adjust",), ("adjust", "--snoop")])
+def test_without_a_mistake_nothing_is_told(command, project, tmp_path, capsys) -> None:
+    assert main([command[0], str(project().write(tmp_path / "yard")), *command[1:]]) == 0
+    output = "".join(capsys.readouterr()).lower()
+    assert "doubt" not in output and "cause" not in output
+
+
+def test_there_are_forty() -> None:
+    assert len(MISTAKES) >= 40
+    assert len({m.name for m in MISTAKES}) == len(MISTAKES)

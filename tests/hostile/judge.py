@@ -1,0 +1,130 @@
+"""What a command made of a damaged input, in a process of its own with limits."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+import factorgraph_adj as fga
+from factorgraph_adj.cli.main import main
+from tests.support.dense import Dense
+
+SECONDS = 60.0
+"""Longest time of a command."""
+MEGABYTES = 1000.0
+"""Largest memory of a command."""
+AT_REST = 1e-3
+"""Largest step relative to σ, by an independent dense step, of a result that is called right."""
+LONGEST = 200_000
+"""Largest number of characters of a message."""
+SECRET = "root:"
+"""What stands in /etc/passwd, and must not stand in any output."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one input."""
+
+    code: int
+    """Exit code; negative: the number of the signal that ended it."""
+    output: str
+    """Both streams."""
+    seconds: float
+    """Time."""
+    megabytes: float
+    """Memory beyond that of the process at its start."""
+    wrong: str = ""
+    """What is wrong with a result; empty: nothing."""
+
+    @property
+    def fault(self) -> str:
+        """What must not happen; empty: nothing of it did."""
+        if self.code < 0:
+            return f"ended by signal {-self.code}"
+        if "Traceback" in self.output or self.code == 3:
+            return "traceback or fault of the program"
+        if SECRET in self.output:
+            return "shows a file outside its folder"
+        if self.seconds > SECONDS:
+            return f"took {self.seconds:.0f} s"
+        if self.megabytes > MEGABYTES:
+            return f"took {self.megabytes:.0f} MB"
+        if self.code == 2 and not self.output.strip():
+            return "refused without a word"
+        if len(self.output) > LONGEST:
+            return f"told {len(self.output)} characters"
+        return self.wrong
+
+
+def run(arguments: Sequence[str], piped: Path | None) -> Outcome:
+    """Run a command in a process of its own."""
+    with tempfile.TemporaryFile() as out:
+        begin = perf_counter()
+        child = os.fork()
+        if not child:
+            _child(arguments, piped, out.fileno())
+        _, status, used = os.wait4(child, 0)
+        seconds = perf_counter() - begin
+        out.seek(0)
+        text = out.read(2_000_000).decode("utf-8", "replace")
+    code = os.waitstatus_to_exitcode(status)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+    return Outcome(code, text, seconds, max(0.0, used.ru_maxrss / 1024.0 - before))
+
+
+def _child(arguments: Sequence[str], piped: Path | None, out: int) -> None:
+    """Run a command and leave the process."""
+    code = 70
+    try:
+        os.dup2(out, 1)
+        os.dup2(out, 2)
+        source = os.open(os.devnull if piped is None else piped, os.O_RDONLY)
+        os.dup2(source, 0)
+        sys.stdin = os.fdopen(0, "r", encoding="utf-8", errors="surrogateescape", closefd=False)
+        sys.stdout = os.fdopen(1, "w", encoding="utf-8", closefd=False)
+        sys.stderr = os.fdopen(2, "w", encoding="utf-8", closefd=False)
+        signal.alarm(int(2 * SECONDS))
+        code = main(list(arguments))
+    except SystemExit as error:
+        code = error.code if isinstance(error.code, int) else 2
+    except BaseException:
+        import traceback
+
+        traceback.print_exc()
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+        os._exit(code)
+
+
+def checked(outcome: Outcome, path: Path) -> Outcome:
+    """Check a result that the command called right: it is a minimum of what was read."""
+    if outcome.code != 0:
+        return outcome
+    network = fga.read(path)
+    solution = fga.adjust(network)
+    if not solution.converged:
+        return _with(outcome, "exit code 0 of an adjustment that did not converge")
+    here = Dense.at(solution.equations, solution.state)
+    if solution.datum is None:
+        step, *_ = np.linalg.lstsq(here.design, -here.residual, rcond=1e-12)
+        bound = float(np.linalg.norm(here.design @ step))
+        scale = max(1.0, float(np.linalg.norm(here.residual)) * 1e-6)
+        if not bound < AT_REST * scale:
+            return _with(outcome, f"is {bound:.2g} σ from the minimum of what was read")
+    return outcome
+
+
+def _with(outcome: Outcome, wrong: str) -> Outcome:
+    from dataclasses import replace
+
+    return replace(outcome, wrong=wrong)

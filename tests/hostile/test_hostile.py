@@ -1,0 +1,24 @@
+"""A seeded part of the campaign: `python -m tests.hostile` runs all of it."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+
+import pytest
+
+from .campaign import campaign
+
+INPUTS = 300
+PARTS = 10
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes are forked")
+@pytest.mark.parametrize("part", range(PARTS))
+def test_damaged_inputs_are_refused_by_name_or_adjusted_rightly(part, tmp_path):
+    size = INPUTS // PARTS
+    cases = list(campaign(part * size, size, tmp_path))
+    faults = [f"{c.seed} {c.source}, {c.done}: {c.outcome.fault}" for c in cases if c.outcome.fault]
+    assert not faults
+    told = Counter(c.told for c in cases)
+    assert told["refused"] > size // 4

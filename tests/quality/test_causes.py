@@ -1,0 +1,132 @@
+"""Causes of misfits: given values and errors that several observations share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse import csc_array
+
+import factorgraph_adj as fga
+from factorgraph_adj.quality.causes.columns import explain, whitening
+from factorgraph_adj.quality.causes.given import given_values
+from factorgraph_adj.quality.causes.search import evidence, explanations
+from tests.benchmarks.causes import adjusted, count, detectable, searched, spoiled
+from tests.networks.arriving import CASES
+from tests.networks.building_site import site
+from tests.support.spoiled import SIZED
+
+GIVEN = ("2020-barta-phase_1-2TK", "Caspary", "camcal, model 3", "own cameras", "weighted photos")
+"""Networks with held values."""
+
+
+@pytest.mark.parametrize("name", ["combined block", "gnss", "2020-barta-phase_1-2TK", "held photo"])
+def test_columns_explain_what_dense_matrices_say(name: str) -> None:
+    """∇̂, Σ_∇ and T² from P Q_vv P as a whole, of columns with whole and partial control."""
+    solution = fga.adjust(CASES[name].make())
+    n = solution.equations.n_rows
+    system = solution.normal().system
+    columns = solution.equations.unknowns.n_columns
+    a = system.times(np.eye(columns))
+    m = np.eye(n) - a @ solution.cofactor_times(a.T)
+    w = whitening(solution.equations).toarray()
+    rng = np.random.default_rng(5)
+    c = rng.normal(size=(n, 5)) * (rng.random((n, 5)) < 0.3)
+    c[0] += 1.0
+    groups = [np.array([0]), np.array([1, 2]), np.array([3, 4])]
+    found = explain(solution, csc_array(w @ c), groups)
+    for group, what in zip(groups, found, strict=True):
+        z = w @ c[:, group]
+        s, u = z.T @ m @ z, z.T @ system.residual
+        cov = np.linalg.inv(s)
+        assert what.dof == len(group)
+        assert what.t2 == pytest.approx(u @ cov @ u, rel=1e-6)
+        assert what.error == pytest.approx(-cov @ u, rel=1e-6, abs=1e-9 * np.sqrt(cov.max()))
+        assert what.sigma == pytest.approx(np.sqrt(np.diag(cov)), rel=1e-6)
+
+
+def test_whitening_is_that_of_the_adjustment() -> None:
+    for name in ("gnss", "mikhail-7.4-cov", "combined block"):
+        solution = fga.adjust(CASES[name].make())
+        raw = solution.equations.residuals(solution.state, whitened=False)
+        found = whitening(solution.equations) @ raw
+        assert found == pytest.approx(solution.normal().system.residual, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", GIVEN)
+def test_given_values_are_tested_as_if_they_were_free(name: str) -> None:
+    """Against an adjustment in which the held components of a point are free."""
+    network = CASES[name].make()
+    solution = fga.adjust(network)
+    checked = 0
+    for v in given_values(solution):
+        if v.kind != "point" or v.together.dof < len(v.components):
+            continue
+        point = network.points[v.name]
+        fixed = tuple(
+            h and axis not in v.components for h, axis in zip(point.fixed, "xyz", strict=True)
+        )
+        other = network.copy()
+        other.points[v.name] = replace(point, fixed=fixed)
+        free = fga.adjust(other, start=solution)
+        at = ["xyz".index(c) for c in v.components]
+        error = (np.array(point.coordinates) - free.point(v.name))[at]
+        sigma = np.sqrt(np.diag(free.covariance(v.name)))[at]
+        assert v.together.t2 == pytest.approx(solution.vtpv - free.vtpv, rel=0.02, abs=1e-4)
+        assert np.abs(v.together.error - error).max() < 0.02 * (sigma + np.abs(error)).max()
+        assert v.together.sigma == pytest.approx(sigma, rel=0.02)
+        checked += 1
+    assert checked
+
+
+def test_what_alone_holds_the_datum_has_no_test() -> None:
+    network = fga.Network("one held point")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("B", (10.0, 0.0, 0.0), fixed="yz")
+    for i, value in enumerate((10.001, 9.999)):
+        network.add(fga.observations.SlopeDistance("A", "B", value, sigma=0.002, id=str(i)))
+    for v in given_values(fga.adjust(network)):
+        assert v.together.dof == 0 and np.isnan(v.together.t2)
+        assert np.isinf(v.together.sigma).all() and np.isnan(v.w).all()
+
+
+@pytest.mark.parametrize("cause", SIZED)
+def test_a_cause_is_found_with_its_size(cause: str) -> None:
+    """First of all, with its size; three places."""
+    done = 0
+    for seed in range(3):
+        size = 10.0 * detectable(cause, seed)
+        if not np.isfinite(size):
+            continue
+        case = spoiled(cause, seed, size)
+        best = searched(adjusted(case.network, case.readings)).found[0]
+        assert best.cause == case.cause and case.where in best.where
+        # Of a centring its length, of a given point the one coordinate.
+        length = float(np.linalg.norm(best.error))
+        assert abs(length - size) < 4.0 * best.sigma.max() + 0.02 * size
+        done += 1
+    assert done >= 2
+
+
+@pytest.mark.parametrize("cause", ["exchanged_targets", "confused_point", "reversed_vector"])
+def test_an_exchange_is_found_in_the_clean_solution(cause: str) -> None:
+    counted = count(cause, 3)
+    assert counted.first == counted.named == counted.cases == 3
+
+
+def test_nothing_is_told_of_good_readings() -> None:
+    for seed in range(5):
+        assert not searched(adjusted(*site(seed)[:2])).likelier
+
+
+def test_every_hypothesis_has_the_numbers_of_good_readings() -> None:
+    """T² of all hypotheses of good networks: their quantiles are those of χ²."""
+    small, count_ = 0, 0
+    for seed in range(6):
+        for c in explanations(fga.adjust(adjusted(*site(100 + seed)[:2]))):
+            if c.dof:
+                count_ += 1
+                small += evidence(c.t2, c.dof) < -np.log(0.5)
+    assert count_ > 500
+    assert 0.42 < small / count_ < 0.58
