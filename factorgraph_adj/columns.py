@@ -65,8 +65,17 @@ class Columns(Shown):
         Raises:
             InputError: pandas is not installed (extra ``table``).
         """
-        try:
-            import pandas
-        except ImportError:
-            raise InputError(MISSING) from None
-        return pandas.DataFrame(dict(self.columns))
+        return data_frame(self.columns)
+
+
+def data_frame(columns: Mapping[str, object]) -> pandas.DataFrame:
+    """Return a data frame of columns of the same length.
+
+    Raises:
+        InputError: pandas is not installed (extra ``table``).
+    """
+    try:
+        import pandas
+    except ImportError:
+        raise InputError(MISSING) from None
+    return pandas.DataFrame(dict(columns))

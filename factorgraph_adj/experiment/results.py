@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..columns import MISSING
+from ..columns import data_frame
 from ..errors import InputError, Problem, known
 from ..io.atomic import write_files
 from ..quality.levels import CONFIDENCE
@@ -128,10 +128,6 @@ class Results(Shown):
         Raises:
             InputError: pandas is not installed (extra ``table``).
         """
-        try:
-            import pandas
-        except ImportError:
-            raise InputError(MISSING) from None
         rows = self.rows
         columns: dict[str, object] = {
             name: [row.levels[name] for row in rows] for name in self.factors
@@ -141,7 +137,7 @@ class Results(Shown):
         columns |= {name: self.values(name) for name in self.figures}
         columns["error"] = [row.error for row in rows]
         columns["message"] = [row.message for row in rows]
-        return pandas.DataFrame(columns)
+        return data_frame(columns)
 
     def summary(self, *, confidence: float = CONFIDENCE) -> Summary:
         """Return mean, standard deviation and RMS of each figure in each cell, with intervals.

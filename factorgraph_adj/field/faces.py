@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, Problem
+from ..models.base import wrap
 from ..observations import Direction, Observation, SlopeDistance, ZenithAngle
 from ..shown import Rows, Shown
 
@@ -207,7 +208,7 @@ def _distances(targets: dict[str, dict[int, FaceReading]], sigma: float) -> Iter
 
 def _wrapped(angle: float) -> float:
     """Return an angle in (−π, π]."""
-    return pi - (pi - angle) % (2 * pi)
+    return float(wrap(np.asarray(angle)))
 
 
 def _zenith(faces: dict[int, FaceReading]) -> float:

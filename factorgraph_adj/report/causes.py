@@ -82,8 +82,10 @@ def given(report: Report) -> list[str]:
     limits = {n: chi2_quantile(1.0 - rel.alpha, n) for n in {v.together.dof for v in every} if n}
     above = [v for v in every if v.together.dof and v.together.t2 > limits[v.together.dof]]
     if not above:
-        n = len(every)
-        text = f"{n} given value{'s' * (n != 1)} held, tested as if free: all fit; see {where}"
+        n, tested = len(every), sum(v.together.dof > 0 for v in every)
+        some = f"{tested} fit{'s' * (tested == 1)}, nothing tests the other {n - tested}"
+        fit = {n: "all fit", 0: "nothing tests them"}.get(tested, some)
+        text = f"{n} given value{'s' * (n != 1)} held, tested as if free: {fit}; see {where}"
         return paragraph(text)
     order = sorted(above, key=lambda v: -v.together.t2 / v.together.dof)
     rows = []

@@ -13,6 +13,7 @@ from ...errors import InputError
 from ...graph.blocks import Block
 from ...graph.equations import Equations
 from ...graph.variables import State
+from ...models.base import wrap
 from ...observations import observation_kind
 from ...types import Array, Index, Mask
 
@@ -223,5 +224,5 @@ def _difference(block: Block, a: Array, b: Array) -> Array:
     """Return a − b; of angles the shorter way round."""
     change = a - b
     if block.unit == "rad":
-        change = np.pi - (np.pi - change) % (2 * np.pi)
+        change = wrap(change)
     return np.asarray(change)
