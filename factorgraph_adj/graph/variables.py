@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..models.variables import UNKNOWNS, UnknownKind, VariableKind
+from ..models.variables import ROTATION, UNKNOWNS, UnknownKind, VariableKind
 from ..network.entities import Parameter, parameter_name
 from ..network.network import Network
 from ..types import Array, Index, Mask
@@ -164,6 +164,24 @@ class Unknowns:
             values[rows] = UNKNOWNS[kind].retract(values[rows], delta)
             moved[kind] = values
         return moved
+
+    def spacing(self, state: State) -> Array:
+        """Return the unit in the last digit of the values of all columns, (n_columns,).
+
+        It is the distance of a value from the next floating-point number; that of an element 1 of
+        a rotation matrix for the components of a rotation.
+        """
+        out = np.zeros(self.n_columns)
+        for kind, table in self.tables.items():
+            on = np.flatnonzero(table.offset >= 0)
+            record = UNKNOWNS[kind]
+            more = ROTATION - 3 if record.rotates else 0
+            for j in range(table.free.shape[1]):
+                has = on[j < table.size[on]]
+                turns = record.rotates and j < 3
+                values = np.ones(len(has)) if turns else np.abs(state[kind][has, j + more])
+                out[table.offset[has] + j] = np.spacing(values)
+        return out
 
     def columns(self, kind: VariableKind, number: int) -> Index:
         """Return the columns of one variable; empty for a completely held variable."""

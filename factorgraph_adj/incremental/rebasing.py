@@ -297,8 +297,14 @@ def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
         return system.base
     draft = Draft.of(ledger, system, rules.datum)
     constraint = None if system.base.datum is None else draft.normal(system.base)[1]
-    within = f"within {rules.accuracy:.0%} of each σ of the minimum"
-    return standing(draft.equations, draft.start, constraint, reason=within, doubt=system.doubt)
+    return standing(
+        draft.equations,
+        draft.start,
+        constraint,
+        reason=f"within {rules.accuracy:.0%} of each σ of the minimum",
+        within=rules.accuracy,
+        doubt=system.doubt,
+    )
 
 
 def notices(a: Array | csr_array, motions: Array) -> bool:

@@ -133,6 +133,7 @@ class Noted:
                 "iterations": point.iterations,
                 "last": point.last,
                 "damping": [d.value, d.resume, d.growth],
+                "expecting": point.expecting,
                 "tolerance": self._tolerance,
                 "ended": None if point.ended is None else asdict(point.ended),
             }
@@ -168,6 +169,7 @@ def _resumed(folder: Folder, signature: str, tolerance: float) -> Point:
         found["iterations"],
         found["last"],
         Damping(*found["damping"]),
+        found["expecting"],
         Ended(**found["ended"]) if found["ended"] and found["tolerance"] <= tolerance else None,
     )
 
@@ -276,20 +278,22 @@ def _weighed(
 def _quality(whole: Whole, begun: Sequence[Begun], at: At, ended: Ended, variance: str) -> Quality:
     """Let every part write its covariances and its reliability."""
     try:
-        root, vtpv, smallest = whole.eliminated(at)
+        root, found = whole.eliminated(at)
     except SingularError:
         whole.explain(at)
         raise
-    if smallest < POOR:
+    if found.smallest < POOR:
         whole.explain(at)
         raise AdjustmentError(
-            f"no covariances: a pivot is {smallest:.1g} of its diagonal element, so weakly is an "
-            "unknown determined; adjust the network as a whole, or add observations"
+            f"no covariances: a pivot is {found.smallest:.1g} of its diagonal element, so weakly "
+            "is an unknown determined; adjust the network as a whole, or add observations"
         )
     n = sum(b.n_rows for b in begun)
     u = sum(b.n_unknowns for b in begun) + whole.junctions.n_columns
-    factor = vtpv / (n - u) if variance == "a-posteriori" and n > u else 1.0
-    totals = Totals(vtpv, n - u, factor, ended.converged, ended.reason, ended.iterations)
+    factor = found.vtpv / (n - u) if variance == "a-posteriori" and n > u else 1.0
+    totals = Totals(
+        found.vtpv, n - u, factor, ended.converged, ended.reason, ended.iterations, ended.left
+    )
     covariances = root.covariances()
     for job, columns in zip(whole.workers.jobs, whole.junctions.columns, strict=True):
         mine = packed(covariances.of(columns))

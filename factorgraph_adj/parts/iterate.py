@@ -13,11 +13,11 @@ from ..solve.iterate import ITERATION, Ended, Progress
 from ..solve.normal import VANISHED
 from ..solve.singular import SingularError
 from ..solve.step import Attempt, Step
-from ..solve.stopping import Judgement, Stop, at_rest
+from ..solve.stopping import Judgement, Stop
 from ..types import Array
 from .junctions import Junctions, RootPlaces
 from .messages import At
-from .root import Root, summed
+from .root import Root, Sums, summed
 from .tasks import eliminate, explain, move
 from .workers import Workers
 
@@ -39,6 +39,8 @@ class Point:
     """Bound of the last step, relative to σ."""
     damping: Damping = field(default_factory=Damping)
     """The damping of the next step."""
+    expecting: bool = False
+    """Whether the last step is expected to have come to rest."""
     ended: Ended | None = None
     """How the run ended at rest; none: it goes on."""
 
@@ -54,16 +56,16 @@ class Whole:
     places: RootPlaces
     """Their places in the root."""
 
-    def eliminated(self, at: At) -> tuple[Root, float, float]:
-        """Return the factorised root, vᵀPv and the smallest pivot relative to diag(N).
+    def eliminated(self, at: At) -> tuple[Root, Sums]:
+        """Return the factorised root, and what it knows of all parts.
 
         Raises:
             SingularError: an unknown is not determined.
         """
         root = Root(self.junctions, self.places)
         parts = self.workers.each(eliminate, [(at,)] * len(self.workers.jobs))
-        vtpv, smallest = summed(root, parts)
-        return root, vtpv, min(smallest, root.factorise(at.damping))
+        found = summed(root, parts)
+        return root, found._replace(smallest=min(found.smallest, root.factorise(at.damping)))
 
     def moved(self, at: At, junctions: Array, to: int) -> tuple[Step, float]:
         """Return the step with a movement of the junctions, and vᵀPv after it."""
@@ -131,24 +133,28 @@ def iterate(
         DatumError: the observations do not determine all unknowns.
     """
     point, vtpv = begin, np.inf
-    stop: Stop[int] = Stop(tolerance, last=begin.last)
+    stop: Stop[int] = Stop(tolerance, last=begin.last, expecting=begin.expecting)
     known: dict[int, float] = {}
     while point.iterations < max_iterations:
         found = _descend(whole, point, stop)
         if found is None:
             return _no_way_on(whole, point, stop, known)
-        attempt, judged, before, damping = found
+        attempt, judged, before, damping, resolution = found
+        stop = replace(stop, resolution=resolution)
+        if judged.arrived:
+            return point, Ended.at_rest(stop, point.iterations, judged.left, before)
         bound, to = attempt.step.bound, point.state + 1
+        known.setdefault(point.state, before)
         known[to] = vtpv = attempt.vtpv
-        stop = stop.noted(attempt, judged, before)
-        point = Point(
-            to, point.weights, point.iterations + 1, bound, damping.relaxed(judged.gain, bound)
-        )
+        stop = stop.noted(attempt, judged, before, point.state)
+        damping = damping.relaxed(judged.gain, bound)
+        expecting = stop.expecting
+        point = Point(to, point.weights, point.iterations + 1, bound, damping, expecting)
         note(point)
         if progress is not None:
             progress(point.iterations, vtpv, bound)
         if judged.done:
-            return point, Ended(point.iterations, True, at_rest(judged.left, tolerance), vtpv)
+            return point, Ended.at_rest(stop, point.iterations, judged.left, vtpv)
         if stop.rest.exhausted:
             return _at_smallest_step(point, stop, known)
         stop = stop.moved(bound, before, vtpv, plain=True)
@@ -166,28 +172,33 @@ def iterate(
 
 def _descend(
     whole: Whole, point: Point, stop: Stop[int]
-) -> tuple[Attempt[int], Judgement, float, Damping] | None:
-    """Damp until a step is accepted; none: no damping leads to an accepted step."""
+) -> tuple[Attempt[int], Judgement, float, Damping, float] | None:
+    """Damp until a step is accepted; none: no damping leads to an accepted step.
+
+    Returns:
+        The step and its judgement, vᵀPv before it, the damping, and the resolution.
+    """
     damping = point.damping
     while not damping.hopeless:
         at = At(point.state, point.weights, damping.value)
         damped = damping.value > 0.0
         try:
-            root, before, smallest = whole.eliminated(at)
-            if smallest < VANISHED:
+            root, found = whole.eliminated(at)
+            if found.smallest < VANISHED:
                 raise SingularError("a pivot vanished")
         except SingularError:
             if not damped:
                 whole.explain(at)
         else:
-            if not damped and point.iterations == 0 and smallest < ITERATION.suspicious:
+            if not damped and point.iterations == 0 and found.smallest < ITERATION.suspicious:
                 whole.explain(at)
             step, after = whole.moved(at, root.solve(), point.state + 1)
             to = point.state + 1 if np.isfinite(after) else None
             attempt = Attempt(step, to, after)
-            judged = stop.judge(attempt, before, damped=damped)
+            here = replace(stop, resolution=found.resolution)
+            judged = here.judge(attempt, found.vtpv, damped=damped)
             if judged.accepted:
-                return attempt, judged, before, damping
+                return attempt, judged, found.vtpv, damping, found.resolution
         damping = damping.harder()
     return None
 
@@ -195,11 +206,10 @@ def _descend(
 def _at_smallest_step(
     point: Point, stop: Stop[int], known: dict[int, float]
 ) -> tuple[Point, Ended]:
-    """End at the state after the smallest of the steps that vᵀPv cannot tell from rounding."""
+    """End at the state from which the smallest of the steps leads that are only rounding."""
     state = stop.rest.state
     assert state is not None
-    reason = at_rest(stop.rest.bound, stop.tolerance)
-    ended = Ended(point.iterations, True, reason, known[state])
+    ended = Ended.at_rest(stop, point.iterations, stop.rest.bound, known[state])
     return replace(point, state=state), ended
 
 
@@ -210,12 +220,13 @@ def _no_way_on(
     at = At(point.state, point.weights)
     vtpv, left = np.inf, np.inf
     try:
-        root, vtpv, _ = whole.eliminated(at)
+        root, found = whole.eliminated(at)
+        vtpv, stop = found.vtpv, replace(stop, resolution=found.resolution)
         left = whole.moved(at, root.solve(), point.state + 1)[0].bound
     except SingularError:
         whole.explain(at)
     if stop.near_enough(left, vtpv):
-        return point, Ended(point.iterations, True, at_rest(left, stop.tolerance), vtpv)
+        return point, Ended.at_rest(stop, point.iterations, left, vtpv)
     if stop.rest.state is not None:
         return _at_smallest_step(point, stop, known)
     reason = "no step decreases vᵀPv any more, yet the solution is not at rest"

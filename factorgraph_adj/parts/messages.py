@@ -112,6 +112,8 @@ class Reduced:
     """Value of vᵀPv of the part."""
     smallest: float
     """Smallest pivot of the interior, relative to its diagonal element of N; 0: singular."""
+    rounding: float
+    """δᵀ diag(N) δ of the part for the units δ in the last digits of its values."""
 
 
 @dataclass(frozen=True)

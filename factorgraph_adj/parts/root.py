@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -110,13 +111,24 @@ class Covariances:
         return out
 
 
-def summed(root: Root, parts: Iterable[tuple[int, Reduced]]) -> tuple[float, float]:
-    """Add the reduced normal equations of all parts; return vᵀPv and the smallest pivot.
+class Sums(NamedTuple):
+    """Figures of all parts together."""
+
+    vtpv: float
+    """Value of vᵀPv."""
+    smallest: float
+    """Smallest pivot relative to its diagonal element of N."""
+    resolution: float
+    """Bound of a movement by one unit in the last digit of every value, relative to σ."""
+
+
+def summed(root: Root, parts: Iterable[tuple[int, Reduced]]) -> Sums:
+    """Add the reduced normal equations of all parts.
 
     Raises:
         SingularError: the interior of a part is not determined.
     """
-    vtpv, smallest, singular = 0.0, 1.0, list[int]()
+    vtpv, smallest, rounding, singular = 0.0, 1.0, 0.0, list[int]()
     for number, reduced in parts:
         if not reduced.smallest > 0.0:
             singular.append(number)
@@ -124,9 +136,10 @@ def summed(root: Root, parts: Iterable[tuple[int, Reduced]]) -> tuple[float, flo
         root.add(number, reduced)
         vtpv += reduced.vtpv
         smallest = min(smallest, reduced.smallest)
+        rounding += reduced.rounding
     if singular:
         raise SingularError("the interior of a part is not determined")
-    return vtpv, smallest
+    return Sums(vtpv, smallest, float(np.sqrt(rounding)))
 
 
 def _stored(places: RootPlaces, m: BlockMatrix) -> Array:

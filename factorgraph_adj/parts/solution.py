@@ -29,6 +29,8 @@ class Totals:
     """Why the iteration ended."""
     iterations: int
     """Number of iterations."""
+    within: float
+    """No unknown is further than this multiple of its own σ from the minimum."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -63,6 +65,7 @@ class PartSolution(Solution):
             converged=totals.converged,
             reason=totals.reason,
             iterations=totals.iterations,
+            within=totals.within,
             vtpv=totals.vtpv,
             solver=normal.solver,
             constraint=0.0 * normal.diagonal,

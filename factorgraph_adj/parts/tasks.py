@@ -122,7 +122,7 @@ def eliminate(part: Loaded, at: At) -> Reduced:
         e = part.eliminated(at)
     except SingularError:
         nothing = np.zeros(m)
-        return Reduced(packed(np.zeros((m, m))), nothing, nothing, np.nan, 0.0)
+        return Reduced(packed(np.zeros((m, m))), nothing, nothing, np.nan, 0.0, 0.0)
     pivots = e.factor.relative_pivots(e.normal.diagonal + e.added, tree=1.0, point=1e9)
     pivots[~part.unknowns.free] = np.inf
     fronts = e.factor.fronts
@@ -133,6 +133,7 @@ def eliminate(part: Loaded, at: At) -> Reduced:
         e.normal.diagonal[part.kept],
         e.normal.system.vtpv,
         float(np.min(pivots)),
+        e.normal.resolution**2,
     )
 
 

@@ -176,6 +176,7 @@ def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
         network=network,
         converged=carried.at_rest,
         reason="not at rest on the inner constraints" if lost else solution.reason,
+        within=max(solution.within, carried.left) if carried.at_rest else np.inf,
         vtpv=there.normal().system.vtpv,
         datum=carried.datum,
         defects=carried.defects,

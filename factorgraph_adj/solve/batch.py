@@ -180,6 +180,7 @@ def adjust_from(
         converged=ended.converged,
         reason=ended.reason,
         iterations=ended.iterations,
+        within=ended.left,
         vtpv=ended.vtpv,
         solver=run.solver,
         constraint=run.constraint,
@@ -232,7 +233,7 @@ def _minimise(
             f"weights that depend on lengths are not at rest after {MOST_WEIGHINGS} adjustments: "
             f"standard deviations still change by up to {100 * change:.2g} %"
         )
-        ended = replace(ended, converged=False, reason=reason)
+        ended = replace(ended, converged=False, reason=reason, left=np.inf)
     return run, replace(ended, iterations=iterations)
 
 
@@ -262,11 +263,13 @@ def _carry_to_datum_points(run: Run, ended: Ended, tolerance: float) -> Ended:
     run.datum, run.defects = carried.datum, carried.defects
     vtpv = run.vtpv(run.state)
     if carried.left > tolerance:
-        ended = replace(ended, reason=at_rest(carried.left, tolerance))
+        resolution = 0.0 if carried.normal is None else carried.normal.resolution
+        why = at_rest(carried.left, tolerance, resolution)
+        ended = replace(ended, reason=why, left=carried.left)
     if ended.converged and not carried.at_rest:
         lost_shape = not no_worse(vtpv, ended.vtpv)
         if lost_shape:
             (run.state, run.datum, run.defects), run.at_solution = shape, None
             vtpv = ended.vtpv
-        ended = replace(ended, converged=False, reason=OFF_DATUM)
+        ended = replace(ended, converged=False, reason=OFF_DATUM, left=np.inf)
     return replace(ended, vtpv=vtpv)

@@ -277,9 +277,9 @@ def carry(
         normal_at: function that makes the normal equations at a state.
         step: function that returns a step of the adjustment; none: the system is singular.
         tolerance: bound of the step relative to σ at which a state is at rest.
-        at_rest: whether ``state`` is at rest, or as near as vᵀPv can tell; steps that do not
-            shrink are then accepted as rounding. A state that is not at rest may have points on
-            their way to infinity: it is moved once.
+        at_rest: whether ``state`` is at rest, or as near as rounding lets tell; steps that do not
+            shrink, or that the coordinates have no digits for, are then accepted as rounding. A
+            state that is not at rest may have points on their way to infinity: it is moved once.
         free: as in `find_defects`.
     """
     enough, left = tolerance, 0.0
@@ -295,7 +295,7 @@ def carry(
             next_step = step(normal)
             if next_step is not None:
                 left = next_step.bound
-                if left > enough:
+                if left > max(enough, normal.resolution):
                     hidden = MOTION.blurred * (1.0 + normal.system.vtpv)
                     blurred = last < MOTION.near and last**2 < hidden
                     if blurred and left > STOPPING.shrinking * last:  # the last state is as good

@@ -11,7 +11,7 @@ and when the iteration ends, and `Extrapolation` combines the last steps.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -32,7 +32,7 @@ from .normal import NormalEquations
 from .run import Run
 from .sides import before_the_cameras
 from .singular import SingularError
-from .step import Attempt, Step
+from .step import Attempt, S, Step
 from .stopping import STOPPING, Judgement, Stop, at_rest, no_higher
 
 Progress: TypeAlias = Callable[[int, float, float], None]
@@ -77,6 +77,14 @@ class Ended:
     """Why the iteration ended."""
     vtpv: float
     """Value of vᵀPv after the last iteration."""
+    left: float = np.inf
+    """Bound of the distance from the minimum relative to σ; infinite: it is not known."""
+
+    @classmethod
+    def at_rest(cls, stop: Stop[S], iterations: int, left: float, vtpv: float) -> Ended:
+        """Return the end of an iteration that came to rest."""
+        reason = at_rest(left, stop.tolerance, stop.resolution)
+        return cls(iterations, True, reason, vtpv, max(left, stop.tolerance))
 
 
 class Movement(NamedTuple):
@@ -122,18 +130,22 @@ def iterate(
         first = iteration == 1
         if first and (run.free or bool(np.any(run.unobserved(normal)))):
             settle_datum(run, normal)
+        stop = replace(stop, resolution=normal.resolution)
         damping, found = _descend(run, normal, stop, damping, first=first)
         if found is None:
             return _no_way_on(run, normal, stop, iteration)
         attempt, judged = found
         bound = attempt.step.bound
-        stop = stop.noted(attempt, judged, before)
+        if judged.arrived:
+            run.at_solution = normal
+            return Ended.at_rest(stop, iteration - 1, judged.left, before)
+        stop = stop.noted(attempt, judged, before, run.state)
         moved = _movement(run, normal, beyond, attempt, judged, stop)
         run.state, vtpv = moved.state, moved.vtpv
         if progress is not None:
             progress(iteration, vtpv, bound)
         if judged.done:
-            return Ended(iteration, True, at_rest(judged.left, tolerance), vtpv)
+            return Ended.at_rest(stop, iteration, judged.left, vtpv)
         if stop.rest.exhausted:
             return _at_smallest_step(run, stop, iteration)
         stop = stop.moved(bound, before, vtpv, plain=moved.plain)
@@ -164,7 +176,9 @@ def _descend(
             if run.smallest_pivot < ITERATION.poor and step is not None:
                 refuse_unnoticed(run, normal)
         if step is not None:
-            attempt = _try(run, step, normal.system.vtpv)
+            vtpv = normal.system.vtpv
+            there = stop.arrived(step.bound, damped=damped)
+            attempt = Attempt(step, run.state, vtpv) if there else _try(run, step, vtpv)
             judged = stop.judge(attempt, normal.system.vtpv, damped=damped)
             if judged.accepted:
                 return damping, (attempt, judged)
@@ -257,11 +271,10 @@ def _undamped(run: Run, normal: NormalEquations) -> float:
 
 
 def _at_smallest_step(run: Run, stop: Stop[State], iteration: int) -> Ended:
-    """End at the state after the smallest of the steps that vᵀPv cannot tell from rounding."""
+    """End at the state from which the smallest of the steps leads that are only rounding."""
     assert stop.rest.state is not None
     run.state = stop.rest.state
-    reason = at_rest(stop.rest.bound, stop.tolerance)
-    return Ended(iteration, True, reason, run.vtpv(run.state))
+    return Ended.at_rest(stop, iteration, stop.rest.bound, run.vtpv(run.state))
 
 
 def _no_way_on(run: Run, normal: NormalEquations, stop: Stop[State], iteration: int) -> Ended:
@@ -269,7 +282,7 @@ def _no_way_on(run: Run, normal: NormalEquations, stop: Stop[State], iteration: 
     vtpv = normal.system.vtpv
     left = _undamped(run, normal)
     if stop.near_enough(left, vtpv):
-        return Ended(iteration, True, at_rest(left, stop.tolerance), vtpv)
+        return Ended.at_rest(stop, iteration, left, vtpv)
     if stop.rest.state is not None:  # an earlier state was at rest, as near as vᵀPv can tell
         return _at_smallest_step(run, stop, iteration)
     why = astray(run, normal)
@@ -282,7 +295,7 @@ def _in_vain(run: Run, stop: Stop[State], iteration: int, vtpv: float) -> Ended:
     normal = run.normal_at(run.state)
     left = _undamped(run, normal)
     if stop.near_enough(left, vtpv):
-        return Ended(iteration, True, at_rest(left, stop.tolerance), vtpv)
+        return Ended.at_rest(stop, iteration, left, vtpv)
     if run.equations.unknowns.n_columns <= ITERATION.explained:
         if why := astray(run, normal):
             reason = f"{drifting(run, stop.last)}; {why}"

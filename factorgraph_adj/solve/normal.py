@@ -93,6 +93,12 @@ class NormalEquations:
         self.smallest_pivot = 0.0
         """Smallest pivot of the last factorisation, relative to its diagonal element."""
 
+    @property
+    def resolution(self) -> float:
+        """Bound √(δᵀ diag(N) δ) of a movement by the units δ in the last digits of all values."""
+        spacing = self.solver.equations.unknowns.spacing(self.state)
+        return float(np.sqrt(self.diagonal @ spacing**2))
+
     def factorise(self, extra: Array, *, exact: bool = False) -> Factor:
         """Factorise N + diag(extra).
 

@@ -66,6 +66,9 @@ class Solution(Shown):
     """How the normal equations are factorised."""
     constraint: Array = field(repr=False)
     """Terms that a free network adds to the diagonal of the normal equations, (n_columns,)."""
+    within: float = np.inf
+    """No unknown is further than this multiple of its own σ from the minimum; infinite if the
+    iteration did not come to rest."""
     datum: FreeDatum | None = None
     """Inner constraints of a free network."""
     defects: tuple[Defect, ...] = ()

@@ -19,7 +19,13 @@ from .stopping import STOPPING
 
 
 def standing(
-    equations: Equations, start: Start, constraint: Array | None, *, reason: str, doubt: str = ""
+    equations: Equations,
+    start: Start,
+    constraint: Array | None,
+    *,
+    reason: str,
+    within: float = np.inf,
+    doubt: str = "",
 ) -> Solution:
     """Return the solution of values; a free network's is moved onto its inner constraints.
 
@@ -29,6 +35,7 @@ def standing(
         constraint: what the minimal datum of a free network adds to the diagonal of N,
             (n_columns,); none: the datum is given.
         reason: why the values are a minimum.
+        within: bound of the distance of every unknown from the minimum, relative to its own σ.
         doubt: why they are none; empty if they are one.
 
     Raises:
@@ -55,6 +62,7 @@ def standing(
         converged=not doubt,
         reason=doubt or reason,
         iterations=0,
+        within=np.inf if doubt else within,
         vtpv=float(v @ v),
         solver=Solver.of(equations),
         constraint=np.zeros(equations.unknowns.n_columns) if constraint is None else constraint,

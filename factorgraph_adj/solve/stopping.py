@@ -3,7 +3,13 @@
 Two criteria without units decide. Near the minimum, the bound of a step is the distance of every
 unknown from the minimum relative to its own σ. The sum vᵀPv tells whether a step descends, unless
 its decrease is smaller than the rounding of vᵀPv, 10⁻¹² of its value. Below this limit steps are
-taken while they shrink, and the smallest step counts.
+taken while they shrink, and the smallest step counts. Below the resolution of the coordinates, the
+distance between two neighbouring floating-point numbers, they are taken likewise.
+
+The rate of convergence predicts what a step leaves. A prediction may be wrong: the step before may
+have been long in directions that are nearly linear, and this one short in another that is not.
+Where the step itself is not below the tolerance, the prediction is verified at the next state, by
+the step from there.
 """
 
 from __future__ import annotations
@@ -47,6 +53,12 @@ class StoppingRule:
     in_vain: int = 10
     """Number of consecutive steps that do not shrink, where vᵀPv cannot tell, after which the
     iteration ends: such steps are only rounding."""
+    rounded: int = 5
+    """As many steps in vain as one counts that does not shrink below the resolution of the
+    coordinates: the next one is as short by chance alone."""
+    divergent: float = 0.9
+    """Largest ratio of a step to the last one with which the remaining way b r/(1 − r) is
+    estimated."""
 
 
 STOPPING = StoppingRule()
@@ -68,11 +80,19 @@ def cannot_tell(bound: float, decrease: float, vtpv: float) -> bool:
     return decrease < STOPPING.rounding * max(vtpv, STOPPING.rounding) and bound < STOPPING.still
 
 
-def at_rest(left: float, tolerance: float) -> str:
-    """Return the reason of an adjustment that ended at rest."""
+def at_rest(left: float, tolerance: float, resolution: float = 0.0) -> str:
+    """Return the reason of an adjustment that ended at rest.
+
+    Args:
+        left: bound of the distance from the minimum, relative to σ.
+        tolerance: the bound that was asked for.
+        resolution: bound of a movement by one unit in the last digit of every value.
+    """
     if left < tolerance:
         return f"at rest: no unknown is further than {tolerance:.0e} of its σ from the minimum"
-    return f"at rest: vᵀPv cannot tell any more; the last step was at most {left:.1g} σ"
+    rounded = left < resolution
+    why = "the coordinates have no more digits" if rounded else "vᵀPv cannot tell any more"
+    return f"at rest: {why}; no unknown is further than {left:.2g} of its σ from the minimum"
 
 
 @dataclass(frozen=True)
@@ -84,21 +104,25 @@ class Judgement:
     left: float
     """Bound of the remaining way after the step, relative to σ."""
     small: bool
-    """Whether the step is below the tolerance, or below the rounding of vᵀPv."""
+    """Whether the remaining way is below the tolerance, or the step is below rounding."""
     accepted: bool
     """Whether the step is taken."""
     done: bool
     """Whether the adjustment is at rest after it."""
+    expected: bool = False
+    """Whether it is expected to be at rest after it; the step from there verifies it."""
+    arrived: bool = False
+    """Whether the adjustment was at rest before the step, which is not taken."""
 
 
 @dataclass(frozen=True)
 class Rest(Generic[S]):
-    """The smallest of the steps whose decrease the rounding of vᵀPv hides."""
+    """The smallest of the steps whose decrease rounding hides."""
 
     bound: float = np.inf
     """Bound of the smallest step so far, relative to σ."""
     state: S | None = field(default=None, repr=False)
-    """The state after the smallest step; none before the first step."""
+    """The state from which the smallest step leads; none before the first step."""
     in_vain: int = 0
     """Number of consecutive steps that did not shrink."""
 
@@ -107,10 +131,17 @@ class Rest(Generic[S]):
         """Whether steps do not shrink any more."""
         return self.in_vain >= STOPPING.in_vain
 
-    def with_step(self, bound: float, state: S) -> Rest[S]:
-        """Return the rest after one more step."""
+    def with_step(self, bound: float, state: S, resolution: float) -> Rest[S]:
+        """Return the rest after one more step.
+
+        Args:
+            bound: bound of the step.
+            state: the state from which it leads.
+            resolution: bound of a movement by one unit in the last digit of every value.
+        """
         shrinks = self.state is None or bound < STOPPING.shrinking * self.bound
-        in_vain = 0 if shrinks else self.in_vain + 1
+        more = STOPPING.rounded if bound < resolution else 1
+        in_vain = 0 if shrinks else self.in_vain + more
         if self.state is None or bound < self.bound:
             return Rest(bound, state, in_vain)
         return replace(self, in_vain=in_vain)
@@ -129,7 +160,11 @@ class Stop(Generic[S]):
     slow: int = 0
     """Number of consecutive steps without progress."""
     rest: Rest[S] = field(default_factory=Rest)
-    """The smallest of the steps whose decrease the rounding of vᵀPv hides."""
+    """The smallest of the steps whose decrease rounding hides."""
+    resolution: float = 0.0
+    """Bound of a movement by one unit in the last digit of every value, relative to σ."""
+    expecting: bool = False
+    """Whether the last step is expected to have come to rest."""
 
     def judge(self, attempt: Attempt[S], before: float, *, damped: bool) -> Judgement:
         """Judge a step by the state after it.
@@ -140,33 +175,57 @@ class Stop(Generic[S]):
             damped: whether the step was damped; a damped step may be small far from the minimum.
         """
         bound, decrease, after = attempt.step.bound, attempt.step.decrease, attempt.vtpv
+        if self.arrived(bound, damped=damped):
+            return Judgement(0.0, self.ahead(bound), True, True, True, arrived=True)
         gain = (before - after) / decrease if decrease > 0 else 0.0
-        hidden = cannot_tell(bound, decrease, before) and no_higher(after, before)
+        blind = cannot_tell(bound, decrease, before) or bound < self.resolution
+        hidden = blind and no_higher(after, before)
         left = self._left(bound)
-        small = not damped and (hidden or (left < self.tolerance and no_worse(after, before)))
+        near = not damped and left < self.tolerance
+        at_end = near and no_worse(after, before)
+        small = at_end or (not damped and hidden)
         accepted = attempt.state is not None and (small or gain > STOPPING.worthwhile)
-        return Judgement(gain, left, small, accepted, small and left < self.tolerance)
+        done = at_end and bound < self.tolerance
+        return Judgement(gain, left, small, accepted, done, at_end and not done)
 
     def _left(self, bound: float) -> float:
-        """Return the remaining way after a step, from the rate of convergence so far."""
-        fast = self.plain and np.isfinite(self.last)
-        if fast and bound < STOPPING.fast * self.last and bound < STOPPING.close:
-            return bound * bound / self.last
-        return bound
+        """Return the remaining way after a step, from the rate r of convergence so far.
+
+        It is b r where r decreases in proportion to the step, and b r/(1 − r) where it stays.
+        """
+        if not self.plain or not np.isfinite(self.last) or not self.last:
+            return bound
+        rate = min(bound / self.last, STOPPING.divergent)
+        if rate < STOPPING.fast:
+            return bound * rate if bound < STOPPING.close else bound
+        return bound * rate / (1.0 - rate)
+
+    def arrived(self, bound: float, *, damped: bool) -> bool:
+        """Return whether a step shows that the state from which it leads is at rest.
+
+        Where a state is expected to be at rest the iteration ends there without the step; so it
+        does where the step is shorter than the coordinates can tell.
+        """
+        there = self.expecting or self.resolution > self.tolerance
+        return there and not damped and bound < self.tolerance
+
+    def ahead(self, bound: float) -> float:
+        """Return the distance of a state from the minimum, from the bound of the step from it."""
+        rate = bound / self.last if self.last else 0.0
+        return bound / (1.0 - min(rate, STOPPING.divergent))
 
     def slows_down(self, bound: float) -> bool:
         """Return whether the step shrinks so slowly that an extrapolation may help."""
         return bound > STOPPING.fast * self.last
 
-    def noted(self, attempt: Attempt[S], judged: Judgement, before: float) -> Stop[S]:
-        """Return the record with a step that is to be taken."""
+    def noted(self, attempt: Attempt[S], judged: Judgement, before: float, state: S) -> Stop[S]:
+        """Return the record with a step that is to be taken from a state."""
         rest = self.rest
         if attempt.vtpv < before - STOPPING.blind * (1.0 + before):  # vᵀPv can tell again
             rest = Rest()
         if judged.small and not judged.done:
-            assert attempt.state is not None
-            rest = rest.with_step(attempt.step.bound, attempt.state)
-        return replace(self, rest=rest)
+            rest = rest.with_step(attempt.step.bound, state, self.resolution)
+        return replace(self, rest=rest, expecting=judged.expected)
 
     def moved(self, bound: float, before: float, after: float, *, plain: bool) -> Stop[S]:
         """Return the record after the unknowns have moved.
@@ -189,5 +248,5 @@ class Stop(Generic[S]):
         return self.slow >= STOPPING.patience
 
     def near_enough(self, left: float, vtpv: float) -> bool:
-        """Return whether an undamped step is below the tolerance, or below the rounding of vᵀPv."""
-        return left < self.tolerance or cannot_tell(left, left * left, vtpv)
+        """Return whether an undamped step is below the tolerance, or below rounding."""
+        return left < max(self.tolerance, self.resolution) or cannot_tell(left, left * left, vtpv)

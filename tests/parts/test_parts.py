@@ -13,9 +13,9 @@ import factorgraph_adj as fga
 from factorgraph_adj.models.variables import UNKNOWNS, VariableKind
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import HeightDifference, SlopeDistance
+from factorgraph_adj.parts import loaded
 from factorgraph_adj.parts.cut import Regions, cut_network
 from factorgraph_adj.parts.folder import Folder
-from factorgraph_adj.parts.loaded import OLDEST
 from factorgraph_adj.report.parts import parts_protocol
 from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.stochastic import StandardDeviation
@@ -405,17 +405,21 @@ def test_a_solution_refuses_the_results_of_a_later_run(tmp_path):
         first.part("south")
 
 
-def test_the_state_of_the_weights_stays_however_often_a_run_goes_on(tmp_path):
+def test_the_state_of_the_weights_stays_however_often_a_run_goes_on(tmp_path, monkeypatch):
+    """Here one state before the last is kept, and nobody is ever near enough."""
+    monkeypatch.setattr(loaded, "OLDEST", 1)
     line = Network("line")
     line.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
     line.add_point("B", (70.0, 0.0, 0.0), fixed="y")
     for d in (0.0, 0.01):
         line.add(SlopeDistance("A", "B", 100.0 + d, sigma=0.001))
         line.add(HeightDifference("A", "B", d, sigma=StandardDeviation(per_sqrt_km=0.1)))
-    for k in range(OLDEST + 3):  # every call asks for more, and takes a step
-        tolerance = 1e-5 * 0.9**k
+    for tolerance in (1e-5, 1e-30):
         found = fga.adjust_parts([part_of("line", line)], folder=tmp_path, tolerance=tolerance)
-    assert found.state > found.weights + OLDEST > OLDEST
+    assert found.state == found.weights > 0
+    kept = {p.stem for p in tmp_path.rglob("state-*")}
+    assert f"state-{found.weights}" in kept and f"state-{found.weights + 1}" not in kept
+    assert f"state-{found.weights + 3}" in kept
     assert found.point("B")[0] == pytest.approx(fga.adjust(line).point("B")[0], abs=1e-7)
 
 

@@ -158,17 +158,43 @@ def test_fast_convergence_says_what_is_left_after_a_step() -> None:
     """0.1 and then 0.001: what is left is 1e-5, but not after an extrapolation, nor from far."""
     stop = Stop(1.1e-5, last=0.1)
     last = attempt(1e-3, 100.0, 100.0 - 1e-6)
-    assert stop.judge(last, 100.0, damped=False).left == pytest.approx(1e-5)
-    assert stop.judge(last, 100.0, damped=False).done
-    for other in (
-        replace(stop, plain=False),
-        replace(stop, last=np.inf),
-        replace(stop, last=1e-3 / STOPPING.fast),
-    ):
+    judged = stop.judge(last, 100.0, damped=False)
+    assert judged.left == pytest.approx(1e-5)
+    assert (judged.done, judged.expected) == (False, True), "the next step verifies it"
+    for other in (replace(stop, plain=False), replace(stop, last=np.inf)):
         judged = other.judge(last, 100.0, damped=False)
-        assert (judged.left, judged.done) == (1e-3, False)
+        assert (judged.left, judged.expected) == (1e-3, False)
+    for rate in (0.2, 0.5, 0.8):  # a geometric series
+        judged = replace(stop, last=1e-3 / rate).judge(last, 100.0, damped=False)
+        assert judged.left == pytest.approx(1e-3 * sum(rate**k for k in range(1, 200)))
     far = Stop(10.0, last=1e3).judge(attempt(STOPPING.close, 100.0, 99.0), 100.0, damped=False)
     assert far.left == STOPPING.close
+
+
+def test_what_is_expected_to_be_at_rest_is_looked_at() -> None:
+    """The step from there is not taken where it confirms it, and counts where it does not."""
+    stop = replace(Stop(1e-5, last=0.01), expecting=True)
+    confirmed = stop.judge(attempt(5e-6, 100.0, 100.0), 100.0, damped=False)
+    assert (confirmed.arrived, confirmed.done) == (True, True)
+    assert confirmed.left == pytest.approx(5e-6, rel=1e-3)
+    refuted = stop.judge(attempt(2e-3, 100.0, 100.0 - 4e-6), 100.0, damped=False)
+    assert (refuted.arrived, refuted.done, refuted.accepted) == (False, False, True)
+    assert not stop.judge(attempt(5e-6, 100.0, 100.0), 100.0, damped=True).arrived
+
+
+def test_below_the_resolution_of_the_coordinates_steps_are_rounding() -> None:
+    """A state that is at rest stays: the next one may be further away. Few steps are in vain."""
+    stop = replace(Stop(1e-5, last=1.0), resolution=1e-3)
+    assert stop.judge(attempt(5e-6, 100.0, 100.0), 100.0, damped=False).arrived
+    for _ in range(1 + STOPPING.in_vain // STOPPING.rounded):
+        assert not stop.rest.exhausted
+        short = attempt(5e-4, 100.0, 100.0)
+        judged = stop.judge(short, 100.0, damped=False)
+        assert (judged.small, judged.accepted, judged.done) == (True, True, False)
+        stop = stop.noted(short, judged, 100.0, SOMEWHERE)
+    assert stop.rest.exhausted
+    assert stop.near_enough(5e-4, 1.0)
+    assert not stop.near_enough(2e-3, 1.0)
 
 
 def test_a_step_that_makes_it_worse_is_not_the_last() -> None:
@@ -205,7 +231,7 @@ def test_the_smallest_step_counts_once_steps_do_not_shrink_any_more() -> None:
     bounds = [1e-3, 1e-4, 2e-5, 1.9e-5, *(3e-5 for _ in range(9))]
     for bound, state in zip(bounds, states, strict=False):
         assert not rest.exhausted
-        rest = rest.with_step(bound, state)
+        rest = rest.with_step(bound, state, 0.0)
     # 1.9e-5 is the smallest, though no progress beside 2e-5.
     assert rest.exhausted
     assert rest.bound == 1.9e-5
@@ -215,7 +241,7 @@ def test_the_smallest_step_counts_once_steps_do_not_shrink_any_more() -> None:
 def test_steps_that_shrink_again_are_not_in_vain() -> None:
     rest = Rest()
     for bound in (1e-3, *([1e-3] * 9), 0.7e-3):
-        rest = rest.with_step(bound, SOMEWHERE)
+        rest = rest.with_step(bound, SOMEWHERE, 0.0)
     assert (rest.in_vain, rest.bound) == (0, 0.7e-3)
 
 
@@ -223,14 +249,14 @@ def test_a_decrease_that_vtpv_can_tell_begins_anew() -> None:
     stop = Stop(1e-5, rest=Rest(1e-4, SOMEWHERE, 9))
     hidden = attempt(1e-4, 1e5, 1e5)
     judged = stop.judge(hidden, 1e5, damped=False)
-    assert stop.noted(hidden, judged, 1e5).rest.exhausted
+    assert stop.noted(hidden, judged, 1e5, SOMEWHERE).rest.exhausted
     seen = attempt(1e-4, 1e5, 1e5 - 1.0)
     judged = stop.judge(seen, 1e5, damped=False)
-    assert stop.noted(seen, judged, 1e5).rest.in_vain == 0
+    assert stop.noted(seen, judged, 1e5, SOMEWHERE).rest.in_vain == 0
     # The last step of all is none of them.
     done = attempt(1e-6, 1e5, 1e5)
     judged = stop.judge(done, 1e5, damped=False)
-    assert stop.noted(done, judged, 1e5).rest == stop.rest
+    assert stop.noted(done, judged, 1e5, SOMEWHERE).rest == stop.rest
 
 
 def test_steps_without_progress_are_counted_in_a_row() -> None:
@@ -262,7 +288,12 @@ def test_reasons_say_which_criterion_it_was() -> None:
         "at rest: no unknown is further than 1e-05 of its σ from the minimum"
     )
     assert at_rest(2e-4, 1e-5) == (
-        "at rest: vᵀPv cannot tell any more; the last step was at most 0.0002 σ"
+        "at rest: vᵀPv cannot tell any more; no unknown is further than 0.0002 of its σ from the "
+        "minimum"
+    )
+    assert at_rest(2e-4, 1e-5, 1e-3) == (
+        "at rest: the coordinates have no more digits; no unknown is further than 0.0002 of its σ "
+        "from the minimum"
     )
 
 

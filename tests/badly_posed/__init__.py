@@ -1,0 +1,1 @@
+"""Badly posed small networks, and how near the minimum their adjustments end."""
