@@ -135,7 +135,7 @@ def iterate(
     point, vtpv = begin, np.inf
     stop: Stop[int] = Stop(tolerance, last=begin.last, expecting=begin.expecting)
     known: dict[int, float] = {}
-    while point.iterations < max_iterations:
+    while point.iterations < max_iterations or stop.expecting:
         found = _descend(whole, point, stop)
         if found is None:
             return _no_way_on(whole, point, stop, known)
@@ -143,6 +143,8 @@ def iterate(
         stop = replace(stop, resolution=resolution)
         if judged.arrived:
             return point, Ended.at_rest(stop, point.iterations, judged.left, before)
+        if point.iterations >= max_iterations:
+            break
         bound, to = attempt.step.bound, point.state + 1
         known.setdefault(point.state, before)
         known[to] = vtpv = attempt.vtpv

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import gtsam
@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..graph.equations import Equations, compile_network
 from ..network.network import DatumChoice, Network
 from ..types import Array
+from .both_ways import look_both_ways, with_places
 from .datum import FreeDatum
 from .determine import refuse_unnoticed
 from .extra import NOTHING_MORE, Extra
@@ -210,6 +211,7 @@ def _minimise(
 ) -> tuple[Run, Ended]:
     """Iterate to the minimum of vᵀPv; repeat with the weights that follow from the new lengths."""
     state, iterations, extrapolated = start.state, 0, NONE_TAKEN
+    told: tuple[str, ...] = ()
     weighed = equations.weighted_at(state)
     for _ in range(MOST_WEIGHINGS):
         equations = weighed if weights is None else weighed.reweighted(weights)
@@ -218,11 +220,11 @@ def _minimise(
         run.extrapolated = extrapolated
         if not iterations:
             refuse_too_large(run.solver.plan, equations, state)
-        most = max_iterations - iterations
-        ended = iterate(
-            run, tolerance=tolerance, max_iterations=most, earlier=iterations, progress=progress
-        )
-        iterations, state = iterations + ended.iterations, run.state
+        go_on = _Iteration(run, tolerance, max_iterations, progress)
+        ended = go_on(iterations)
+        if ended.converged:
+            ended, told = look_both_ways(run, ended, go_on)
+        iterations, state = ended.iterations, run.state
         extrapolated = run.extrapolated
         before, weighed = weighed, weighed.weighted_at(state)
         if not ended.converged or iterations >= max_iterations or weighed.weighs_as(before):
@@ -234,7 +236,29 @@ def _minimise(
             f"standard deviations still change by up to {100 * change:.2g} %"
         )
         ended = replace(ended, converged=False, reason=reason, left=np.inf)
-    return run, replace(ended, iterations=iterations)
+    return run, with_places(replace(ended, iterations=iterations), told)
+
+
+@dataclass(frozen=True)
+class _Iteration:
+    """The iteration of a run, which may go on several times."""
+
+    run: Run
+    tolerance: float
+    most: int
+    """Largest number of iterations in all."""
+    progress: Progress | None
+
+    def __call__(self, earlier: int) -> Ended:
+        """Iterate from ``run.state`` after a number of iterations; the end counts them too."""
+        ended = iterate(
+            self.run,
+            tolerance=self.tolerance,
+            max_iterations=max(self.most - earlier, 0),
+            earlier=earlier,
+            progress=self.progress,
+        )
+        return replace(ended, iterations=earlier + ended.iterations)
 
 
 def _carry_to_datum_points(run: Run, ended: Ended, tolerance: float) -> Ended:

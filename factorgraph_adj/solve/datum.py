@@ -25,6 +25,7 @@ from scipy.linalg import null_space, qr, solve_triangular
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ..frames import LocalFrame
 from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.motions import Motions
@@ -50,8 +51,10 @@ UNNOTICED = 1e-9
 """Ratio |A g| / |√diag(N) g| below which a motion g counts as unnoticed; the ratio is 1 if the
 unknowns are independent."""
 UNNOTICED_IF_FREE = 1e-7
-"""Ratio as `UNNOTICED` where a free network is asked for. The larger value keeps weak effects, such
-as a rotation that only antenna heights on the curved Earth notice, from serving as datum."""
+"""Ratio as `UNNOTICED` where a free network is asked for, at least; see `unnoticed_ratio`."""
+CURVED = 6.7e-3
+"""Ratio of what the change of the vertical along an ellipsoid tells of a motion to what it would
+tell if it did not change likewise on a sphere: the square of the Earth's eccentricity."""
 About: TypeAlias = tuple[Array, float]
 """Centre (3,) of rotations and scale, and the mean distance from it, metres."""
 
@@ -238,15 +241,36 @@ def find_defects(
     label = np.where(observed & unknowns.free, label, -1)
     shared = ~geometric & unknowns.free
     out = []
+    ratio = unnoticed_ratio(system.equations, about[1], free=free)
     found = np.unique(label[geometric & (label >= 0)])
     for part in found:
         inside = (label == part) | (shared & (len(found) == 1))
         part_g = np.where(inside[:, None], g, 0.0)
-        defect = _unnoticed(system, part_g, diagonal, UNNOTICED_IF_FREE if free else UNNOTICED)
+        defect = _unnoticed(system, part_g, diagonal, ratio)
         if defect is not None:
             columns = np.flatnonzero(label == part)
             out.append(Defect(columns, part_g @ defect, defect, about, inside))
     return out
+
+
+def unnoticed_ratio(equations: Equations, size: float, *, free: bool) -> float:
+    """Return the ratio |A g| / |√diag(N) g| below which a motion g is a datum defect.
+
+    A free network on the curved Earth may be shifted along it with all its verticals: on a sphere
+    no observation notices that, and on the ellipsoid they notice it by the square of its
+    eccentricity times size / R. Such a notice says nothing about where the network is, to within
+    hundreds of metres or more; in a free network it is a defect, as on a plane.
+
+    Args:
+        equations: the network.
+        size: mean distance of its points from their centre, metres.
+        free: whether a free network is asked for.
+    """
+    if not free:
+        return UNNOTICED
+    frame = equations.network.frame
+    flat = isinstance(frame, LocalFrame) and not frame.curvature
+    return UNNOTICED_IF_FREE if flat else max(UNNOTICED_IF_FREE, CURVED * size / frame.radius)
 
 
 def _unnoticed(system: LinearSystem, g: Array, diagonal: Array, threshold: float) -> Array | None:

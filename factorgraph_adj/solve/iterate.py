@@ -122,7 +122,9 @@ def iterate(
     damping, beyond = Damping(), Extrapolation()
     stop: Stop[State] = Stop(tolerance)
     vtpv = np.inf
-    for iteration in range(1, max_iterations + 1):
+    for iteration in range(1, max_iterations + 2):
+        if iteration > max_iterations and not stop.expecting:
+            break
         normal = run.normal_at(run.state)
         before = normal.system.vtpv
         if not np.isfinite(before):
@@ -139,6 +141,8 @@ def iterate(
         if judged.arrived:
             run.at_solution = normal
             return Ended.at_rest(stop, iteration - 1, judged.left, before)
+        if iteration > max_iterations:
+            break
         stop = stop.noted(attempt, judged, before, run.state)
         moved = _movement(run, normal, beyond, attempt, judged, stop)
         run.state, vtpv = moved.state, moved.vtpv

@@ -67,6 +67,8 @@ class Draw:
         """Errors of approximate coordinates, metres."""
         self.turned = 0.0
         """Errors of approximate attitudes, radians."""
+        self.given: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {}
+        """Points that are given elsewhere than where they are measured, with σ, metres."""
 
     def chance(self, probability: float) -> bool:
         """Return true with a probability."""
@@ -247,6 +249,27 @@ class Draw:
                 self.readings.append(SlopeDistance(f"P{a}", f"P{b}", 1.0, sigma=sigma))
         self.astray = 1.0
 
+    def symmetric(self) -> None:
+        """Slope distances from stations of one height, to points that begin there or nearby."""
+        rng, origin = self.rng, self.offset()
+        n = int(rng.integers(4, 7))
+        for i in range(n):
+            turn = 2.0 * np.pi * i / n
+            at = np.array([80.0 * np.cos(turn), 80.0 * np.sin(turn), 0.0])
+            self.point(f"C{i}", origin + at, fixed="xyz")
+        weak = (np.inf, np.inf, self.between(1e2, 1e5))
+        sigma = self.between(1e-5, 1e-2)
+        true = []
+        for i in range(int(rng.integers(1, 4))):
+            at = origin + np.array([*rng.uniform(-40.0, 40.0, 2), self.between(1e-2, 50.0)])
+            true.append(at)
+            self.point(f"P{i}", at)
+            for j in range(n):
+                self._distance(SlopeDistance, f"C{j}", f"P{i}", sigma, meter=False)
+        self.given = {
+            f"P{i}": ((*at[:2].tolist(), float(origin[2])), weak) for i, at in enumerate(true)
+        }
+
     # -- parts ------------------------------------------------------------------------------------
 
     def _camera(self, free: tuple[str, ...] = ()) -> None:
@@ -294,6 +317,7 @@ FAMILIES: dict[str, Callable[[Draw], None]] = {
     "distances": Draw.distances,
     "mixed": Draw.mixed,
     "geocentric": Draw.geocentric,
+    "symmetric": Draw.symmetric,
 }
 """The families, drawn in turn."""
 
@@ -312,4 +336,7 @@ def badly_posed(seed: int) -> Drawn:
     measured = disturb(
         measured, seed=seed, points=draw.astray, centres=draw.astray, attitudes=draw.turned
     )
+    for name, (at, sigma) in draw.given.items():
+        point = measured.points[name]
+        measured.points[name] = replace(point, coordinates=at, sigma=sigma)
     return Drawn(seed, family, measured, draw.defect, gross)

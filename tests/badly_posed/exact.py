@@ -31,12 +31,12 @@ from .dual import LONG, Dual, stacked, total, turned
 
 RANK = 1e-13
 """Singular values of the scaled partials, relative to the largest, that count as zero."""
-FAR = 0.02
+FAR = 1e-4
 """Movement in units of σ by which the second derivatives are found."""
 STEPS = 40
 """Largest number of Newton's steps."""
-REST = 1e-7
-"""Newton's step in units of σ that is small enough."""
+REST, ALMOST = 1e-7, 0.01
+"""Newton's step in units of σ, and relative to the whole way, that is small enough."""
 LOST = 1e3
 """Movement in units of σ beyond which there is no minimum near the solution."""
 
@@ -287,9 +287,10 @@ def nearest(solution: Solution) -> Nearest:
         step = np.linalg.solve(second, np.asarray(gradient(y), dtype=float))
         y = y - step
         size = float(np.linalg.norm(step))
-        if not np.isfinite(size) or float(np.linalg.norm(np.asarray(y, dtype=float))) > LOST:
+        way = float(np.linalg.norm(np.asarray(y, dtype=float)))
+        if not np.isfinite(size) or way > LOST:
             break
-        if size < REST:
+        if size < max(REST, ALMOST * way):
             found = True
             break
     dx = np.asarray(w @ y, dtype=float)

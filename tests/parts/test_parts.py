@@ -406,8 +406,8 @@ def test_a_solution_refuses_the_results_of_a_later_run(tmp_path):
 
 
 def test_the_state_of_the_weights_stays_however_often_a_run_goes_on(tmp_path, monkeypatch):
-    """Here one state before the last is kept, and nobody is ever near enough."""
-    monkeypatch.setattr(loaded, "OLDEST", 1)
+    """Here two states before the last are kept, and nobody is ever near enough."""
+    monkeypatch.setattr(loaded, "OLDEST", 2)
     line = Network("line")
     line.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
     line.add_point("B", (70.0, 0.0, 0.0), fixed="y")

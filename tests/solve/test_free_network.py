@@ -104,7 +104,7 @@ def test_it_rests_on_its_inner_constraints_as_near_as_its_coordinates_allow(seed
     for tolerance in (1e-7, 1e-9, 1e-11):
         nearer = fga.adjust(network, tolerance=tolerance)
         assert nearer.converged, nearer.reason
-        assert tolerance > 1e-8 or "vᵀPv cannot tell any more" in nearer.reason
+        assert tolerance > 1e-8 or "coordinates have no more digits" in nearer.reason
         for name in network.points:
             sigma = near.standard_deviations(name)[:2]
             assert np.all(np.abs(nearer.point(name) - near.point(name))[:2] < 2e-5 * sigma)

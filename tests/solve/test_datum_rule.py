@@ -1,0 +1,54 @@
+"""What counts as a datum defect on the curved Earth: the same as on a plane."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame
+from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
+from factorgraph_adj.simulation.simulate import disturb, measure
+
+FRAMES: dict[str, tuple[Frame, tuple[float, float, float]]] = {
+    "flat": (LocalFrame(), (0.0, 0.0, 0.0)),
+    "curved": (LocalFrame(curvature=True), (0.0, 0.0, 0.0)),
+    "geocentric": (GeocentricFrame(), (4.0e6, 8.0e5, 4.8e6)),
+    "equator": (GeocentricFrame(), (6.378e6, 0.0, 0.0)),
+}
+
+
+def total_stations(frame: Frame, origin: tuple[float, float, float], size: float) -> fga.Network:
+    """Return a free network of six stations that measure to each other."""
+    rng = np.random.default_rng(3)
+    network = fga.Network("total stations", frame=frame, datum="free")
+    enu = frame.basis(np.array([origin]), np.zeros((1, 2))).enu[0]
+    names = [f"P{i}" for i in range(6)]
+    for name in names:
+        offset = rng.uniform(-1.0, 1.0, 3) * [size, size, size / 10]
+        network.add_point(name, np.array(origin) + enu.T @ offset)
+        network.set_orientation(name, value=0.3)
+    for a in names:
+        for b in names:
+            if a != b:
+                network.add(
+                    Direction(a, b, 0.0, sigma=1e-5),
+                    ZenithAngle(a, b, 1.5, sigma=1e-5),
+                    SlopeDistance(a, b, 1.0, sigma=0.001),
+                )
+    return disturb(measure(network, seed=1), seed=1, points=0.01)
+
+
+@pytest.mark.parametrize("size", [10.0, 1000.0, 50_000.0, 200_000.0])
+@pytest.mark.parametrize("name", FRAMES)
+def test_a_free_network_has_the_same_defects_in_every_frame(name: str, size: float) -> None:
+    """Three shifts and the rotation about the vertical; σ as on the plane."""
+    solution = fga.adjust(total_stations(*FRAMES[name], size))
+    flat = fga.adjust(total_stations(*FRAMES["flat"], size))
+    assert solution.converged
+    assert solution.datum_defect == flat.datum_defect == 4
+    ours, theirs = (
+        np.sqrt(np.mean([np.sum(s.standard_deviations(p) ** 2) for p in s.network.points]))
+        for s in (solution, flat)
+    )
+    assert ours == pytest.approx(theirs, rel=0.5)
