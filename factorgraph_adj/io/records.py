@@ -331,7 +331,8 @@ def record(
     unit = units.angle if is_angle(kind) else units.length
     for name, quantity in numbers_of(kind).items():
         number = getattr(found, name)
-        if repr(number) not in ("0.0", "0") or name not in KINDS[kind].optional:
+        default = KINDS[kind].defaults.get(name)
+        if default is None or repr(float(number)) != repr(float(default)):
             out[name] = numbers.write(number, _project_unit(quantity, units))
     if "length_km" in have and given.length_km is not None:
         out["length_km"] = numbers.write(given.length_km)

@@ -97,6 +97,11 @@ class ObservationKind:
             if f.default is not MISSING or f.default_factory is not MISSING
         )
 
+    @cached_property
+    def defaults(self) -> dict[str, Any]:
+        """Plain defaults of attributes, by name."""
+        return {f.name: f.default for f in fields(self.observation) if f.default is not MISSING}
+
     @property
     def curved(self) -> bool:
         """Whether the kind joins several points and the partials depend on their positions."""

@@ -98,7 +98,7 @@ def _heights(network: Network) -> Iterator[Finding]:
         s = lengths.get((o.station, o.target, o.instrument_height, o.target_height))
         if s is None:
             continue
-        up = np.pi / 2 - o.value if isinstance(o, ZenithAngle) else o.value
+        up = np.pi / 2 - o.in_face_one if isinstance(o, ZenithAngle) else o.value
         bend = (s * np.cos(up)) ** 2 / (2 * MEAN_EARTH_RADIUS)
         curved = getattr(network.frame, "curvature", True)
         rise = s * np.sin(up) + ((1.0 - REFRACTION) * bend if curved else 0.0)
