@@ -192,9 +192,7 @@ def zenith_angle(
     )
     sign = -side[:, None]
     by_index = np.ones((len(observed), 1, 1))
-    return Linearised(
-        sign * up.residual, (*(sign[:, :, None] * j for j in up.jacobians), by_index)
-    )
+    return Linearised(sign * up.residual, (*(sign[:, :, None] * j for j in up.jacobians), by_index))
 
 
 def azimuth(

@@ -17,7 +17,8 @@ from typing import Any, Literal, TypeAlias
 from ..errors import InputError, Problem, known
 from ..models.base import Linearised
 from ..models.variables import ENTITIES, UNKNOWNS
-from .weights import PARTS, Weight
+from ..stochastic import PARTS
+from .weights import Weight
 
 Unit: TypeAlias = Literal["m", "rad", "image", "mixed"]
 """Unit of observed values: metres, radians, image units, or a unit for each component (mixed)."""

@@ -85,8 +85,8 @@ class ZenithAngle(VerticalAngle):
             self._fail(
                 f"a zenith angle lies between 0 and 200 gon, not at {gon:.4f} gon (in degrees: 0 "
                 f"and 180, {0.9 * gon:.4f}): a reading in the second face is 400 gon minus the "
-                "zenith angle; say face 2, or give both faces to fga.reduce_faces or the table "
-                "readings of a project"
+                "zenith angle; give both faces to fga.reduce_faces or in readings.csv, or state "
+                "face 2"
             )
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.field.faces import FaceReading, reduce_faces
+from factorgraph_adj.field.faces import reduce_faces
+from factorgraph_adj.field.readings import FaceReading
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
 
 MGON = pi / 200e3

@@ -17,6 +17,7 @@ from ...observations import (
     VerticalAngle,
     ZenithAngle,
 )
+from ...observations.weights import Along
 from ...stochastic import StandardDeviation
 from .finding import TIMES, Finding
 
@@ -31,11 +32,9 @@ def size_of(o: Observation, length: float) -> float:
     sigma = o.sigma  # type: ignore[attr-defined]
     if not isinstance(sigma, StandardDeviation):
         return float(sigma)
-    if isinstance(o, SlopeDistance):
-        own = sigma.constant + 1e-6 * sigma.ppm * length
-        return float(np.hypot(own, np.hypot(sigma.centring_instrument, sigma.centring_target)))
-    beside = np.hypot(sigma.centring_instrument, sigma.centring_target) / max(length, 1e-3)
-    return float(np.hypot(sigma.constant, beside))
+    weight = o.record.weight
+    assert weight is not None
+    return float(np.sqrt(weight.variance([sigma], Along(max(length, 1e-3)))[0]))
 
 
 def repeated(network: Network) -> Iterator[Finding]:
