@@ -27,6 +27,7 @@ from ..network.network import Network
 from ..observations import Direction, Observation, SlopeDistance, ZenithAngle
 from ..shown import Rows, Shown
 from ..stochastic import StandardDeviation
+from ..types import Array
 from .readings import FaceReading, checked_readings
 
 Sigma: TypeAlias = "float | StandardDeviation"
@@ -268,24 +269,39 @@ def _errors(
     value = np.array([v for v, _ in found.values()])
     own = sigma / sqrt(2.0) * np.array([s for _, s in found.values()])
     weight = 1.0 / np.square(own)
-    mean, total = float(weight @ value / weight.sum()), float(weight.sum())
-    noun = "index" if what == "zenith" else "collimation"
-    for i, name in enumerate(found):
-        if len(found) < 2:
-            break
-        others = total - weight[i]
-        rest = (mean * total - weight[i] * value[i]) / others
-        limit = TIMES * hypot(float(own[i]), 1.0 / sqrt(others))
-        if abs(value[i] - rest) > limit:
-            first = next(iter(targets[name].values()))
-            gon = 200e3 / pi
-            text = (
-                f"its two faces give {noun} {value[i] * gon:.1f} mgon, the others "
-                f"{rest * gon:.1f} mgon, tolerance {limit * gon:.1f} mgon"
-            )
-            where = f"station {first.station!r}, set {first.set!r}, target {name!r}"
-            doubts.append(Problem(text, where))
-    return mean, 1.0 / sqrt(total)
+    names, noun, gon = list(found), "index" if what == "zenith" else "collimation", 200e3 / pi
+    for i, rest, limit in _outlying(value, weight):
+        first = next(iter(targets[names[i]].values()))
+        text = (
+            f"its two faces give {noun} {value[i] * gon:.1f} mgon, the others "
+            f"{rest * gon:.1f} mgon, tolerance {limit * gon:.1f} mgon"
+        )
+        where = f"station {first.station!r}, set {first.set!r}, target {names[i]!r}"
+        doubts.append(Problem(text, where))
+    return float(weight @ value / weight.sum()), 1.0 / sqrt(float(weight.sum()))
+
+
+def _outlying(value: Array, weight: Array) -> Iterator[tuple[int, float, float]]:
+    """Yield values that differ from the mean of the others, that mean, and the tolerance.
+
+    The worst one no longer takes part in the mean with which the next ones are compared. Of two
+    values nobody knows which is the wrong one: both are.
+    """
+    left = list(range(len(value)))
+    while len(left) > 1:
+        v, w = value[left], weight[left]
+        others = w.sum() - w
+        rest = (w @ v - w * v) / others
+        limit = TIMES * np.sqrt(1.0 / w + 1.0 / others)
+        times = np.abs(v - rest) / limit
+        worst = int(times.argmax())
+        if not times[worst] > 1.0:
+            return
+        named = range(2) if len(left) == 2 else [worst]
+        yield from ((left[k], float(rest[k]), float(limit[k])) for k in named)
+        if len(left) == 2:
+            return
+        del left[worst]
 
 
 def _of_sight(r: FaceReading) -> dict[str, Any]:

@@ -94,6 +94,8 @@ def _heights(network: Network) -> Iterator[Finding]:
     for o in network.observations.values():
         if not isinstance(o, VerticalAngle) or o.station in network.verticals:
             continue  # a deflection of the vertical that is free explains any difference
+        if isinstance(o, ZenithAngle) and o.index_error is not None:
+            continue  # so does an index error
         s = lengths.get((o.station, o.target, o.instrument_height, o.target_height))
         if s is None:
             continue
