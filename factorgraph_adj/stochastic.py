@@ -40,8 +40,8 @@ class StandardDeviation:
 
     For a distance without centring, mixed and linear are σ = constant + ppm·10⁻⁶ S, as makers
     state it, and quadratic is σ² = constant² + (ppm·10⁻⁶ S)². S of a length is the observed value;
-    other lengths come from the start coordinates. A levelled height has no centring: an
-    observation refuses parts that have no effect on it.
+    other lengths are those of the adjusted coordinates. A levelled height has no centring, since a
+    level stands anywhere: an observation refuses parts that have no effect on it.
     """
 
     constant: float = 0.0

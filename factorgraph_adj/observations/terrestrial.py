@@ -149,7 +149,11 @@ class HorizontalAngle(Observation):
 
 @dataclass(frozen=True)
 class HeightDifference(Sight):
-    """Levelled height difference from station to target, metres: ½(u_i + u_j)·d. Eq. 10."""
+    """Levelled height difference from station to target, metres: ½(u_i + u_j)·d. Eq. 10.
+
+    Its σ has a constant part and one for √1 km of line. It takes no centring: a level stands
+    anywhere. Of a trigonometric height difference the constant part states the whole.
+    """
 
     kind: ClassVar[str] = "height_difference"
     _: KW_ONLY

@@ -128,7 +128,7 @@ def test_a_project_states_the_choice_by_kind_or_by_row(tmp_path):
         "slope_distance,S,T,300.001,2,3,linear\n"
     )
     sigmas = fga.adjust(fga.read_project(tmp_path)).observations.sigmas
-    assert sigmas == pytest.approx([hypot(2e-3, 9e-4), 2.9e-3])
+    assert sigmas == pytest.approx([hypot(2e-3, 9e-4), 2e-3 + 3e-6 * 300.001])
     (tmp_path / "project.toml").write_text(
         '[sigma.slope_distance]\nsigma_mm = 2\nppm = 3\ncombine = "cubic"\n'
     )
