@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
-    from .field.faces import FaceReading, reduce_faces
+    from .field.faces import reduce_faces
+    from .field.readings import FaceReading
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
     from .graph.build import build_graph
     from .incremental.adjustment import IncrementalAdjustment
@@ -163,7 +164,7 @@ _MODULES = {
     "Correlated": "observations.correlated",
     "DatumError": "errors",
     "Direction": "observations.terrestrial",
-    "FaceReading": "field.faces",
+    "FaceReading": "field.readings",
     "Finding": "validate.preliminary.finding",
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -27,6 +28,29 @@ class Problem:
         return f"{self.where}: {self.what}" if self.where else self.what
 
 
+_LIST = re.compile(r"(?<=; )(valid|known|it takes): .{60,}", re.DOTALL)
+"""A long list of what would be valid, to the end of a message."""
+
+
+def listed_once(problems: Iterable[Problem]) -> tuple[Problem, ...]:
+    """Return problems of which each long list of valid names stands in the first one only.
+
+    >>> row = "unknown kind 'd'; valid: " + ", ".join(f"kind_{i}" for i in range(20))
+    >>> listed_once([Problem(row, "a.csv:2"), Problem(row, "a.csv:3")])[1].what
+    "unknown kind 'd'; valid: as above"
+    """
+    seen: set[str] = set()
+    out = []
+    for p in problems:
+        found = _LIST.search(p.what)
+        if found is not None and found[0] in seen:
+            p = Problem(f"{p.what[: found.start()]}{found[1]}: as above", p.where)
+        elif found is not None:
+            seen.add(found[0])
+        out.append(p)
+    return tuple(out)
+
+
 class InputError(AdjustmentError):
     """An input has problems; the exception lists all of them."""
 
@@ -35,7 +59,7 @@ class InputError(AdjustmentError):
             problems = [Problem(problems)]
         elif isinstance(problems, Problem):
             problems = [problems]
-        self.problems: tuple[Problem, ...] = tuple(problems)
+        self.problems: tuple[Problem, ...] = listed_once(problems)
         super().__init__("\n".join(str(p) for p in self.problems))
 
 

@@ -2,27 +2,46 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from .errors import InputError
 from .types import Array
 
+Combine: TypeAlias = Literal["mixed", "linear", "quadratic"]
+"""How the parts of a standard deviation combine, see `StandardDeviation`."""
+COMBINATIONS: tuple[Combine, ...] = ("mixed", "linear", "quadratic")
+PARTS = ("ppm", "per_sqrt_km", "centring_instrument", "centring_target")
+"""Attributes of `StandardDeviation` for the parts that are not constant."""
+
 
 @dataclass(frozen=True, slots=True)
 class StandardDeviation:
-    """Parts of the standard deviation of an observation.
+    """Parts of the standard deviation of an observation, and how they combine.
 
-    Lengths (S in metres):    σ² = (constant + ppm·10⁻⁶ S)² + centring_i² + centring_t²
-    Levelling (L in km):      σ² = constant² + per_sqrt_km² L + centring_i² + centring_t²
-    Directions, azimuths:     σ² = constant² + (centring_i² + centring_t²)/D²
-    Vertical, zenith angles:  σ² = constant² + (centring_i² + centring_t²)/S²
-    Angles j-i-k:             σ² = constant² + centring_i² D_jk²/(D_ij D_ik)²
-                                   + centring_t² (1/D_ij² + 1/D_ik²)
+    Each part has an effect on the observation. S is a slope distance and D a horizontal distance,
+    metres, L the length of a levelled line, km, c_i and c_t the centring of instrument and target:
 
-    D are horizontal distances and S slope distances from the start coordinates; S of a length is
-    the observed value.
+    | observation | reading | beside it |
+    | --- | --- | --- |
+    | length | constant; ppm·10⁻⁶ S | c_i; c_t |
+    | levelled height difference | constant | per_sqrt_km √L |
+    | direction, azimuth | constant | c_i/D; c_t/D |
+    | vertical, zenith angle | constant | c_i/S; c_t/S |
+    | angle j-i-k | constant | c_i D_jk/(D_ij D_ik); c_t √(1/D_ij² + 1/D_ik²) |
+
+    With the effects a, b … of the reading and c, e … of what is beside it:
+
+        mixed:      σ² = (a + b + …)² + c² + e² + …
+        linear:     σ = a + b + … + c + e + …
+        quadratic:  σ² = a² + b² + … + c² + e² + …
+
+    For a distance without centring, mixed and linear are σ = constant + ppm·10⁻⁶ S, as makers
+    state it, and quadratic is σ² = constant² + (ppm·10⁻⁶ S)². S of a length is the observed value;
+    other lengths are those of the adjusted coordinates. A levelled height has no centring, since a
+    level stands anywhere: an observation refuses parts that have no effect on it.
     """
 
     constant: float = 0.0
@@ -35,18 +54,15 @@ class StandardDeviation:
     """Standard deviation of the centring of the instrument, metres."""
     centring_target: float = 0.0
     """Standard deviation of the centring of the target, metres."""
+    combine: Combine = "mixed"
+    """How the effects of the parts combine."""
 
     def __post_init__(self) -> None:
-        """Check that every part is finite and ≥ 0, and that at least one part is > 0."""
-        parts = np.array(
-            [
-                self.constant,
-                self.ppm,
-                self.per_sqrt_km,
-                self.centring_instrument,
-                self.centring_target,
-            ]
-        )
+        """Check that every part is finite and ≥ 0, one > 0, and that the combination is known."""
+        if self.combine not in COMBINATIONS:
+            valid = ", ".join(COMBINATIONS)
+            raise InputError(f"unknown combination {self.combine!r} of parts; valid: {valid}")
+        parts = np.array([getattr(self, name) for name in ("constant", *PARTS)])
         if not np.all(np.isfinite(parts)) or np.any(parts < 0) or not np.any(parts > 0):
             raise InputError(
                 f"the parts of a standard deviation must be finite, not negative and not all "
@@ -55,7 +71,7 @@ class StandardDeviation:
 
     def scaled(self, by: float) -> StandardDeviation:
         """Return the standard deviation with every part multiplied by ``by``."""
-        return StandardDeviation(*(by * getattr(self, f.name) for f in fields(self)))
+        return replace(self, **{n: by * getattr(self, n) for n in ("constant", *PARTS)})
 
 
 def whitening(covariance: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.base import wrap
+from ..models.terrestrial import direction_in_face_one, zenith_in_face_one
 from ..types import Array, Index
 
 
@@ -55,13 +56,36 @@ class Sighted:
         return len(self.station)
 
 
-def _join(blocks: Iterable[Block], third: int | None = None, width: int = 1) -> Sighted:
-    """Join blocks; ``third`` is the place of a further variable."""
+def _as_read(block: Block) -> Array:
+    return block.observed[:, 0]
+
+
+def _direction(block: Block) -> Array:
+    """Return directions as in face 1."""
+    return direction_in_face_one(block.observed[:, 0], block.constants["face"])
+
+
+def _zenith(block: Block) -> Array:
+    """Return zenith angles as in face 1."""
+    return zenith_in_face_one(block.observed[:, 0], block.constants["face"])
+
+
+def _vector(block: Block) -> Array:
+    return block.observed
+
+
+def _join(
+    blocks: Iterable[Block],
+    third: int | None = None,
+    *,
+    value: Callable[[Block], Array] = _as_read,
+) -> Sighted:
+    """Join blocks; ``third`` is the place of a further variable, ``value`` gives the values."""
     found = list(blocks)
     if not found:
         none = np.zeros(0, dtype=np.intp)
-        value = np.zeros(0) if width == 1 else np.zeros((0, width))
-        return Sighted(none, none, value, np.zeros(0), none)
+        nothing = np.zeros((0, 3)) if value is _vector else np.zeros(0)
+        return Sighted(none, none, nothing, np.zeros(0), none)
 
     def column(place: int) -> Index:
         return np.concatenate([b.variables[place][1] for b in found])
@@ -70,7 +94,7 @@ def _join(blocks: Iterable[Block], third: int | None = None, width: int = 1) -> 
     return Sighted(
         station,
         column(2),
-        np.concatenate([b.observed[:, 0] if width == 1 else b.observed for b in found]),
+        np.concatenate([value(b) for b in found]),
         np.concatenate(
             [b.constants["target_height"] - b.constants["instrument_height"] for b in found]
         ),
@@ -163,7 +187,7 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
         )
 
     up = _join(by_kind.get("vertical_angle", []))
-    zenith = _join(by_kind.get("zenith_angle", []))
+    zenith = _join(by_kind.get("zenith_angle", []), value=_zenith)
     zeniths = Sighted(
         np.concatenate([zenith.station, up.station]),
         np.concatenate([zenith.target, up.target]),
@@ -175,14 +199,14 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
     steps = _join(by_kind.get("height_difference", []))
     return Survey(
         n,
-        _join(by_kind.get("direction", []), 4),
+        _join(by_kind.get("direction", []), 4, value=_direction),
         _join(by_kind.get("azimuth", [])),
         _join(by_kind.get("horizontal_angle", []), 4),
         zeniths,
         slopes,
         levels,
         steps,
-        _join(by_kind.get("gnss_vector", []), width=3),
+        _join(by_kind.get("gnss_vector", []), value=_vector),
         _edges(n, slopes, levels, zeniths, steps, curvature),
     )
 

@@ -15,7 +15,7 @@ from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.context import Report
-from ..report.doubts import doubts_about
+from ..report.doubts import doubts_about, of_readings
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
 from ..report.text import render
@@ -198,7 +198,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _verdict(found: Adjusted) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
-    doubts = doubts_about(found.solution)
+    doubts = [*doubts_about(found.solution), *of_readings(found.project.network)]
     if found.components is not None and not found.components.converged:
         doubts.append(f"variance components not converged: {found.components.reason}")
     if found.snooping is not None:

@@ -14,54 +14,35 @@ alone is freed of the means of its set-up; without any it keeps the errors of th
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields, replace
 from math import hypot, pi, sin, sqrt
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from ..errors import InputError, Problem
 from ..models.base import wrap
+from ..network.network import Network
 from ..observations import Direction, Observation, SlopeDistance, ZenithAngle
 from ..shown import Rows, Shown
+from ..stochastic import StandardDeviation
+from ..types import Array
+from .readings import FaceReading, checked_readings
+
+Sigma: TypeAlias = "float | StandardDeviation"
+Target: TypeAlias = dict[int, FaceReading]
+"""The readings of a target by face."""
+Faces: TypeAlias = Literal["means", "both"]
+"""What becomes of the two faces of a target: one mean, or two observations."""
+OF_CIRCLES = ("index_error", "collimation_error")
+"""Kinds of unknowns that observations of both faces name."""
 
 LARGE = 0.2 * pi / 200.0
 """Index or collimation error beyond which a set-up is doubted whatever its targets say: 0.2 gon.
 An instrument in order has less; readings of two targets, or of a circle that was turned, more."""
 TIMES = 3.29
 """Tolerance of a difference, in its standard deviations: exceeded by chance once in 1000."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class FaceReading:
-    """One sight in one face, as it stands in the field book."""
-
-    station: str
-    """Point of the instrument."""
-    target: str
-    """Point of the target."""
-    face: int
-    """1 or 2."""
-    direction: float | None = None
-    """Horizontal reading, radians."""
-    zenith: float | None = None
-    """Zenith reading, radians: from 0 to π in face 1, from π to 2π in face 2."""
-    distance: float | None = None
-    """Slope distance, metres."""
-    set: str = "1"
-    """Set of the readings; the sets of a station are set-ups of their own."""
-    instrument_height: float = 0.0
-    """Height of the instrument, metres."""
-    target_height: float = 0.0
-    """Height of the target, metres."""
-    source: str | None = None
-    """File and line from which the reading was read."""
-
-    def label(self) -> str:
-        """Return a readable name."""
-        text = f"{self.station} – {self.target}, face {self.face}"
-        return f"{self.source}: {text}" if self.source else text
 
 
 @dataclass(frozen=True)
@@ -95,6 +76,27 @@ class ReducedFaces(Shown):
     doubts: tuple[Problem, ...]
     """Targets whose faces differ by more than chance allows."""
 
+    def add_to(self, network: Network) -> list[str]:
+        """Add the observations to a network; return their ids.
+
+        Index and collimation errors that the observations name, and the network does not state,
+        become free unknowns. The network keeps the doubts, which `factorgraph-adj check` and the
+        protocol of the adjustment tell.
+
+        Raises:
+            InputError: names that the network does not have, all of them; nothing is added.
+        """
+        changed = network.copy()
+        for o in self.observations:
+            for kind, attribute in o.record.parameters:
+                name = getattr(o, attribute)
+                if kind in OF_CIRCLES and name is not None and name not in network.of_kind(kind):
+                    changed.set_unknown(kind, name)
+        ids = changed.add(*self.observations)
+        changed.doubts += self.doubts
+        vars(network).update(vars(changed))
+        return ids
+
     def headline(self) -> str:
         """Return the numbers."""
         return (
@@ -115,83 +117,110 @@ class ReducedFaces(Shown):
 def reduce_faces(
     readings: Iterable[FaceReading],
     *,
-    sigma_direction: float,
-    sigma_zenith: float,
-    sigma_distance: float,
+    sigma_direction: Sigma,
+    sigma_zenith: Sigma,
+    sigma_distance: Sigma,
+    faces: Faces = "means",
 ) -> ReducedFaces:
     """Reduce readings in two faces to observations.
+
+    The constant part of σ is that of a reading in one face; the mean of two has 1/√2 of it. Parts
+    that the two faces of a target share, such as centring and ppm, remain as they are.
 
     Args:
         readings: the field book.
         sigma_direction: standard deviation of a horizontal reading in one face, radians.
         sigma_zenith: standard deviation of a zenith reading in one face, radians.
-        sigma_distance: standard deviation of a distance, metres; the mean of two has σ/√2.
+        sigma_distance: standard deviation of a distance in one face, metres.
+        faces: ``means``: one direction and one zenith angle for each target, the means of its
+            faces. ``both``: every reading is an observation that knows its face, and index and
+            collimation errors are unknowns of the network, one of each for an ``instrument`` or,
+            without one, for a set-up (``station/set``). Distances are means in both ways.
 
     Raises:
-        InputError: a face that is neither 1 nor 2, a zenith reading that belongs to the other
-            face, a target read twice in a face of a set, σ that are not greater than zero: all.
+        InputError: all problems: those of `checked_readings`; a constant part of σ that is not
+            greater than zero; centring together with both faces, which share it, so that two
+            observations would count it as independent.
     """
-    given = list(readings)
-    _refuse(given, (sigma_direction, sigma_zenith, sigma_distance))
-    groups: dict[tuple[str, str], dict[str, dict[int, FaceReading]]] = defaultdict(
-        lambda: defaultdict(dict)
-    )
+    sigmas = _Sigmas(sigma_direction, sigma_zenith, sigma_distance)
+    problems = sigmas.problems(faces)
+    try:
+        given = checked_readings(readings)
+    except InputError as error:
+        problems += error.problems
+    if problems:
+        raise InputError(problems)
+    groups: dict[tuple[str, str], dict[str, Target]] = defaultdict(lambda: defaultdict(dict))
     for r in given:
-        groups[r.station, r.set][r.target][r.face] = r
+        groups[r.station, r.set][r.target][r.face or 1] = r
     observations: list[Observation] = []
     setups: list[SetUp] = []
     doubts: list[Problem] = []
     for (station, number), targets in groups.items():
-        index = _errors(targets, "zenith", sigma_zenith, doubts)
-        collimation = _errors(targets, "direction", sigma_direction, doubts)
+        index = _errors(targets, "zenith", constant(sigma_zenith), doubts)
+        collimation = _errors(targets, "direction", constant(sigma_direction), doubts)
         doubts += _large(station, number, index[0], collimation[0])
-        doubts += _distances(targets, sigma_distance)
+        doubts += _distances(targets, constant(sigma_distance))
         both = sum(len(t) == 2 for t in targets.values())
         setups.append(SetUp(station, number, both, *index, *collimation))
-        for faces in targets.values():
-            observations += _observations(
-                faces, index, collimation, (sigma_direction, sigma_zenith, sigma_distance)
-            )
+        for target in targets.values():
+            if faces == "both":
+                observations += _as_read(target, sigmas)
+            else:
+                observations += _means(target, index, collimation, sigmas)
+            observations += _distance(target, sigmas.distance)
     return ReducedFaces(tuple(observations), tuple(setups), tuple(doubts))
 
 
-def _refuse(given: Sequence[FaceReading], sigmas: tuple[float, float, float]) -> None:
-    problems: list[Problem] = []
-    names = ("sigma_direction", "sigma_zenith", "sigma_distance")
-    for name, sigma in zip(names, sigmas, strict=True):
-        if not sigma > 0:
-            problems.append(Problem(f"{name} must be greater than zero, not {sigma}"))
-    seen: set[tuple[str, str, str, int]] = set()
-    heights: dict[tuple[str, str, str], tuple[float, float]] = {}
-    for r in given:
-        if r.face not in (1, 2):
-            problems.append(Problem(f"the face must be 1 or 2, not {r.face!r}", r.label()))
-            continue
-        key = (r.station, r.set, r.target, r.face)
-        if key in seen:
-            what = "is read twice in this face: give the second reading another set"
-            problems.append(Problem(what, r.label()))
-        seen.add(key)
-        own = r.instrument_height, r.target_height
-        if heights.setdefault(key[:3], own) != own:
-            what = "its heights differ from those of the other face: give it another set"
-            problems.append(Problem(what, r.label()))
-        if r.zenith is not None and not (r.face - 1) * pi <= r.zenith <= r.face * pi:
-            what = f"a zenith reading of {r.zenith * 200 / pi:.4f} gon belongs to the other face"
-            problems.append(Problem(what, r.label()))
-    if problems:
-        raise InputError(problems)
+def constant(sigma: Sigma) -> float:
+    """Return the constant part of a standard deviation."""
+    return sigma.constant if isinstance(sigma, StandardDeviation) else float(sigma)
+
+
+def _with_constant(sigma: Sigma, own: float) -> Sigma:
+    """Return a standard deviation with another constant part."""
+    return replace(sigma, constant=own) if isinstance(sigma, StandardDeviation) else own
+
+
+@dataclass(frozen=True)
+class _Sigmas:
+    """Standard deviations of readings in one face."""
+
+    direction: Sigma
+    zenith: Sigma
+    distance: Sigma
+
+    def problems(self, faces: Faces) -> list[Problem]:
+        """Return what is wrong with them."""
+        out = []
+        if faces not in ("means", "both"):
+            out.append(Problem(f"unknown faces {faces!r}; valid: means, both"))
+        for f in fields(self):
+            sigma = getattr(self, f.name)
+            if not constant(sigma) > 0:
+                of = "the constant part of " * isinstance(sigma, StandardDeviation)
+                what = f"{of}sigma_{f.name} must be greater than zero, not {constant(sigma)}"
+                out.append(Problem(what))
+            shared = isinstance(sigma, StandardDeviation) and f.name != "distance"
+            if faces == "both" and shared:
+                what = (
+                    f"sigma_{f.name} has centring, which the two faces of a target share: "
+                    "observations of both faces would count it as independent; use means, or a σ "
+                    "without centring"
+                )
+                out.append(Problem(what))
+        return out
 
 
 def _large(station: str, number: str, index: float, collimation: float) -> Iterator[Problem]:
     """Iterate over errors of the instrument that it cannot have."""
     for noun, value in (("index", index), ("collimation", collimation)):
         if abs(value) > LARGE:
-            text = f"the two faces give {noun} {value * 200 / pi:.3f} gon: look at its readings"
+            text = f"the two faces give {noun} {value * 200 / pi:.3f} gon"
             yield Problem(text, f"station {station!r}, set {number!r}")
 
 
-def _distances(targets: dict[str, dict[int, FaceReading]], sigma: float) -> Iterator[Problem]:
+def _distances(targets: dict[str, Target], sigma: float) -> Iterator[Problem]:
     """Iterate over targets whose distances in the two faces differ by more than chance allows."""
     for name, faces in targets.items():
         one, two = (getattr(faces.get(f), "distance", None) for f in (1, 2))
@@ -200,7 +229,7 @@ def _distances(targets: dict[str, dict[int, FaceReading]], sigma: float) -> Iter
             first = faces[1]
             text = (
                 f"its distances differ by {1e3 * (two - one):.1f} mm, tolerance "
-                f"{1e3 * limit:.1f} mm: look at them"
+                f"{1e3 * limit:.1f} mm"
             )
             where = f"station {first.station!r}, set {first.set!r}, target {name!r}"
             yield Problem(text, where)
@@ -211,7 +240,7 @@ def _wrapped(angle: float) -> float:
     return float(wrap(np.asarray(angle)))
 
 
-def _zenith(faces: dict[int, FaceReading]) -> float:
+def _zenith(faces: Target) -> float:
     """Return the zenith angle of a target as far as it is known; π/2 without a reading."""
     read = {f: r.zenith for f, r in faces.items() if r.zenith is not None}
     values = [z if f == 1 else 2 * pi - z for f, z in read.items()]
@@ -219,7 +248,7 @@ def _zenith(faces: dict[int, FaceReading]) -> float:
 
 
 def _errors(
-    targets: dict[str, dict[int, FaceReading]],
+    targets: dict[str, Target],
     what: str,
     sigma: float,
     doubts: list[Problem],
@@ -240,55 +269,108 @@ def _errors(
     value = np.array([v for v, _ in found.values()])
     own = sigma / sqrt(2.0) * np.array([s for _, s in found.values()])
     weight = 1.0 / np.square(own)
-    mean, total = float(weight @ value / weight.sum()), float(weight.sum())
-    noun = "index" if what == "zenith" else "collimation"
-    for i, name in enumerate(found):
-        if len(found) < 2:
-            break
-        others = total - weight[i]
-        rest = (mean * total - weight[i] * value[i]) / others
-        limit = TIMES * hypot(float(own[i]), 1.0 / sqrt(others))
-        if abs(value[i] - rest) > limit:
-            first = next(iter(targets[name].values()))
-            gon = 200e3 / pi
-            text = (
-                f"its two faces give {noun} {value[i] * gon:.1f} mgon, the others "
-                f"{rest * gon:.1f} mgon, tolerance {limit * gon:.1f} mgon: look at its readings"
+    names, noun, gon = list(found), "index" if what == "zenith" else "collimation", 200e3 / pi
+    for i, rest, limit in _outlying(value, weight):
+        first = next(iter(targets[names[i]].values()))
+        text = (
+            f"its two faces give {noun} {value[i] * gon:.1f} mgon, the others "
+            f"{rest * gon:.1f} mgon, tolerance {limit * gon:.1f} mgon"
+        )
+        where = f"station {first.station!r}, set {first.set!r}, target {names[i]!r}"
+        doubts.append(Problem(text, where))
+    return float(weight @ value / weight.sum()), 1.0 / sqrt(float(weight.sum()))
+
+
+def _outlying(value: Array, weight: Array) -> Iterator[tuple[int, float, float]]:
+    """Yield values that differ from the mean of the others, that mean, and the tolerance.
+
+    The worst one no longer takes part in the mean with which the next ones are compared. Of two
+    values nobody knows which is the wrong one: both are.
+    """
+    left = list(range(len(value)))
+    while len(left) > 1:
+        v, w = value[left], weight[left]
+        others = w.sum() - w
+        rest = (w @ v - w * v) / others
+        limit = TIMES * np.sqrt(1.0 / w + 1.0 / others)
+        times = np.abs(v - rest) / limit
+        worst = int(times.argmax())
+        if not times[worst] > 1.0:
+            return
+        named = range(2) if len(left) == 2 else [worst]
+        yield from ((left[k], float(rest[k]), float(limit[k])) for k in named)
+        if len(left) == 2:
+            return
+        del left[worst]
+
+
+def _of_sight(r: FaceReading) -> dict[str, Any]:
+    """Return what all observations of a sight share."""
+    return {
+        "station": r.station,
+        "target": r.target,
+        "instrument_height": r.instrument_height,
+        "target_height": r.target_height,
+        "source": r.source,
+    }
+
+
+def _read(target: Target, what: str) -> dict[int, float]:
+    """Return the readings of a circle by face."""
+    return {f: getattr(r, what) for f, r in target.items() if getattr(r, what) is not None}
+
+
+def _distance(target: Target, sigma: Sigma) -> Iterator[Observation]:
+    """Yield the mean of the distances of a target, if there is one."""
+    first = next(iter(target.values()))
+    lengths = list(_read(target, "distance").values())
+    if lengths:
+        n = len(lengths)
+        own = _with_constant(sigma, constant(sigma) / sqrt(n))
+        of_sight = {**_of_sight(first), "instrument": first.distance_meter}
+        yield SlopeDistance(value=sum(lengths) / n, sigma=own, **of_sight)
+
+
+def _as_read(target: Target, sigmas: _Sigmas) -> Iterator[Observation]:
+    """Yield every reading of a target as an observation that knows its face."""
+    for face, r in sorted(target.items()):
+        of_sight = {**_of_sight(r), "face": face}
+        name = r.instrument or f"{r.station}/{r.set}"
+        if r.direction is not None:
+            yield Direction(
+                value=r.direction % (2 * pi),
+                sigma=sigmas.direction,
+                set=r.set,
+                collimation_error=name,
+                **of_sight,
             )
-            where = f"station {first.station!r}, set {first.set!r}, target {name!r}"
-            doubts.append(Problem(text, where))
-    return mean, 1.0 / sqrt(total)
+        if r.zenith is not None:
+            yield ZenithAngle(
+                value=r.zenith,
+                sigma=sigmas.zenith,
+                refraction=r.refraction,
+                index_error=name,
+                **of_sight,
+            )
 
 
-def _observations(
-    faces: dict[int, FaceReading],
+def _means(
+    target: Target,
     index: tuple[float, float],
     collimation: tuple[float, float],
-    sigmas: tuple[float, float, float],
-) -> list[Observation]:
-    """Return the observations of a target."""
-    first = next(iter(faces.values()))
-    heights: dict[str, Any] = {
-        "instrument_height": first.instrument_height,
-        "target_height": first.target_height,
-        "source": first.source,
-    }
-    out: list[Observation] = []
-    z = _zenith(faces)
-    read = {f: r.direction for f, r in faces.items() if r.direction is not None}
-    if read:
-        value, sigma = _direction(read, collimation, sin(z), sigmas[0])
-        ends = (first.station, first.target)
-        out.append(Direction(*ends, value % (2 * pi), sigma=sigma, set=first.set, **heights))
-    read = {f: r.zenith for f, r in faces.items() if r.zenith is not None}
-    if read:
-        value, sigma = _of_zenith(read, index, sigmas[1])
-        out.append(ZenithAngle(first.station, first.target, value, sigma=sigma, **heights))
-    lengths = [r.distance for r in faces.values() if r.distance is not None]
-    if lengths:
-        mean, sigma = sum(lengths) / len(lengths), sigmas[2] / sqrt(len(lengths))
-        out.append(SlopeDistance(first.station, first.target, mean, sigma=sigma, **heights))
-    return out
+    sigmas: _Sigmas,
+) -> Iterator[Observation]:
+    """Yield direction and zenith angle of a target, the means of its faces."""
+    first = next(iter(target.values()))
+    if read := _read(target, "direction"):
+        steep = sin(_zenith(target))
+        value, own = _direction(read, collimation, steep, constant(sigmas.direction))
+        sigma = _with_constant(sigmas.direction, own)
+        yield Direction(value=value % (2 * pi), sigma=sigma, set=first.set, **_of_sight(first))
+    if read := _read(target, "zenith"):
+        value, own = _of_zenith(read, index, constant(sigmas.zenith))
+        sigma = _with_constant(sigmas.zenith, own)
+        yield ZenithAngle(value=value, sigma=sigma, refraction=first.refraction, **_of_sight(first))
 
 
 def _direction(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from ..errors import InputError, Problem
 from ..models.sight import sight
 from ..network.network import Network
 from ..observations import Observation, observation_kind
-from ..observations.weights import Parts
 from ..stochastic import StandardDeviation, whitening
 from ..types import Array, Index
 from .blocks import Block
@@ -107,9 +106,8 @@ def weigh(network: Network, block: Block, state: State) -> Block:
     if not len(rows):
         return block
     part = block.select(rows)
-    parts = Parts(*(np.array([getattr(sigmas[i], f.name) for i in rows]) for f in fields(Parts)))
     geometry = _Geometry(network, part, [observations[i] for i in rows], state)
-    variance = weight.variance(parts, geometry)
+    variance = weight.variance([sigmas[i] for i in rows], geometry)
     problems = [
         Problem("the standard deviation is zero here: none of its parts applies", part.labels(i))
         for i in np.flatnonzero(~(variance > 0)).tolist()

@@ -100,6 +100,11 @@ def sigma_fields(kind: str) -> tuple[str, ...]:
     return tuple(out)
 
 
+def rules_of(kind: str) -> tuple[str, ...]:
+    """Return the fields that state how the parts of a standard deviation combine."""
+    return ("combine",) if has_parts(kind) else ()
+
+
 def stand_in_sigma(kind: str) -> dict[str, object]:
     """Return a valid standard deviation of a kind to stand in for one that is wrong."""
     units = ("px", "m") if kind == "image" else ("rad",) if is_angle(kind) else ("m",)
@@ -127,7 +132,9 @@ def known_fields(kind: str | None = None) -> frozenset[str]:
 
 @lru_cache
 def _known_fields(kinds: tuple[str, ...]) -> frozenset[str]:
-    return frozenset(f for k in kinds for f in (*plain_fields(k), *sigma_fields(k), "remark"))
+    return frozenset(
+        f for k in kinds for f in (*plain_fields(k), *sigma_fields(k), *rules_of(k), "remark")
+    )
 
 
 def columns() -> tuple[str, ...]:
@@ -140,7 +147,7 @@ def columns() -> tuple[str, ...]:
         *(n for n in further if n not in known),
         *(f"sigma{axis}_{u}" for axis in ("", *(f"_{a}" for a in "xyzenu")) for u in LENGTH),
         *(f"sigma_{u}" for u in (*ANGLE, "px")),
-        "ppm",
+        *("combine", "ppm"),
         *(f"{c}_{u}" for part, c in PART_COLUMNS.items() if part != "ppm" for u in LENGTH),
         *(f"covariance_{pair}_{u}2" for pair in PAIRS for u in LENGTH),
         *LEVER_ARM,
@@ -170,4 +177,4 @@ def offer(kind: str) -> str:
     """Return the fields of a kind for a message, each standard deviation in one unit only."""
     unit = "mgon" if is_angle(kind) else "mm"
     stated = [f for f in sigma_fields(kind) if f.endswith(("_mm", f"_{unit}", "_mm2", "ppm"))]
-    return ", ".join([*plain_fields(kind), *stated])
+    return ", ".join([*plain_fields(kind), *stated, *rules_of(kind)])

@@ -9,6 +9,7 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ..frames import LocalFrame
 from ..network.network import Network
@@ -196,7 +197,7 @@ class _Reader:
             self.points.require(element, name, plan=plan, height=height)
         if len(self.source.problems) > before:
             return None
-        of_set = {"set": setup.set} if cls is Direction else {}
+        of_set: dict[str, Any] = {"set": setup.set} if cls is Direction else {}
         return Pending(
             element,
             (unit,),

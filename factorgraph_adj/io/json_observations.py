@@ -18,7 +18,7 @@ from ..observations import (
 from ..types import Array
 from . import numbers, records
 from .context import ImageAxes, RecordContext
-from .fields import NAMES, TEXTS, is_angle, sigma_fields
+from .fields import is_angle, names_of, rules_of, sigma_fields, texts_of
 from .numbers import Units
 from .tables import IGNORED, Row
 
@@ -28,7 +28,6 @@ CORRELATED = "correlated"
 SI = Units("m", "rad", "rad", "m", "rad")
 """Units of written records."""
 _CORRELATED_KEYS = ("kind", "observations", "covariance_si", *IGNORED)
-_OBSERVATION_TEXTS = frozenset({"kind", "id", *NAMES, *TEXTS})
 
 
 def plain(record: Mapping[str, str], texts: Iterable[str]) -> Fields:
@@ -81,10 +80,8 @@ def _single_fields(item: Observation, id: str | None, unit: str) -> Fields:
         if value is not None and (not isinstance(value, str) or not value)
     ]
     record = records.record(item, id=id, units=SI, axes=ImageAxes(unit))
-    out = plain(record, _OBSERVATION_TEXTS)
-    if not any(f in out for f in sigma_fields(item.kind)):
-        what = f"no part of its standard deviation applies to {item.kind}"
-        problems.append(Problem(what, item.label()))
+    kind = item.kind
+    out = plain(record, {"kind", "id", *names_of(kind), *texts_of(kind), *rules_of(kind)})
     if problems:
         raise InputError(problems)
     if not isinstance(item, ImagePoint):

@@ -24,13 +24,15 @@ from ..models.variables import parameter_kinds
 from ..network.entities import Camera
 from ..network.network import Network
 from ..observations import KINDS
+from ..stochastic import COMBINATIONS
 from ..units import LENGTH
 from ..validate.check import check
 from .context import ImageAxes, RecordContext
-from .fields import sigma_fields, stand_in_sigma, unknown_field
+from .fields import rules_of, sigma_fields, stand_in_sigma, unknown_field
 from .numbers import Units
 from .parameter_tables import table_of
 from .read_observations import ObservationsReader
+from .read_readings import read_readings
 from .read_unknowns import Dimension, UnknownsReader
 from .tables import Row, Table, read_table
 
@@ -38,10 +40,13 @@ from .tables import Row, Table, read_table
 def tables() -> tuple[str, ...]:
     """Return the names of a project's tables; without [files], each is a file NAME.csv."""
     parameters = (table_of(k).file for k in parameter_kinds())
-    return ("points", "photos", "images", "observations", "covariances", *parameters)
+    return ("points", "photos", "images", "observations", "covariances", "readings", *parameters)
 
 
-KEYS = ("name", "datum", "dimension", "frame", "units", "files", "camera", "sigma", "adjust")
+KEYS = (
+    *("name", "datum", "dimension", "frame", "units", "files", "camera", "sigma", "readings"),
+    "adjust",
+)
 FRAMES = {
     "local": ("curvature", "radius", "origin", "axes"),
     "geocentric": ("ellipsoid", "radius"),
@@ -152,6 +157,12 @@ def load_project(
         observations.observations(
             cast(Table, found_tables["observations"]), found_tables.get("covariances")
         )
+    stated = _table(document, "readings", path.name, problems)
+    _only(stated, ("faces",))
+    faces = stated.choice("faces", ("means", "both"), "means")
+    if found_tables.get("readings") is not None:
+        book = cast(Table, found_tables["readings"])
+        observations.complete &= read_readings(network, book, context, faces, problems)
     if problems:
         # The structure can be checked in the same run only if every name is known.
         whole = reader.complete and observations.complete and None not in found_tables.values()
@@ -355,10 +366,11 @@ def _sigma_defaults(
             continue
         row = Row(given, file, problems, f"[sigma.{kind}]")
         for name in given:
-            what = unknown_field(name, sigma_fields(kind))
+            what = unknown_field(name, (*sigma_fields(kind), *rules_of(kind)))
             if what is not None:
                 row.wrong(what.replace("column", "key"))
         _positive(row, {k: v for k, v in given.items() if k in sigma_fields(kind)})
+        row.choice("combine", COMBINATIONS, "mixed")
         # A bad default is noted once; the stand-in avoids a message for every row that uses it.
         out[kind] = stand_in_sigma(kind) if row.failed else given
     if whole.failed:

@@ -22,7 +22,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..models.variables import Quantity
 from ..observations import KINDS, ImagePoint, Observation
-from ..stochastic import StandardDeviation
+from ..stochastic import COMBINATIONS, Combine, StandardDeviation
 from ..types import Array
 from ..units import ANGLE, LENGTH
 from . import numbers
@@ -37,6 +37,7 @@ from .fields import (
     numbers_of,
     offer,
     parts_of,
+    rules_of,
     sigma_fields,
     texts_of,
     unknown_field,
@@ -174,7 +175,8 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
         arguments["lever_arm"] = tuple(row.number(n, unit, required=True) for n in LEVER_ARM)
     if "covariance" not in have:
         arguments["value"] = row.number("value", unit, required=True)
-        _take_sigma(row, kind, context, arguments)
+        place = f"[sigma.{kind}] of the project"
+        arguments["sigma"] = scalar_sigma(row, kind, context.sigma.get(kind, {}), place)
         return
     axes = "xyz"
     if "axes" in have:
@@ -199,11 +201,20 @@ def _stated(row: Row, kind: str, default: Mapping[str, object], place: str) -> R
     return None
 
 
-def _take_sigma(row: Row, kind: str, context: RecordContext, arguments: dict[str, Any]) -> None:
-    """Read a scalar standard deviation with one or several parts."""
-    stated = _stated(row, kind, context.sigma.get(kind, {}), f"[sigma.{kind}] of the project")
+def scalar_sigma(
+    row: Row, kind: str, default: Mapping[str, object], place: str
+) -> float | StandardDeviation | None:
+    """Return a scalar standard deviation with one or several parts; None after a problem.
+
+    Args:
+        row: the row of the observation, which may state it; problems are noted there.
+        kind: kind of the observation.
+        default: standard deviation of rows that state none.
+        place: where the default is stated, for the message that there is none.
+    """
+    stated = _stated(row, kind, default, place)
     if stated is None:
-        return
+        return None
     parts = {}
     for part, column in parts_of(kind).items():
         value = stated.number("ppm") if part == "ppm" else stated.quantity(column, LENGTH)
@@ -211,20 +222,20 @@ def _take_sigma(row: Row, kind: str, context: RecordContext, arguments: dict[str
             row.wrong(f"{column} must not be negative")
         elif value is not None:
             parts[part] = value
+    combine = stated.choice("combine", COMBINATIONS, "mixed") if rules_of(kind) else "mixed"
     constant = stated.quantity("sigma", ANGLE if is_angle(kind) else LENGTH)
     if constant is not None and (constant < 0 or (constant == 0 and not any(parts.values()))):
         found = stated.present("sigma", ANGLE if is_angle(kind) else LENGTH)
         name = found[0] if found else "sigma"
         row.wrong(f"{name} must be greater than zero, not {stated.fields.get(name)}")
-        return
+        return None
     if row.failed:
-        return
+        return None
     if any(parts.values()):
-        arguments["sigma"] = StandardDeviation(constant or 0.0, **parts)
-    elif constant is None:
+        return StandardDeviation(constant or 0.0, **parts, combine=cast(Combine, combine))
+    if constant is None:
         row.wrong("the standard deviation is zero: all its parts are")
-    else:
-        arguments["sigma"] = constant
+    return constant
 
 
 def _take_vector_sigma(
@@ -331,7 +342,8 @@ def record(
     unit = units.angle if is_angle(kind) else units.length
     for name, quantity in numbers_of(kind).items():
         number = getattr(found, name)
-        if repr(number) not in ("0.0", "0") or name not in KINDS[kind].optional:
+        default = KINDS[kind].defaults.get(name)
+        if default is None or repr(float(number)) != repr(float(default)):
             out[name] = numbers.write(number, _project_unit(quantity, units))
     if "length_km" in have and given.length_km is not None:
         out["length_km"] = numbers.write(given.length_km)
@@ -354,7 +366,9 @@ def _sigma_record(sigma: float | StandardDeviation, kind: str, units: Units) -> 
     out = {}
     if sigma.constant > 0:
         out[f"sigma_{unit}"] = numbers.write(sigma.constant, unit)
-    for part, column in parts_of(kind).items():  # other parts have no effect on the weight
+    if sigma.combine != "mixed":
+        out["combine"] = sigma.combine
+    for part, column in parts_of(kind).items():
         value = getattr(sigma, part)
         if value == 0:
             continue

@@ -17,6 +17,8 @@ from .sight import Sights, sight
 
 NO_LENGTH = "station and target coincide: the sight has no length"
 NO_AZIMUTH = "the sight is vertical: it has no azimuth"
+SECOND = 2
+"""Number of the face in which the telescope has been plunged."""
 _SHORTEST = 1e-9
 """Smallest length of a sight, metres; shorter sights are degenerate."""
 _STEEPEST = 1e-9
@@ -41,6 +43,16 @@ def _azimuth(q: Array) -> tuple[Array, Array]:
     h2 = _horizontal(q) ** 2
     gradient = np.stack([q[:, 1] / h2, -q[:, 0] / h2, np.zeros_like(h2)], 1)
     return np.arctan2(q[:, 0], q[:, 1]), gradient
+
+
+def direction_in_face_one(reading: Array, face: Array) -> Array:
+    """Return horizontal readings (n,) as in face 1: those of face 2 less π, radians."""
+    return np.where(face == SECOND, reading - np.pi, reading)
+
+
+def zenith_in_face_one(reading: Array, face: Array) -> Array:
+    """Return zenith readings (n,) as in face 1: those of face 2 taken from 2π, radians."""
+    return np.where(face == SECOND, 2.0 * np.pi - reading, reading)
 
 
 def _meter(length: Array, edm: Array) -> Array:
@@ -153,12 +165,19 @@ def zenith_angle(
     target: Array,
     target_vertical: Array,
     refraction: Array,
+    index_error: Array,
     *,
     observed: Array,
     instrument_height: Array,
     target_height: Array,
+    face: Array,
 ) -> Linearised:
-    """Compute π/2 − (β + κ S cosβ / 2R) − observed, radians."""
+    """Compute the reading of the vertical circle − observed, radians.
+
+    With z = π/2 − (β + κ S cosβ / 2R) the reading is z + i in face 1 and 2π − z + i in face 2.
+    """
+    second = face == SECOND
+    side = np.where(second, -1.0, 1.0)  # of z in the reading
     up = vertical_angle(
         frame,
         station,
@@ -166,11 +185,14 @@ def zenith_angle(
         target,
         target_vertical,
         refraction,
-        observed=np.pi / 2 - observed,
+        # π/2 − z of the reading without its index error
+        observed=np.pi / 2 - zenith_in_face_one(observed - index_error, face[:, None]),
         instrument_height=instrument_height,
         target_height=target_height,
     )
-    return Linearised(-up.residual, tuple(-j for j in up.jacobians))
+    sign = -side[:, None]
+    by_index = np.ones((len(observed), 1, 1))
+    return Linearised(sign * up.residual, (*(sign[:, :, None] * j for j in up.jacobians), by_index))
 
 
 def azimuth(
@@ -205,23 +227,42 @@ def direction(
     target: Array,
     target_vertical: Array,
     orientation: Array,
+    collimation_error: Array,
     *,
     observed: Array,
     instrument_height: Array,
     target_height: Array,
+    face: Array,
 ) -> Linearised:
-    """Compute α − orientation − observed, radians. Eq. 8."""
-    line = azimuth(
+    """Compute the reading of the horizontal circle − observed, radians. Eq. 8.
+
+    The reading is α − orientation − c/sin z in face 1 and α − orientation + c/sin z + π in face 2,
+    with 1/sin z = S/hypot(q_e, q_n) of the straight sight.
+    """
+    s = sight(
         frame,
         station,
         station_vertical,
         target,
         target_vertical,
-        observed=observed + orientation,
-        instrument_height=instrument_height,
-        target_height=target_height,
+        instrument_height,
+        target_height,
     )
-    return Linearised(line.residual, (*line.jacobians, np.full((len(observed), 1, 1), -1.0)))
+    alpha, gradient = _azimuth(s.q)
+    length, level = _length(s.q), _horizontal(s.q)
+    steep = length / level
+    side = np.where(face == SECOND, 1.0, -1.0)
+    c = collimation_error[:, 0]
+    if np.any(c):
+        # ∂(S/h)/∂q = q/(S h) − S (q_e, q_n, 0)/h³
+        bent = s.q / (length * level)[:, None]
+        bent[:, :2] -= s.q[:, :2] * (steep / level**2)[:, None]
+        gradient = gradient + (side * c)[:, None] * bent
+    turned = direction_in_face_one(observed[:, 0], face)
+    v = wrap(alpha + side * c * steep - orientation[:, 0] - turned)
+    n = len(observed)
+    by_orientation, by_collimation = np.full((n, 1, 1), -1.0), (side * steep)[:, None, None]
+    return Linearised(v[:, None], (*s.chain(gradient), by_orientation, by_collimation))
 
 
 def horizontal_angle(

@@ -70,6 +70,8 @@ class Network(Shown):
         self.observations: dict[str, Observation] = {}
         self.clusters: list[tuple[tuple[str, ...], Array]] = []
         self.images = ImageTable()
+        self.doubts: list[Problem] = []
+        """Readings that did not agree when they were reduced to observations."""
         self.point_number: dict[str, int] = {}
         self.photo_number: dict[str, int] = {}
         self._next_id = 1
@@ -379,9 +381,7 @@ class Network(Shown):
         measured, weights = checked_image_points(
             photo, points, xy, sigma=sigma, known_points=self.point_number
         )
-        number = np.fromiter(
-            (self.point_number[p] for p in points), dtype=np.intp, count=len(points)
-        )
+        number = np.array([self.point_number[p] for p in points], dtype=np.intp)
         of_photo = np.full(len(points), self.photo_number[photo], dtype=np.intp)
         self.images.append(of_photo, number, measured, weights)
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..frames import Frame
-from ..stochastic import StandardDeviation, whitening
+from ..stochastic import PARTS, StandardDeviation, whitening
 from ..types import Array
-from .registry import ObservationKind, observation_kind
+from .registry import KINDS, ObservationKind, observation_kind
 
 Sigma: TypeAlias = "float | StandardDeviation"
 
@@ -104,7 +104,10 @@ class Observation:
                 if not isinstance(value, str) and (value is not None or "None" not in str(f.type)):
                     self._fail(f"{f.name} must be text, not {value!r}")
                 continue
-            if isinstance(value, StandardDeviation) or (value is None and "None" in str(f.type)):
+            if isinstance(value, StandardDeviation):
+                self._check_parts(value)
+                continue
+            if value is None and "None" in str(f.type):
                 continue
             if not _finite(value):
                 shown = repr(value) if isinstance(value, str) else value
@@ -118,6 +121,19 @@ class Observation:
         points = self.points()
         if len(set(points)) < len(points):
             self._fail("an observation cannot join a point to itself")
+
+    def _check_parts(self, sigma: StandardDeviation) -> None:
+        """Refuse parts of a standard deviation that have no effect on the observation."""
+        record = KINDS.get(self.kind)
+        weight = None if record is None else record.weight
+        if weight is None:
+            return
+        idle = [p for p in PARTS if p not in weight.parts and getattr(sigma, p) != 0]
+        if idle:
+            self._fail(
+                f"{', '.join(idle)} of sigma has no effect on a {self.kind.replace('_', ' ')}, "
+                f"whose parts are constant, {', '.join(weight.parts)}"
+            )
 
     def __post_init__(self) -> None:
         """Check the observation; InputError names the observation."""

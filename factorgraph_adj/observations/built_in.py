@@ -28,6 +28,8 @@ _SIGHT2 = (*_SIGHT, ("point", "target2"), ("vertical", "target2"))
 _HEIGHTS = ("instrument_height", "target_height")
 _METER = ("edm", "instrument")
 _KAPPA = ("refraction", "refraction")
+_INDEX = ("index_error", "index_error")
+_COLLIMATION = ("collimation_error", "collimation_error")
 _RAY = (("pose", "photo"), ("calibration", "photo"), ("point", "point"))
 _POINT = (("point", "point"),)
 
@@ -52,17 +54,17 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ),
     ObservationKind(
         ZenithAngle,
-        (*_SIGHT, _KAPPA),
+        (*_SIGHT, _KAPPA, _INDEX),
         terrestrial.zenith_angle,
-        _HEIGHTS,
+        (*_HEIGHTS, "face"),
         "rad",
         weight=INCLINATIONS,
     ),
     ObservationKind(
         Direction,
-        (*_SIGHT, ("orientation", "set")),
+        (*_SIGHT, ("orientation", "set"), _COLLIMATION),
         terrestrial.direction,
-        _HEIGHTS,
+        (*_HEIGHTS, "face"),
         "rad",
         weight=DIRECTIONS,
         circular=True,

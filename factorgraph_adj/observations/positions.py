@@ -113,10 +113,12 @@ class GnssPosition(ControlPoint):
 
 @dataclass(frozen=True)
 class PhotoPosition(Observation):
-    """Position of the projection centre of a photo (GNSS), metres.
+    """Position of the antenna of a photo (GNSS), metres: X₀ + R a.
 
-    Computed: X₀ + R a with the lever arm a from the projection centre to the antenna, in the
-    photogrammetric axes of the camera (x right, y up, z backwards).
+    X₀ is the projection centre, R the rotation of ω, φ, κ from the photogrammetric axes of the
+    camera to the object, and a the lever arm: the vector from the projection centre to the antenna
+    in these axes, x to the right and y to the top of the image, z backwards, away from what the
+    camera sees. An antenna 1.2 m above a camera that looks vertically down has a = (0, 0, 1.2).
     """
 
     kind: ClassVar[str] = "photo_position"
@@ -131,7 +133,8 @@ class PhotoPosition(Observation):
     covariance: Array | None = None
     """Covariance (3, 3) of the components, metres²; None if ``sigma`` is given."""
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Vector a from the projection centre to the antenna, metres."""
+    """Vector a from the projection centre to the antenna, metres, in photogrammetric axes of the
+    camera: x right, y up, z backwards. Its sign is that of antenna − projection centre."""
     id: str | None = None
     """Name of the observation."""
     source: str | None = None

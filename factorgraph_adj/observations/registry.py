@@ -17,7 +17,8 @@ from typing import Any, Literal, TypeAlias
 from ..errors import InputError, Problem, known
 from ..models.base import Linearised
 from ..models.variables import ENTITIES, UNKNOWNS
-from .weights import PARTS, Weight
+from ..stochastic import PARTS
+from .weights import Weight
 
 Unit: TypeAlias = Literal["m", "rad", "image", "mixed"]
 """Unit of observed values: metres, radians, image units, or a unit for each component (mixed)."""
@@ -96,6 +97,11 @@ class ObservationKind:
             for f in fields(self.observation)
             if f.default is not MISSING or f.default_factory is not MISSING
         )
+
+    @cached_property
+    def defaults(self) -> dict[str, Any]:
+        """Plain defaults of attributes, by name."""
+        return {f.name: f.default for f in fields(self.observation) if f.default is not MISSING}
 
     @property
     def curved(self) -> bool:

@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import ClassVar
 
+from ..frames import Frame
 from .base import Observation, Sight, Sigma
+
+
+def _check_face(observation: Observation, face: float) -> None:
+    """Refuse faces that an instrument does not have."""
+    if face not in (1, 2):
+        observation._fail(f"the face must be 1 or 2, not {face}")
 
 
 @dataclass(frozen=True)
@@ -39,30 +47,69 @@ class VerticalAngle(Sight):
 
 @dataclass(frozen=True)
 class ZenithAngle(VerticalAngle):
-    """Zenith angle, radians: π/2 − (β + κ S cosβ / 2R); from 0 to π."""
+    """Zenith angle, radians: z + i with z = π/2 − (β + κ S cosβ / 2R); in face 2 2π − z + i.
+
+    The value is from 0 to π, in face 2 from π to 2π.
+    """
 
     kind: ClassVar[str] = "zenith_angle"
+    _: KW_ONLY
+    face: int = field(default=1, metadata={"quantity": "number"})
+    """Face of the reading, 1 or 2."""
+    index_error: str | None = None
+    """Name of the index error i of the vertical circle; None: it is 0."""
+
+    @property
+    def in_face_one(self) -> float:
+        """Zenith angle that the reading gives without its index error, radians, from 0 to π."""
+        return 2.0 * math.pi - self.value if self.face == 2 else self.value
+
+    def with_reading(self, values: Sequence[float], frame: Frame) -> ZenithAngle:
+        """Return the observation with another reading; in face 2 taken modulo 2π."""
+        (value,) = values
+        return replace(self, value=value % (2.0 * math.pi) if self.face == 2 else value)
 
     def _check(self) -> None:
-        """Refuse readings of the second face, besides what all observations refuse."""
+        """Refuse readings of the other face, besides what all observations refuse."""
         super()._check()
-        if not 0.0 <= self.value <= math.pi:
-            gon = self.value * 200.0 / math.pi
+        _check_face(self, self.face)
+        gon = self.value * 200.0 / math.pi
+        if self.face == 2:
+            # 0 gon is 400 gon, and what stands in plans without readings.
+            if self.value != 0.0 and not math.pi <= self.value <= 2.0 * math.pi:
+                self._fail(
+                    f"a zenith reading in face 2 lies between 200 and 400 gon, not at {gon:.4f} "
+                    f"gon (in degrees: 180 and 360, {0.9 * gon:.4f}): is it of face 1?"
+                )
+        elif not 0.0 <= self.value <= math.pi:
             self._fail(
                 f"a zenith angle lies between 0 and 200 gon, not at {gon:.4f} gon (in degrees: 0 "
                 f"and 180, {0.9 * gon:.4f}): a reading in the second face is 400 gon minus the "
-                "zenith angle; give both faces to fga.reduce_faces"
+                "zenith angle; give both faces to fga.reduce_faces or in readings.csv, or state "
+                "face 2"
             )
 
 
 @dataclass(frozen=True)
 class Direction(Sight):
-    """Horizontal direction, clockwise, radians: α − orientation of its set. Eq. 8."""
+    """Horizontal direction, clockwise, radians: α − orientation of its set − c/sin z. Eq. 8.
+
+    In face 2 α − orientation + c/sin z + π.
+    """
 
     kind: ClassVar[str] = "direction"
     _: KW_ONLY
     set: str = "1"
     """Set of directions at the station; each set has one orientation unknown."""
+    face: int = field(default=1, metadata={"quantity": "number"})
+    """Face of the reading, 1 or 2."""
+    collimation_error: str | None = None
+    """Name of the collimation error c of the telescope; None: it is 0."""
+
+    def _check(self) -> None:
+        """Refuse other faces, besides what all observations refuse."""
+        super()._check()
+        _check_face(self, self.face)
 
 
 @dataclass(frozen=True)
@@ -102,7 +149,11 @@ class HorizontalAngle(Observation):
 
 @dataclass(frozen=True)
 class HeightDifference(Sight):
-    """Levelled height difference from station to target, metres: ½(u_i + u_j)·d. Eq. 10."""
+    """Levelled height difference from station to target, metres: ½(u_i + u_j)·d. Eq. 10.
+
+    Its σ has a constant part and one for √1 km of line. It takes no centring: a level stands
+    anywhere. Of a trigonometric height difference the constant part states the whole.
+    """
 
     kind: ClassVar[str] = "height_difference"
     _: KW_ONLY

@@ -1,28 +1,20 @@
 """Variance of an observation from the parts of its standard deviation, for each kind.
 
-    Lengths (S in metres):    σ² = (constant + ppm·10⁻⁶ S)² + centring_i² + centring_t²
-    Levelling (L in km):      σ² = constant² + per_sqrt_km² L + centring_i² + centring_t²
-    Directions, azimuths:     σ² = constant² + (centring_i² + centring_t²)/D²
-    Vertical, zenith angles:  σ² = constant² + (centring_i² + centring_t²)/S²
-    Angles j-i-k:             σ² = constant² + centring_i² D_jk²/(D_ij D_ik)²
-                                   + centring_t² (1/D_ij² + 1/D_ik²)
-
-D are horizontal distances and S slope distances from the start coordinates; S of a length is the
-observed value. The record of each kind holds the `Weight` of the kind, or None.
+`factorgraph_adj.stochastic.StandardDeviation` has the formulas. The record of each kind holds the
+`Weight` of the kind, or None.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from ..stochastic import PARTS, StandardDeviation
 from ..types import Array
 
-PARTS = ("ppm", "per_sqrt_km", "centring_instrument", "centring_target")
-"""Attributes of `StandardDeviation` for the parts that are not constant."""
 CENTRING = ("centring_instrument", "centring_target")
 """Parts for the centring of instrument and target."""
 
@@ -45,6 +37,29 @@ class Geometry(Protocol):
 
 
 @dataclass(frozen=True)
+class Along:
+    """One sight of known length, for a tolerance without coordinates."""
+
+    length: float
+    """Length, metres."""
+    km: float | None = None
+    """Length of the levelled line, km; None: that of the sight."""
+
+    @property
+    def observed(self) -> Array:
+        """The length, (1,)."""
+        return np.array([self.length])
+
+    def sight(self, target: str = "target") -> Array:
+        """Return the line as a level one, (1, 3) metres."""
+        return np.array([[0.0, self.length, 0.0]])
+
+    def number(self, attribute: str) -> Array:
+        """Return the length of the levelled line, km, (1,); NaN if it is that of the sight."""
+        return np.array([np.nan if self.km is None else self.km])
+
+
+@dataclass(frozen=True)
 class Parts:
     """The parts of n standard deviations, each (n,)."""
 
@@ -59,56 +74,79 @@ class Parts:
     centring_target: Array
     """Standard deviation of the centring of the target, metres."""
 
+    @classmethod
+    def of(cls, sigmas: Sequence[StandardDeviation]) -> Parts:
+        """Return the parts of standard deviations."""
+        return cls(*(np.array([getattr(s, n) for s in sigmas]) for n in ("constant", *PARTS)))
+
+
+@dataclass(frozen=True)
+class Effects:
+    """Effects of the parts of n standard deviations on their observations, each (n,)."""
+
+    reading: tuple[Array, ...]
+    """Effects of the reading itself, unit of the observation."""
+    beside: tuple[Array, ...] = ()
+    """Effects of what is beside the reading, such as centring."""
+
+    def variance(self, combine: Sequence[str]) -> Array:
+        """Return σ² (n,), by how the effects of each standard deviation combine (n,)."""
+        every = (*self.reading, *self.beside)
+        linear = np.square(sum(every))
+        quadratic = sum(map(np.square, every))
+        mixed = np.square(sum(self.reading)) + sum(map(np.square, self.beside))
+        rule = np.array(combine)
+        return np.select([rule == "linear", rule == "quadratic"], [linear, quadratic], mixed)
+
 
 @dataclass(frozen=True)
 class Weight:
     """Variance of a kind of observation as a function of parts and geometry."""
 
-    variance: Callable[[Parts, Geometry], Array]
-    """(parts, geometry) → σ², (n,)."""
+    effects: Callable[[Parts, Geometry], Effects]
+    """(parts, geometry) → effects of the parts on the observations."""
     parts: tuple[str, ...] = CENTRING
-    """Parts that ``variance`` uses besides the constant one; only these have columns in tables."""
+    """Parts that have an effect besides the constant one; only these have columns in tables."""
+
+    def variance(self, sigmas: Sequence[StandardDeviation], geometry: Geometry) -> Array:
+        """Return σ² of standard deviations, (n,)."""
+        effects = self.effects(Parts.of(sigmas), geometry)
+        return effects.variance([s.combine for s in sigmas])
 
 
-def _of_lengths(p: Parts, geometry: Geometry) -> Array:
+def _of_lengths(p: Parts, geometry: Geometry) -> Effects:
     length = np.abs(geometry.observed)
-    variance: Array = (
-        (p.constant + 1e-6 * p.ppm * length) ** 2 + p.centring_instrument**2 + p.centring_target**2
-    )
-    return variance
+    return Effects((p.constant, 1e-6 * p.ppm * length), (p.centring_instrument, p.centring_target))
 
 
-def _of_levelling(p: Parts, geometry: Geometry) -> Array:
+def _of_levelling(p: Parts, geometry: Geometry) -> Effects:
     stated = geometry.number("length_km")
     km = np.where(np.isnan(stated), _level(geometry.sight()) / 1000.0, stated)
-    variance: Array = (
-        p.constant**2 + p.per_sqrt_km**2 * km + p.centring_instrument**2 + p.centring_target**2
-    )
-    return variance
+    # Without the part the length does not matter, and may be unknown.
+    return Effects((p.constant,), (np.where(p.per_sqrt_km > 0, p.per_sqrt_km * np.sqrt(km), 0.0),))
 
 
-def _of_inclinations(p: Parts, geometry: Geometry) -> Array:
+def _of_inclinations(p: Parts, geometry: Geometry) -> Effects:
     slope = np.linalg.norm(geometry.sight(), axis=1)
-    variance: Array = p.constant**2 + (p.centring_instrument**2 + p.centring_target**2) / slope**2
-    return variance
+    return Effects((p.constant,), (p.centring_instrument / slope, p.centring_target / slope))
 
 
-def _of_directions(p: Parts, geometry: Geometry) -> Array:
+def _of_directions(p: Parts, geometry: Geometry) -> Effects:
     level = _level(geometry.sight())
-    variance: Array = p.constant**2 + (p.centring_instrument**2 + p.centring_target**2) / level**2
-    return variance
+    return Effects((p.constant,), (p.centring_instrument / level, p.centring_target / level))
 
 
-def _of_angles(p: Parts, geometry: Geometry) -> Array:
+def _of_angles(p: Parts, geometry: Geometry) -> Effects:
     q, q2 = geometry.sight(), geometry.sight("target2")
     level, level2 = _level(q), _level(q2)
     across = np.hypot(q2[:, 0] - q[:, 0], q2[:, 1] - q[:, 1])
-    variance: Array = (
-        p.constant**2
-        + p.centring_instrument**2 * (across / (level * level2)) ** 2
-        + p.centring_target**2 * (1 / level**2 + 1 / level2**2)
+    return Effects(
+        (p.constant,),
+        (
+            p.centring_instrument * across / (level * level2),
+            p.centring_target * np.hypot(1 / level, 1 / level2),
+        ),
     )
-    return variance
 
 
 def _level(q: Array) -> Array:
@@ -117,8 +155,8 @@ def _level(q: Array) -> Array:
 
 LENGTHS = Weight(_of_lengths, ("ppm", *CENTRING))
 """Variance of distances."""
-LEVELLING = Weight(_of_levelling, ("per_sqrt_km", *CENTRING))
-"""Variance of levelled height differences."""
+LEVELLING = Weight(_of_levelling, ("per_sqrt_km",))
+"""Variance of levelled height differences: a level has no centring."""
 INCLINATIONS = Weight(_of_inclinations)
 """Variance of vertical and zenith angles."""
 DIRECTIONS = Weight(_of_directions)

@@ -244,15 +244,9 @@ def _watched_rows(design: Plan, a: object, rows: Index) -> tuple[Array, Array, A
         part = np.asarray(a[at].todense())  # type: ignore[index]
         right[j] = values @ part
         weight[j] = values @ values
-        # The row of A of the observation itself is W⁻¹ times the whitened rows of its group.
-        whitener = np.stack([_unit(equations, int(i), at) for i in at], axis=1)
+        # The row of A of the observation itself is W⁻¹ times the whitened rows of its group. The
+        # columns of W are those of its members, in the order of the group, which need not be that
+        # of the rows.
+        whitener = np.stack([whitened_unit(equations, i)[1] for i in at.tolist()], axis=1)
         left[j] = np.linalg.solve(whitener, part)[at.tolist().index(row)]
     return left, right, weight
-
-
-def _unit(equations: object, row: int, at: Index) -> Array:
-    """Return the column of a group's whitener that belongs to a row."""
-    where, values = whitened_unit(equations, row)  # type: ignore[arg-type]
-    out = np.zeros(len(at))
-    out[np.searchsorted(at, where)] = values
-    return out

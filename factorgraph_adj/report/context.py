@@ -29,7 +29,7 @@ from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array
 from ..units import ANGLE, LENGTH
-from .doubts import above_critical, doubts_about
+from .doubts import above_critical, doubts_about, of_readings
 from .options import Provenance, ReportOptions
 from .rows import ReportRows
 from .set_aside import SetAside, set_aside
@@ -148,6 +148,7 @@ class Report:
         name = "τ" if self.pope else "w"
         return [
             *doubts_about(self.solution),
+            *of_readings(self.network),
             *above_critical(values, critical, name, self.options.alpha),
         ]
 

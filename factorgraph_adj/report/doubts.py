@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ..network.network import Network
 from ..quality.unit_weight import Adjusted, global_test
 from ..types import Array
 
@@ -33,6 +34,16 @@ def doubts_about(solution: Ended) -> list[str]:
         return []
     bounds = f"accepted from {test.lower:.4f} to {test.upper:.4f}"
     return [f"global test failed: σ̂0 = {test.sigma0:.4f}, {bounds}"]
+
+
+def of_readings(network: Network) -> list[str]:
+    """Return how many readings did not agree when they were reduced, and the first of them."""
+    n = len(network.doubts)
+    if not n:
+        return []
+    return [
+        f"{n} doubt{'s' * (n != 1)} about the two faces of targets, the first: {network.doubts[0]}"
+    ]
 
 
 def above_critical(values: Array, critical: float, name: str, alpha: float) -> list[str]:

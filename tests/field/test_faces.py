@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import pi, sin, sqrt
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.field.faces import FaceReading, reduce_faces
+from factorgraph_adj.errors import Problem
+from factorgraph_adj.field.faces import reduce_faces
+from factorgraph_adj.field.readings import FaceReading
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
+from tests.support.same import assert_same_network
 
 MGON = pi / 200e3
 SIGMAS = {"sigma_direction": MGON, "sigma_zenith": MGON, "sigma_distance": 0.002}
@@ -165,3 +169,199 @@ def test_what_no_instrument_has_is_doubted_with_one_target_too():
     longer = [readings[0], FaceReading(**{**vars(readings[1]), "distance": 52.0})]
     (doubt,) = reduce_faces(longer, **SIGMAS).doubts
     assert "its distances differ by 2000.0 mm, tolerance 9.3 mm" in str(doubt)
+
+
+def test_a_wrong_reading_does_not_make_the_others_doubtful():
+    readings, *_ = book(noise=0.2 * MGON)
+    wrong = [
+        replace(r, zenith=r.zenith + 60 * MGON) if i == 5 else r for i, r in enumerate(readings)
+    ]
+    (doubt,) = reduce_faces(wrong, **SIGMAS).doubts
+    assert "target 'T2'" in str(doubt)
+    both = reduce_faces(wrong[4:8], **SIGMAS).doubts  # nobody knows which of two is wrong
+    assert [str(p).split(":")[0][-4:] for p in both] == ["'T2'", "'T3'"]
+
+
+def test_the_zenith_reading_tells_the_face():
+    readings, *_ = book()
+    plain = [replace(r, face=None) for r in readings]
+    assert (
+        reduce_faces(plain, **SIGMAS).observations == reduce_faces(readings, **SIGMAS).observations
+    )
+    unknown = replace(readings[0], face=None, zenith=None)
+    with pytest.raises(fga.InputError, match="the face is missing: give 1 or 2"):
+        reduce_faces([unknown], **SIGMAS)
+
+
+def test_centring_and_ppm_are_not_less_for_two_faces():
+    readings, *_ = book(2)
+    sigma = fga.StandardDeviation(MGON, centring_target=0.001)
+    length = fga.StandardDeviation(0.002, ppm=2.0)
+    given = {"sigma_direction": sigma, "sigma_zenith": MGON, "sigma_distance": length}
+    found = reduce_faces(readings, **given)
+    d, s = of_kind(found, Direction)[0].sigma, of_kind(found, SlopeDistance)[0].sigma
+    assert (d.constant, d.centring_target) == (MGON / sqrt(2), 0.001)
+    assert (s.constant, s.ppm) == (0.002 / sqrt(2), 2.0)
+    with pytest.raises(fga.InputError, match="sigma_direction has centring, which the two faces"):
+        reduce_faces(readings, **given, faces="both")
+
+
+# -- both faces as observations -------------------------------------------------------------------
+
+HELD = {f"H{k}": (60 * np.sin(k), 70 * np.cos(1.3 * k), 15 * np.sin(2 * k)) for k in range(5)}
+NEW = {"S1": (3.0, -4.0, 1.0), "S2": (28.0, 9.0, -2.0), "N": (10.0, 35.0, 12.0)}
+INDEX, COLLIMATION = {"S1": 35 * MGON, "S2": -20 * MGON}, {"S1": -42 * MGON, "S2": 25 * MGON}
+
+
+def site(faces, *, instrument=None, noise=1.0, seed=4, only_one=()):
+    """Return two stations that read held and new points in both faces, and what was reduced."""
+    network = fga.Network("two faces")
+    for name, at in HELD.items():
+        network.add_point(name, at, fixed="xyz")
+    for name in NEW:
+        network.add_point(name)
+    rng, readings = np.random.default_rng(seed), []
+    for station in ("S1", "S2"):
+        of = "S1" if instrument else station
+        for target, at in {**HELD, **NEW}.items():
+            if target == station:
+                continue
+            q = np.subtract(at, NEW[station])
+            length = float(np.linalg.norm(q))
+            d, z = np.arctan2(q[0], q[1]) + 0.7, np.arccos(q[2] / length)
+            for face in (1, 2) if target not in only_one else (2,):
+                e = noise * rng.normal(size=3)
+                side = -1 if face == 1 else 1
+                turned = d + side * COLLIMATION[of] / sin(z) + pi * (face - 1)
+                circle = (z if face == 1 else 2 * pi - z) + INDEX[of]
+                readings.append(
+                    FaceReading(
+                        station=station,
+                        target=target,
+                        face=face,
+                        direction=float((turned + MGON * e[0]) % (2 * pi)),
+                        zenith=float(circle + MGON * e[1]),
+                        distance=length + 0.002 * e[2],
+                        instrument=instrument,
+                    )
+                )
+    found = reduce_faces(readings, **SIGMAS, faces=faces)
+    found.add_to(network)
+    return network, found
+
+
+def test_both_ways_give_the_same_estimates_of_everything_else():
+    means, reduced = site("means")
+    both, _ = site("both")
+    a, b = fga.adjust(means), fga.adjust(both)
+    for name in NEW:
+        # c/sin z depends on the points, so that differences of faces tell of them, by c/sin z.
+        away = np.abs(a.point(name) - b.point(name))
+        assert away.max() < 1e-3 * a.standard_deviations(name).min()
+        assert b.standard_deviations(name) == pytest.approx(a.standard_deviations(name), rel=1e-3)
+    for s in reduced.setups:
+        i = b.unknown("index_error", f"{s.station}/1")
+        c = b.unknown("collimation_error", f"{s.station}/1")
+        assert i.values[0] == pytest.approx(s.index, abs=1e-3 * s.sigma_index)
+        assert c.values[0] == pytest.approx(s.collimation, abs=2e-2 * s.sigma_collimation)
+        assert i.sigmas[0] == pytest.approx(s.sigma_index, rel=1e-6)
+        assert c.sigmas[0] == pytest.approx(s.sigma_collimation, rel=1e-3)
+    # Each target has told its own index and collimation error, of which one of each was unknown.
+    targets = sum(s.targets for s in reduced.setups)
+    assert b.redundancy - a.redundancy == 2 * (targets - len(reduced.setups))
+
+
+def test_the_errors_are_found_without_noise_also_from_one_face_of_some_targets():
+    network, _ = site("both", noise=0.0, only_one=("H1", "N"))
+    solution = fga.adjust(network)
+    for name, at in NEW.items():
+        assert solution.point(name) == pytest.approx(at, abs=1e-9)
+    for station in ("S1", "S2"):
+        found = solution.unknown("index_error", f"{station}/1").values[0]
+        assert found == pytest.approx(INDEX[station], abs=1e-12)
+        found = solution.unknown("collimation_error", f"{station}/1").values[0]
+        assert found == pytest.approx(COLLIMATION[station], abs=1e-12)
+
+
+def test_an_instrument_shares_its_errors():
+    network, _ = site("both", instrument="TS")
+    solution = fga.adjust(network)
+    assert list(network.of_kind("index_error")) == ["TS"]
+    shared = solution.unknown("index_error", "TS")
+    assert shared.values[0] == pytest.approx(INDEX["S1"], abs=4 * shared.sigmas[0])
+    assert shared.sigmas[0] == pytest.approx(MGON / sqrt(2 * 14), rel=1e-6)
+
+
+def test_errors_of_circles_may_be_weighted_or_held_and_are_tested():
+    other, found = site("both")
+    network = fga.Network("again")
+    for name, p in other.points.items():
+        network.add_point(name, p.coordinates, fixed="xyz" if all(p.fixed) else "")
+    network.set_unknown("index_error", "S1/1", (30 * MGON,), fixed=True)
+    network.set_unknown("collimation_error", "S1/1", (-40 * MGON,), sigma=5 * MGON)
+    found.add_to(network)
+    solution = fga.adjust(network)
+    assert solution.unknown("index_error", "S1/1").sigmas[0] == 0.0
+    weighted = solution.unknown("collimation_error", "S1/1")
+    assert 0 < weighted.sigmas[0] < MGON / sqrt(2 * 6)
+    rel = fga.reliability(solution)
+    (held,) = [v for v in rel.given_values if v.kind == "index_error"]
+    error = held.together.error[0]  # given − true
+    assert held.name == "S1/1" and error == pytest.approx(-5 * MGON, abs=1.5 * MGON)
+    assert abs(held.w[0]) > 3.29
+    labels = [p.label for p in fga.significance(solution).parameters if p.significant]
+    names = [("index_error", "S2/1", "index"), ("collimation_error", "S2/1", "collimation")]
+    assert set(names) <= set(labels)
+
+
+def test_an_error_that_nothing_determines_is_named():
+    network, _ = site("both")
+    ids = [i for i, o in network.observations.items() if getattr(o, "face", 1) == 1]
+    one_face = fga.without(network, [i for i in network.observations if i not in ids])
+    # One face alone has no collimation error apart from the orientation where sights are level.
+    flat = fga.Network("flat")
+    for name, at in {**HELD, "S": (1.0, 2.0, 0.0)}.items():
+        flat.add_point(name, (*at[:2], 0.0), fixed="xyz")
+    flat.set_unknown("collimation_error", "T")
+    for o in one_face.observations.values():
+        if isinstance(o, Direction) and o.station == "S1" and o.target in HELD:
+            flat.add(Direction("S", o.target, o.value, sigma=MGON, collimation_error="T"))
+    with pytest.raises(fga.DatumError, match="collimation error"):
+        fga.adjust(flat)
+
+
+def test_both_faces_arrive_one_by_one():
+    network, found = site("both")
+    empty = fga.Network("arrives")
+    for name, p in network.points.items():
+        fixed = "xyz" if all(p.fixed) else ""
+        empty.add_point(name, p.coordinates if fixed else NEW[name], fixed=fixed)
+    for kind in ("index_error", "collimation_error"):
+        for name in network.of_kind(kind):
+            empty.set_unknown(kind, name)
+    inc = fga.IncrementalAdjustment(empty, policy="accept")
+    for o in found.observations:
+        inc.add(o)
+    inc.settle()
+    end, batch = inc.solution(), fga.adjust(network)
+    for name in NEW:
+        assert end.point(name) == pytest.approx(batch.point(name), abs=1e-6)
+    assert end.unknown("index_error", "S2/1").values == pytest.approx(
+        batch.unknown("index_error", "S2/1").values, abs=1e-9
+    )
+
+
+def test_a_network_with_both_faces_comes_back_from_files(tmp_path):
+    network, _ = site("both")
+    fga.write_project(network, tmp_path / "project.toml")
+    again = fga.read_project(tmp_path)
+    assert_same_network(network, again)
+    header = (tmp_path / "observations.csv").read_text().splitlines()[0].split(",")
+    assert {"face", "index_error", "collimation_error"} <= set(header)
+    assert "S1/1" in (tmp_path / "index_errors.csv").read_text()
+    network.doubts.append(Problem("what", "where"))
+    solution = fga.adjust(network)
+    solution.save(tmp_path / "end.npz")
+    loaded = fga.load_solution(tmp_path / "end.npz")
+    assert loaded.network.doubts == [Problem("what", "where")]
+    assert np.array_equal(loaded.covariance("N"), solution.covariance("N"))

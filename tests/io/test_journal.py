@@ -29,7 +29,7 @@ from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
 from factorgraph_adj.rotation import world_R_camera
-from factorgraph_adj.stochastic import StandardDeviation
+from factorgraph_adj.stochastic import COMBINATIONS, StandardDeviation
 from tests.networks.every_kind import FRAMES as EVERY_FRAME
 from tests.networks.every_kind import LENSES_USED, OBSERVED
 from tests.networks.everything import FRAMES, everything
@@ -76,6 +76,10 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     out = {n: next(free) for n in names[:5] if n in have}
     out |= {n: str(rng.integers(9)) for n in names[5:] if n in have and rng.random() < 0.5}
     out |= {n: number(rng) for n in have if n.endswith("_height") and rng.random() < 0.5}
+    if "face" in have:
+        out["face"] = int(rng.integers(1, 3))
+        error = "index_error" if kind == "zenith_angle" else "collimation_error"
+        out |= {error: "#5"} if rng.random() < 0.5 else {}
     if "length_km" in have:
         out["length_km"] = abs(number(rng))
     if "lever_arm" in have:
@@ -96,15 +100,12 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     else:
         out["value"] = abs(number(rng))
         if kind == "zenith_angle":
-            out["value"] %= math.pi
+            out["value"] = out["value"] % math.pi + math.pi * (out["face"] - 1)
         out["sigma"] = abs(number(rng))
         if have["sigma"].type == "Sigma" and rng.random() < 0.5:
-            parts = {"centring_instrument": abs(number(rng)), "centring_target": abs(number(rng))}
-            if kind.endswith("_distance"):
-                parts["ppm"] = abs(number(rng))
-            if kind == "height_difference":
-                parts["per_sqrt_km"] = abs(number(rng))
-            out["sigma"] = StandardDeviation(abs(number(rng)), **parts)
+            parts = {name: abs(number(rng)) for name in KINDS[kind].weight.parts}
+            combine = str(rng.choice(COMBINATIONS))
+            out["sigma"] = StandardDeviation(abs(number(rng)), **parts, combine=combine)
     return cls(**out)
 
 
@@ -155,12 +156,11 @@ def test_minus_zero_and_the_smallest_and_largest_floats_come_back():
 
 
 def test_what_no_record_can_say_is_not_written():
-    given = o.Direction("A", "B", 0.7, sigma=StandardDeviation(ppm=2.0), set="", id="")
+    given = o.Direction("A", "B", 0.7, sigma=1e-5, set="", id="")
     found = problems_of(j.observation_fields, given, id=None)
     assert [what for what, _ in found] == [
         "id must be text that is not empty, not ''",
         "set must be text that is not empty, not ''",
-        "no part of its standard deviation applies to direction",
     ]
     assert {where for _, where in found} == {given.label()}
 

@@ -47,6 +47,7 @@ def test_partials_of_weighted_unknowns_are_right_away_from_their_given_values(aw
     network.set_refraction("ray", value=0.13, sigma=0.05)
     network.set_distance_meter("edm", scale=1e-5, zero=0.01, sigma_scale=1e-6, free=["zero"])
     network.set_orientation("i", value=0.2, sigma=0.01)
+    network.set_unknown("index_error", "circle", (2e-4,), sigma=1e-4)
     values = every_kind.LENSES_USED["brown"].values
     network.add_camera("camera", BrownLens(), values, free=["x0"], sigma={"c": 0.1, "k1": 1e-5})
     network.add_photo(

@@ -30,8 +30,16 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "slope_distance": lambda: [o.SlopeDistance("i", "j", 1.0, instrument="edm", **SIGHT)],
     "horizontal_distance": lambda: [o.HorizontalDistance("i", "j", 1.0, instrument="edm", **SIGHT)],
     "vertical_angle": lambda: [o.VerticalAngle("i", "j", 0.0, refraction="ray", **SIGHT)],
-    "zenith_angle": lambda: [o.ZenithAngle("i", "j", 1.6, refraction="ray", **SIGHT)],
-    "direction": lambda: [o.Direction("i", "j", 0.0, **SIGHT), o.Direction("i", "k", 0.0, **SIGHT)],
+    "zenith_angle": lambda: [
+        o.ZenithAngle("i", "j", 1.6, refraction="ray", **SIGHT),
+        o.ZenithAngle("i", "j", 1.6, refraction="ray", index_error="circle", **SIGHT),
+        o.ZenithAngle("i", "j", 4.7, face=2, refraction="ray", index_error="circle", **SIGHT),
+    ],
+    "direction": lambda: [
+        o.Direction("i", "j", 0.0, **SIGHT),
+        o.Direction("i", "k", 0.0, collimation_error="telescope", **SIGHT),
+        o.Direction("i", "k", 3.0, face=2, collimation_error="telescope", **SIGHT),
+    ],
     "azimuth": lambda: [o.Azimuth("i", "j", 0.0, **SIGHT)],
     "horizontal_angle": lambda: [
         o.HorizontalAngle("i", "j", "k", 0.0, target2_height=1.7, **SIGHT)
@@ -138,6 +146,8 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     network.set_refraction("ray", value=0.17)
     network.set_distance_meter("edm", scale=3e-5, zero=0.02, free=("scale", "zero"))
     network.set_orientation("i", value=0.3)
+    network.set_unknown("index_error", "circle", (2e-4,))
+    network.set_unknown("collimation_error", "telescope", (3e-4,))
     for kind, make in OBSERVED.items():
         local = isinstance(frame, LocalFrame)
         if kind == "photo_position" or (kind.startswith("astronomic") and local):
@@ -156,6 +166,9 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
         "orientation": (0.01,),
         "refraction": (0.1,),
         "edm": (1e-3, 1e-2),
+        "index_error": (1e-3,),
+        # Of a steep sight the reading changes by c/sin z.
+        "collimation_error": (1e-3 * geometry.reach / geometry.length,),
     }
     return equations, _steps(equations, steps)
 

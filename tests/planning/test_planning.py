@@ -14,6 +14,7 @@ from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.observations import (
     ControlPoint,
+    Correlated,
     GnssVector,
     HeightDifference,
     ImagePoint,
@@ -814,3 +815,35 @@ def test_bad_costs_and_patterns_of_what_may_go_are_told_all_at_once() -> None:
         fga.find_sparable(network, [PointPrecision(2e-3, axes="z")], observations=())
     found = fga.find_sparable(network, PointPrecision(2e-3, axes="z"), observations="p0")
     assert found.ids == ("p0",)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0), (2, 1, 0)])
+def test_the_order_of_a_correlated_group_need_not_be_that_of_the_rows(
+    order: tuple[int, ...],
+) -> None:
+    """The order was taken for that of the rows: `propose` failed, or gave wrong figures."""
+    joint = 1e-6 * np.array([[4.0, 1.0, 0.5], [1.0, 9.0, -2.0], [0.5, -2.0, 6.0]])
+    network = fga.Network("group")
+    for name, at in (("A", (0, 0, 0)), ("B", (90, 5, 3)), ("C", (30, 80, 6))):
+        network.add_point(name, at, fixed="xyz")
+    network.add_point("P", (40.0, 30.0, 2.0))
+    network.add(level("C", "P", 0.01, "first"))
+    group = (
+        level("A", "P", 1.0, "h"),
+        SlopeDistance("A", "P", 0.0, sigma=1.0, id="a"),
+        SlopeDistance("B", "P", 0.0, sigma=1.0, id="b"),
+    )
+    members = tuple(group[i] for i in order)
+    network.add(Correlated(members, joint[np.ix_(order, order)]))
+    network.add(SlopeDistance("C", "P", 0.0, sigma=0.02, id="c"))
+    candidates = [
+        fga.Candidate("weak", (SlopeDistance("C", "P", 0.0, sigma=5e-3),), cost=1.0),
+        fga.Candidate("first", (SlopeDistance("B", "P", 0.0, sigma=2e-3),), cost=2.0),
+        fga.Candidate("second", (SlopeDistance("A", "P", 0.0, sigma=2e-3),), cost=3.0),
+        fga.Candidate("third", (level("C", "P", 2e-3),), cost=2.5),
+    ]
+    targets: list[Target] = [RedundancyNumber(0.4, observations=("h", "a", "b"))]
+    assert fga.plan(network, targets).shortfalls
+    found = fga.propose(network, candidates, targets)
+    assert found.cost == cheapest(network, candidates, targets)
+    assert found.plan.met

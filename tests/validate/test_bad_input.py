@@ -137,8 +137,8 @@ READING = {
     "σ in a unit of something else": (
         *("observations", "direction,12,A,C,0,,1", "direction,12,A,C,0,1,1"),
         "observations.csv:13: direction A C (id 12): sigma_mm does not apply to direction; it "
-        "takes: kind, id, station, target, value, unit, instrument_height, target_height, set, "
-        "sigma_mgon, centring_instrument_mm, centring_target_mm",
+        "takes: kind, id, station, target, value, unit, instrument_height, target_height, face, "
+        "set, collimation_error, sigma_mgon, centring_instrument_mm, centring_target_mm, combine",
     ),
     "an unknown unit of a column": (
         *("observations", "sigma_mgon", "sigma_mgrad"),
@@ -220,7 +220,7 @@ READING = {
     "an unknown key": (
         *("project", 'name = "yard"', 'name = "yard"\nnote = "old"'),
         "project.toml: unknown key 'note'; known: name, datum, dimension, frame, units, files, "
-        "camera, sigma, adjust",
+        "camera, sigma, readings, adjust",
     ),
     "an unknown frame": (
         *("project", 'name = "yard"', 'name = "yard"\n[frame]\nkind = "flat"'),

@@ -16,6 +16,7 @@ from ...errors import InputError
 from ...frames import LocalFrame
 from ...graph.blocks import Block
 from ...graph.equations import Equations
+from ...models.terrestrial import direction_in_face_one
 from ...network.network import Network
 from ...types import Array, Index
 from .finding import Finding
@@ -169,7 +170,7 @@ def _axes(equations: Equations) -> Iterator[Finding]:
         points = equations.unknowns["point"].values
         d = points[ends[1][rows]] - points[ends[0][rows]]
         azimuth = np.arctan2(d[:, 0], d[:, 1])
-        reading = block.observed[rows, 0]
+        reading = direction_in_face_one(block.observed[rows, 0], block.constants["face"][rows])
         group = by["orientation"][rows]
         now, other = (_spread(azimuth - sign * reading, group) for sign in (1.0, -1.0))
         if other * BETTER < now:

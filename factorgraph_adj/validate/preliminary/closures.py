@@ -14,6 +14,7 @@ import numpy as np
 
 from ...graph.equations import Equations
 from ...observations import Observation
+from ...observations.weights import LEVELLING, Along
 from ...stochastic import StandardDeviation
 from ...types import Array, Index
 from .finding import TIMES, Finding
@@ -119,13 +120,9 @@ def of_line(o: Observation, start: Array, end: Array) -> float:
     sigma = o.sigma  # type: ignore[attr-defined]
     if not isinstance(sigma, StandardDeviation):
         return float(sigma)
-    centring = np.hypot(sigma.centring_instrument, sigma.centring_target)
-    own = float(np.hypot(sigma.constant, centring))
-    if not sigma.per_sqrt_km:
-        return own
+    length = float(np.hypot(*(end - start)[:2]))
     stated = o.length_km  # type: ignore[attr-defined]
-    km = float(np.hypot(*(end - start)[:2])) / 1000.0 if stated is None else stated
-    return float(np.hypot(own, sigma.per_sqrt_km * np.sqrt(km)))
+    return float(np.sqrt(LEVELLING.variance([sigma], Along(length, stated))[0]))
 
 
 def _edges(equations: Equations, kind: str) -> Edges | None:

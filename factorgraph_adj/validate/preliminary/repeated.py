@@ -17,6 +17,7 @@ from ...observations import (
     VerticalAngle,
     ZenithAngle,
 )
+from ...observations.weights import Along
 from ...stochastic import StandardDeviation
 from .finding import TIMES, Finding
 
@@ -31,11 +32,9 @@ def size_of(o: Observation, length: float) -> float:
     sigma = o.sigma  # type: ignore[attr-defined]
     if not isinstance(sigma, StandardDeviation):
         return float(sigma)
-    if isinstance(o, SlopeDistance):
-        own = sigma.constant + 1e-6 * sigma.ppm * length
-        return float(np.hypot(own, np.hypot(sigma.centring_instrument, sigma.centring_target)))
-    beside = np.hypot(sigma.centring_instrument, sigma.centring_target) / max(length, 1e-3)
-    return float(np.hypot(sigma.constant, beside))
+    weight = o.record.weight
+    assert weight is not None
+    return float(np.sqrt(weight.variance([sigma], Along(max(length, 1e-3)))[0]))
 
 
 def repeated(network: Network) -> Iterator[Finding]:
@@ -95,10 +94,12 @@ def _heights(network: Network) -> Iterator[Finding]:
     for o in network.observations.values():
         if not isinstance(o, VerticalAngle) or o.station in network.verticals:
             continue  # a deflection of the vertical that is free explains any difference
+        if isinstance(o, ZenithAngle) and o.index_error is not None:
+            continue  # so does an index error
         s = lengths.get((o.station, o.target, o.instrument_height, o.target_height))
         if s is None:
             continue
-        up = np.pi / 2 - o.value if isinstance(o, ZenithAngle) else o.value
+        up = np.pi / 2 - o.in_face_one if isinstance(o, ZenithAngle) else o.value
         bend = (s * np.cos(up)) ** 2 / (2 * MEAN_EARTH_RADIUS)
         curved = getattr(network.frame, "curvature", True)
         rise = s * np.sin(up) + ((1.0 - REFRACTION) * bend if curved else 0.0)

@@ -23,9 +23,10 @@ def mistaken(network: Network) -> tuple[Finding, ...]:
 def preliminary(network: Network) -> tuple[Finding, ...]:
     """Check the readings of a network without adjusting it.
 
-    Levelled loops and loops of GNSS vectors, distances measured several times, height differences
-    forth and back; readings that are there twice; heights of instruments within a set-up; units,
-    signs, frames, axes and rotations against given coordinates. Nothing is changed.
+    The two faces of targets, where readings were reduced; levelled loops and loops of GNSS
+    vectors, distances measured several times, height differences forth and back; readings that
+    are there twice; heights of instruments within a set-up; units, signs, frames, axes and
+    rotations against given coordinates. Nothing is changed.
 
     Args:
         network: the network.
@@ -35,6 +36,7 @@ def preliminary(network: Network) -> tuple[Finding, ...]:
     except InputError:  # `check` tells why
         return ()
     return (
+        *(Finding(str(p), "look at the readings of both faces") for p in network.doubts),
         *repeated(network),
         *heights(network),
         *closures(equations),
