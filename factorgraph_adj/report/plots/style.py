@@ -10,8 +10,9 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from ...errors import InputError
+from ...quality.reliability import Reliability
 from ...solve.solution import Solution
-from ..doubts import doubts_about
+from ..doubts import above_critical, doubts_about
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,24 +73,40 @@ def drawn(make: Callable[P, R]) -> Callable[P, R]:
             # Names in scripts without a font are drawn as boxes; the adjustment is still valid.
             warnings.filterwarnings("ignore", message="Glyph .* missing from font")
             found = make(*args, **kwargs)
-            _mark(found, next(iter(args), None))
+            _mark(found, (*args, *kwargs.values()))
             return found
 
     return wrapped
 
 
-def _mark(figure: Any, of: Any) -> None:
-    """Write over a figure why its adjustment is not to be trusted; nothing if it is."""
+def _mark(figure: Any, drawn_from: Sequence[object]) -> None:
+    """Write over a figure why its adjustment is not to be trusted; nothing if it is.
+
+    Args:
+        figure: what a function has drawn.
+        drawn_from: all its arguments; a solution, or a reliability, among them has the doubts.
+    """
     from matplotlib.figure import Figure
 
-    solution = getattr(of, "solution", of)
-    if isinstance(figure, Figure) and isinstance(solution, Solution):
-        doubts = doubts_about(solution)
-        if doubts:
-            text = fill(f"DOUBTFUL RESULT: {'; '.join(doubts)}", int(figure.get_figwidth() * 14))
-            before = figure.get_suptitle()
-            text = f"{before}\n{text}" if before else text
-            figure.suptitle(text, x=0.01, ha="left", color=VERMILLION, fontsize=9.0)
+    if not isinstance(figure, Figure):
+        return
+    rel = next((each for each in drawn_from if isinstance(each, Reliability)), None)
+    solution = next((each for each in drawn_from if isinstance(each, Solution)), None)
+    solution = rel.solution if solution is None and rel is not None else solution
+    doubts = [] if solution is None else doubts_of(solution, rel)
+    if doubts:
+        text = fill(f"DOUBTFUL RESULT: {'; '.join(doubts)}", int(figure.get_figwidth() * 13))
+        before = figure.get_suptitle()
+        text = f"{before}\n{text}" if before else text
+        figure.suptitle(text, x=0.01, ha="left", color=VERMILLION, fontsize=9.0)
+
+
+def doubts_of(solution: Solution, rel: Reliability | None) -> list[str]:
+    """Return why a result is doubtful; with its reliability, test values count too."""
+    doubts = doubts_about(solution)
+    if rel is not None:
+        doubts += above_critical(rel.w, rel.critical_w, "w", rel.alpha)
+    return doubts
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -125,6 +142,11 @@ def headline(axes: Axes, title: str, below: str = "", *, width: float | None = N
 def shortened(text: str, most: int = 70) -> str:
     """Shorten a long name to ``most`` characters."""
     return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def wrapped(text: str) -> str:
+    """Break an entry of a legend into lines."""
+    return fill(text, 34, subsequent_indent="  ")
 
 
 def readable(value: float) -> float:
