@@ -632,7 +632,7 @@ def test_the_mean_photo_holds_the_means_of_its_cells():
     rows = image_rows(solution)
     figure = plot_mean_photo(solution, "P31", cells=6, factor=100.0)
     drawn = np.concatenate(list(arrows(figure).values()))
-    low, high = rows.xy.min(axis=0), rows.xy.max(axis=0)
+    low, high = solution.network.cameras["P31"].corners()
     side = np.max(high - low) / 6
     counts = 0
     for x, y, u, v in drawn.tolist():

@@ -15,7 +15,7 @@ from ...quality.reliability import Reliability
 from ...solve.solution import Solution
 from ...types import Array, Index
 from ..set_aside import SetAside
-from .style import BLACK, VERMILLION
+from .style import BLACK, ORANGE
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -114,35 +114,42 @@ def draw_places(
             rows = np.flatnonzero(np.abs(reliability.w) > reliability.critical_w)
         n = len(np.unique(solution.equations.observation_of_row[rows]))
         places = places_of(solution.equations, rows, solution, drawn)
-        look = {"color": VERMILLION, "ls": "-", "marker": "D"}
-        out += _draw(axes, places, look, f"|w| > {reliability.critical_w:.2f}", n)
+        look = {"color": ORANGE, "ls": "-", "marker": "", "alpha": 0.45}
+        out += _draw(axes, places, look, f"|w| > {reliability.critical_w:.2f}", n, 4.0)
     if aside is not None:
         places = places_of(aside.rows.equations, aside.numbers, solution, drawn)
-        out += _draw(axes, places, CROSS | {"ls": ":"}, "set aside", aside.count)
+        out += _draw(axes, places, CROSS | {"ls": ":"}, "set aside", aside.count, 1.5)
     return out
 
 
-def _draw(axes: Axes, places: Places, look: dict[str, Any], label: str, count: int) -> list[Artist]:
-    """Draw lines with a marker in their middle, and places with the marker alone."""
+def _draw(
+    axes: Axes, places: Places, look: dict[str, Any], label: str, count: int, width: float
+) -> list[Artist]:
+    """Draw lines with a marker in their middle, and places with the marker alone.
+
+    Suspects are broad lines below all others; what was set aside lies above them.
+    """
     from matplotlib.collections import LineCollection
     from matplotlib.lines import Line2D
 
     if not count:
         return []
-    ends, gid = places.lines, label
-    at = np.concatenate([ends.mean(axis=1), places.points])
-    width = 1.6 if len(ends) <= MANY else 0.8
-    colour, dashes, marker = (look[k] for k in ("color", "ls", "marker"))
-    lines = LineCollection(
-        list(ends), colors=colour, linestyles=dashes, linewidths=width, zorder=2, gid=gid
-    )
+    colour, dashes, marker, alpha = (look.get(k) for k in ("color", "ls", "marker", "alpha"))
+    width = width if len(places.lines) <= MANY else 0.6 * width
+    level = 0.5 if alpha else 2.0
+    lines = LineCollection(list(places.lines), linestyles=dashes, linewidths=width, gid=label)
+    lines.set(color=colour, alpha=alpha, zorder=level)
     axes.add_collection(lines)
+    at = np.concatenate([places.lines.mean(axis=1), places.points]) if marker else places.points
     size = 5.0 if len(at) <= MANY else 3.0
-    axes.plot(*at.T, marker, color=colour, ms=size, mew=0.8 * width, zorder=4.5, gid=gid)
-    label = f"{label} ({count})"
+    dot: dict[str, Any] = {"marker": marker or "o", "ls": "", "color": colour, "alpha": alpha, "gid": label}
+    size = size if marker else 3 * size
+    axes.plot(*at.T, **dot, ms=size, mew=1.2 if marker else 0.0, zorder=level + 2.5)
+    text = f"{label} ({count})"
     if places.lost:
-        label += f",\n  {places.lost} of them without a place here"
-    return [Line2D([], [], color=colour, ls=dashes, lw=1.6, marker=marker, ms=5.0, label=label)]
+        text += f",\n  {places.lost} of them without a place here"
+    entry: dict[str, Any] = {"color": colour, "ls": dashes, "marker": marker, "alpha": alpha, "label": text}
+    return [Line2D([], [], lw=width, ms=5.0, **entry)]
 
 
 # -- photos ---------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from .precision import Precision
 from .sights import draw_lines, lines_by_kinds
 from .style import (
     VERMILLION,
+    doubts_of,
     exaggeration,
     headline,
     length,
@@ -84,7 +85,7 @@ def draw_heights(
     axes.set_ylabel("height Z [m]")
     axes.ticklabel_format(axis="y", useOffset=False, style="plain")
     named = Named(points, at, status.important) if labels else None
-    legend_with_names(figure, axes, legend, named)
+    legend_with_names(figure, axes, legend, named, doubts_of(solution, reliability))
     return figure
 
 

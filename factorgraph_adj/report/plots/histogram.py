@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import norm
@@ -59,12 +59,14 @@ def plot_w(rel: Reliability, *, aside: SetAside | None = None) -> Figure:
     middle = (edges[1:] + edges[:-1]) / 2
     colours = [VERMILLION if abs(m) > crit else SKY for m in middle.tolist()]
     width = float(edges[1] - edges[0])
-    look: dict[str, Any] = {"edgecolor": "white", "lw": 0.4, "label": "w"}
-    axes.bar(edges[:-1], counts, width, align="edge", color=colours, **look)
+    axes.bar(edges[:-1], counts, width, align="edge", color=colours, edgecolor="white", lw=0.4)
+    beyond = int(np.sum(np.abs(w) > crit))
+    axes.fill_between([], [], color=SKY, label="w")
+    if beyond:
+        axes.fill_between([], [], color=VERMILLION, label=f"suspects ({beyond})")
     x = np.linspace(-limit, limit, 401)
     expected = n * width * norm.pdf(x)
     axes.plot(x, expected, color=BLACK, lw=1.5, label="standard normal")
-    beyond = int(np.sum(np.abs(w) > crit))
     critical_lines(axes.axvline, rel)
     lines = [
         f"{n} controlled observations",
@@ -77,16 +79,19 @@ def plot_w(rel: Reliability, *, aside: SetAside | None = None) -> Figure:
         unknown = int(np.sum(~np.isfinite(aside.w)))
         if unknown:
             lines.append(f"{unknown} components set aside without a w")
-        w = np.concatenate([w, aside.w[np.isfinite(aside.w)]])
     axes.set_ylim(0.0, 1.08 * max(float(np.max(counts)), float(expected.max())))
     axes.set_xlim(-limit, limit)
     axes.set_xlabel(W)
     axes.set_ylabel("number of observations (components)")
     headline(axes, name, "test values w of Baarda")
-    outer = int(np.sum(np.abs(w) > limit))
-    if outer:
-        largest = np.max(np.abs(w))
-        lines.append(f"{outer} beyond ±{limit:.2f}, in the outer bars;\nlargest |w| {largest:.1f}")
+    there = [("", w), (" set aside", np.zeros(0) if aside is None else aside.w)]
+    for what, values in there:
+        outer = np.abs(values[np.abs(values) > limit])
+        if len(outer):
+            lines.append(
+                f"{len(outer)}{what} beyond ±{limit:.2f}, in the outer bars;\n"
+                f"largest |w|{what} {outer.max():.1f}"
+            )
     beside(figure, axes, lines)
     return figure
 
@@ -109,11 +114,12 @@ def _draw_aside(axes: Axes, aside: SetAside, edges: Array, below: Array) -> Arra
     """Draw the test values of observations set aside upon the bars; return their counts."""
     found = aside.w[np.isfinite(aside.w)]
     counts = _counts(found, edges)
+    some = counts > 0
     axes.bar(
-        edges[:-1],
-        counts,
-        np.diff(edges),
-        below,
+        edges[:-1][some],
+        counts[some],
+        np.diff(edges)[some],
+        below[some],
         align="edge",
         facecolor="white",
         edgecolor=BLACK,

@@ -86,7 +86,7 @@ def plot_photo_residuals(
     from matplotlib.patheffects import withStroke
 
     own = image_rows(solution).of_photo(photo)
-    title = f"{solution.network.name or 'network'}, photo {photo}"
+    title = f"{solution.network.name or 'network'}, {_photo(photo)}"
     tests = tests_of(solution, reliability)
     if not len(own.row):
         return nothing(title, f"Photo {photo} has no image coordinates.")

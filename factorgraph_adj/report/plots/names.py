@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...types import Array, Index, Mask
-from .style import BLACK, PURPLE
+from .style import BLACK, PURPLE, write_doubts
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -61,7 +61,11 @@ class Named:
 
 
 def legend_with_names(
-    figure: Figure, axes: Axes, legend: Sequence[Artist], named: Named | None
+    figure: Figure,
+    axes: Axes,
+    legend: Sequence[Artist],
+    named: Named | None,
+    doubts: Sequence[str],
 ) -> None:
     """Draw the legend and the names; the legend says how many names found no room.
 
@@ -70,11 +74,13 @@ def legend_with_names(
         axes: the axes for the names.
         legend: entries of the legend.
         named: what is to be named; None: nothing, and the legend says nothing of it.
+        doubts: why the result is doubtful; they are written first, since they take room.
     """
     from matplotlib.lines import Line2D
 
     line = Line2D([], [], lw=0, label=_left_out(0))
     drawn = _legend(figure, [*legend, line] if named is not None else legend)
+    write_doubts(figure, doubts)
     if named is None:
         return
     # Names are placed beside the final legend, which the number itself does not make wider.
@@ -96,7 +102,7 @@ def _legend(figure: Figure, handles: Sequence[Artist]) -> Legend:
 
     drawn = figure.legend(handles=handles, loc="outside right upper")
     for line in (h for h in drawn.legend_handles if isinstance(h, LineCollection)):
-        line.set_linewidth(np.maximum(line.get_linewidth(), THIN))
+        line.set_linewidth([max(float(w), THIN) for w in np.atleast_1d(line.get_linewidth())])
         line.set_alpha(1.0)
     return drawn
 

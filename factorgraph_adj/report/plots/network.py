@@ -93,8 +93,8 @@ def plot_network(
     schematic = no_plan and not solution.network.photos and not np.ptp(xyz[:, :2], axis=0).any()
     bars = no_plan if heights is None or schematic else heights
     bars = bars and (view == "above" or schematic)
-    doubtful = bool(doubts_of(solution, reliability))
-    precision = precision_of(solution, plan, confidence, factor, bars, doubtful)
+    doubts = doubts_of(solution, reliability)
+    precision = precision_of(solution, plan, confidence, factor, bars, bool(doubts))
     if schematic:
         return draw_heights(solution, precision, labels, aside, reliability)
     return _plan_view(solution, plan, precision, labels, aside, reliability)
@@ -151,7 +151,7 @@ def _plan_view(
         figure.supxlabel("\n".join(notes), fontsize=8.0, x=0.01, ha="left")
     points, photos = unknowns["point"].names, unknowns["pose"].names
     named = Named(points, at, status.important, photos, centres) if labels else None
-    legend_with_names(figure, axes, legend, named)
+    legend_with_names(figure, axes, legend, named, doubts_of(solution, reliability))
     return figure
 
 

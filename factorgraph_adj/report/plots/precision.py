@@ -194,10 +194,9 @@ def _ellipses(
             label=label,
         )
     )
-    marker = "o" if dashes == "-" else "$\u25cc$"
-    return Line2D(
-        [], [], ls="", marker=marker, ms=8.0, mfc="none", mec=colour, label=wrapped(label)
-    )
+    if dashes != "-":
+        return Line2D([], [], color=colour, ls=dashes, lw=1.2, label=wrapped(label))
+    return Line2D([], [], ls="", marker="o", ms=8.0, mfc="none", mec=colour, label=wrapped(label))
 
 
 def _enlarge(axes: Axes, at: Array, radius: Array) -> None:

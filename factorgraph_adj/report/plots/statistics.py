@@ -220,18 +220,24 @@ def _name_tails(figure: Figure, axes: Axes, at: Array, names: list[str]) -> None
     for upper, sign, end in ((True, 1.0, axes.bbox.y1), (False, -1.0, axes.bbox.y0)):
         tail = np.flatnonzero((at[:, 1] > 0) == upper)
         tail = tail[np.argsort(sign * pixels[tail, 1])]
+        if not len(tail):
+            continue
+        # All names of a tail begin, or end, beside its innermost point.
+        room = 22.0 * figure.dpi / 72.0
+        column = pixels[tail, 0].min() - room if upper else pixels[tail, 0].max() + room
         y = sign * spread(sign * pixels[tail, 1] + step / 2, step, sign * end - step / 2)
         for i, height in zip(tail.tolist(), y.tolist(), strict=True):
-            points = (-22.0 if upper else 22.0, (height - pixels[i, 1]) * 72.0 / figure.dpi)
+            points = (np.array([column, height]) - pixels[i]) * 72.0 / figure.dpi
+            line = {"arrowstyle": "-", "lw": 0.5, "color": GREY, "shrinkA": 0}
             axes.annotate(
                 shortened(names[i], 36),
                 at[i],
-                points,
+                (float(points[0]), float(points[1])),
                 textcoords="offset points",
                 ha="right" if upper else "left",
                 va="center",
                 fontsize=7.5,
-                arrowprops={"arrowstyle": "-", "lw": 0.5, "color": GREY, "shrinkA": 0},
+                arrowprops=line | {"relpos": (1.0 if upper else 0.0, 0.5)},
                 gid="name of a suspect",
             )
 

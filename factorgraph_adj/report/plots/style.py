@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 
 MISSING = 'plots need matplotlib, which is not installed: pip install "factorgraph_adj[plot]"'
 
+DOUBTFUL = "DOUBTFUL RESULT"
+"""Begin of the line over the figure of a result that is not to be trusted."""
+LETTER = 0.073
+"""Mean width of a letter of that line, inches."""
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -93,12 +98,23 @@ def _mark(figure: Any, drawn_from: Sequence[object]) -> None:
     rel = next((each for each in drawn_from if isinstance(each, Reliability)), None)
     solution = next((each for each in drawn_from if isinstance(each, Solution)), None)
     solution = rel.solution if solution is None and rel is not None else solution
-    doubts = [] if solution is None else doubts_of(solution, rel)
-    if doubts:
-        text = fill(f"DOUBTFUL RESULT: {'; '.join(doubts)}", int(figure.get_figwidth() * 13))
-        before = figure.get_suptitle()
-        text = f"{before}\n{text}" if before else text
-        figure.suptitle(text, x=0.01, ha="left", color=VERMILLION, fontsize=9.0)
+    if solution is not None:
+        write_doubts(figure, doubts_of(solution, rel))
+
+
+def write_doubts(figure: Figure, doubts: Sequence[str]) -> None:
+    """Write doubts over a figure, beside a legend at its right; once, however often it is asked."""
+    before = figure.get_suptitle()
+    if not doubts or DOUBTFUL in before:
+        return
+    legends = [each for each in figure.legends if getattr(each, "_outside_loc", None) == "right"]
+    if legends:
+        figure.draw_without_rendering()
+    ends = [each.get_window_extent().x0 / figure.dpi for each in legends]
+    room = min([figure.get_figwidth(), *ends])
+    text = fill(f"{DOUBTFUL}: {'; '.join(doubts)}", max(int(room / LETTER), 30))
+    text = f"{before}\n{text}" if before else text
+    figure.suptitle(text, x=0.01, ha="left", color=VERMILLION, fontsize=9.0)
 
 
 def doubts_of(solution: Solution, rel: Reliability | None) -> list[str]:
