@@ -530,6 +530,9 @@ def test_the_largest_suspects_are_named(blunder):
     suspects = rel.suspects(3, critical=rel.critical_w)
     assert len(names) == len(suspects) == 3
     assert "image F2/P5 x" in names
+    assert f"the 3 largest of {int(np.nansum(np.abs(rel.w) > rel.critical_w))} suspects" in texts(
+        plot_qq(rel, most=3)
+    )
     largest = solution.observations[suspects[0].row]
     assert f"image {largest.id} {largest.component}" == "image F2/P5 x"
 

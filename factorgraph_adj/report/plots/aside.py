@@ -142,13 +142,25 @@ def _draw(
     axes.add_collection(lines)
     at = np.concatenate([places.lines.mean(axis=1), places.points]) if marker else places.points
     size = 5.0 if len(at) <= MANY else 3.0
-    dot: dict[str, Any] = {"marker": marker or "o", "ls": "", "color": colour, "alpha": alpha, "gid": label}
+    dot: dict[str, Any] = {
+        "marker": marker or "o",
+        "ls": "",
+        "color": colour,
+        "alpha": alpha,
+        "gid": label,
+    }
     size = size if marker else 3 * size
     axes.plot(*at.T, **dot, ms=size, mew=1.2 if marker else 0.0, zorder=level + 2.5)
     text = f"{label} ({count})"
     if places.lost:
         text += f",\n  {places.lost} of them without a place here"
-    entry: dict[str, Any] = {"color": colour, "ls": dashes, "marker": marker, "alpha": alpha, "label": text}
+    entry: dict[str, Any] = {
+        "color": colour,
+        "ls": dashes,
+        "marker": marker,
+        "alpha": alpha,
+        "label": text,
+    }
     return [Line2D([], [], lw=width, ms=5.0, **entry)]
 
 

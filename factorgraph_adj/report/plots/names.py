@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...types import Array, Index, Mask
-from .style import BLACK, PURPLE, write_doubts
+from .style import BLACK, write_doubts
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -25,6 +25,10 @@ IMPORTANT = 60
 """Largest number of important points that are named in a plan of more than `LABELLED` points."""
 THIN = 1.2
 """Smallest width of a line in the legend; lines of large networks are thinner in the plan."""
+
+
+PHOTO = "#8f3f6b"
+"""Colour of names of photos: that of the photos, but dark enough for letters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +102,13 @@ def _left_out(n: int) -> str:
 
 def _legend(figure: Figure, handles: Sequence[Artist]) -> Legend:
     """Draw a legend beside the axes, with lines that are wide enough to be told apart."""
-    from matplotlib.collections import LineCollection
+    from matplotlib.lines import Line2D
 
     drawn = figure.legend(handles=handles, loc="outside right upper")
-    for line in (h for h in drawn.legend_handles if isinstance(h, LineCollection)):
-        line.set_linewidth([max(float(w), THIN) for w in np.atleast_1d(line.get_linewidth())])
-        line.set_alpha(1.0)
+    for line in (h for h in drawn.legend_handles if isinstance(h, Line2D)):
+        if 0 < line.get_linewidth() < THIN and line.get_linestyle() != "None":
+            line.set_linewidth(THIN)
+            line.set_alpha(1.0)
     return drawn
 
 
@@ -153,7 +158,7 @@ def label_points(figure: Figure, axes: Axes, named: Named) -> int:
                 ha="left" if dx > 0 else "right",
                 va="center",
                 fontsize=7.5,
-                color=BLACK if i < n else PURPLE,
+                color=BLACK if i < n else PHOTO,
                 path_effects=outline,
                 zorder=5,
                 gid="name of a point" if i < n else "name of a photo",

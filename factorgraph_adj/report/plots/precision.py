@@ -12,7 +12,16 @@ from ...solve.solution import Solution
 from ...types import Array, Mask
 from .marks import spacing
 from .plan import DrawingPlane, covariances, ellipses
-from .style import PURPLE, VERMILLION, exaggeration, length, readable, scale_key, wrapped
+from .style import (
+    PURPLE,
+    VERMILLION,
+    exaggeration,
+    has_computed_readings,
+    length,
+    readable,
+    scale_key,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -84,7 +93,8 @@ def precision_of(
         centre_direction,
         k1 * up if heights else np.zeros(len(up)),
         f"confidence {100 * confidence:g} %, {_SIGMA0[solution.variance]}"
-        + (", free network" if solution.datum is not None else ""),
+        + (", free network" if solution.datum is not None else "")
+        + (", computed readings" if has_computed_readings(solution) else ""),
         factor,
         doubtful,
     )

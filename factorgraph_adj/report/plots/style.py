@@ -24,6 +24,9 @@ DOUBTFUL = "DOUBTFUL RESULT"
 """Begin of the line over the figure of a result that is not to be trusted."""
 LETTER = 0.073
 """Mean width of a letter of that line, inches."""
+COMPUTED = 1e-6
+"""Largest σ̂0 of computed readings, whose residuals are rounding errors. σ in wrong units make σ̂0
+1e-3 at least, which remains a doubt."""
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -118,11 +121,21 @@ def write_doubts(figure: Figure, doubts: Sequence[str]) -> None:
 
 
 def doubts_of(solution: Solution, rel: Reliability | None) -> list[str]:
-    """Return why a result is doubtful; with its reliability, test values count too."""
+    """Return why a result is doubtful; with its reliability, test values count too.
+
+    Computed readings, those of a design, raise no doubts: that they fit too well is known.
+    """
+    if has_computed_readings(solution):
+        return []
     doubts = doubts_about(solution)
     if rel is not None:
         doubts += above_critical(rel.w, rel.critical_w, "w", rel.alpha)
     return doubts
+
+
+def has_computed_readings(solution: Solution) -> bool:
+    """Return whether all readings are computed from the coordinates, as those of a design are."""
+    return bool(solution.converged and solution.sigma0 < COMPUTED)
 
 
 def new_figure(width: float, height: float) -> Figure:
