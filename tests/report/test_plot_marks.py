@@ -320,9 +320,9 @@ def test_points_outside_the_format_are_told():
     """A format with the origin at the wrong place, as pixels have it."""
     network = with_format(small_block(), format=(36.0, 24.0), origin="upper left")
     figure = plot_photos(fga.adjust(network))
-    assert "OUTSIDE THE FORMAT" in texts(figure)
+    assert "points OUTSIDE it" in texts(figure)
     network = with_format(small_block(), format=(360.0, 240.0), origin="centre")
-    assert "OUTSIDE THE FORMAT" not in texts(plot_photos(fga.adjust(network)))
+    assert "points OUTSIDE it" not in texts(plot_photos(fga.adjust(network)))
 
 
 # -- names ----------------------------------------------------------------------------------------

@@ -33,8 +33,8 @@ class Coverage:
 
     def __str__(self) -> str:
         """Describe the coverage."""
-        text = f"hull of the points: {100 * self.share:.0f} % of the format"
-        return f"{text}; {self.outside} OUTSIDE THE FORMAT" if self.outside else text
+        text = f"hull {100 * self.share:.0f} % of the format"
+        return f"{text}, {self.outside} points OUTSIDE it" if self.outside else text
 
 
 def coverage(xy: Array, corners: tuple[Array, Array]) -> Coverage:
