@@ -32,7 +32,7 @@ for name, point in given.points.items():
 for name, camera in given.cameras.items():
     values = [float(f"{v:.4g}" if abs(v) < 1 else f"{v:.4f}") for v in camera.values]
     sigma = {n: s for n, s in zip(camera.lens.names, camera.sigma, strict=True) if np.isfinite(s)}
-    book.add_camera(name, camera.lens, values, sigma=sigma)
+    book.add_camera(name, camera.lens, values, sigma=sigma, format=camera.format)
 for name, photo in given.photos.items():
     angles = GON * np.round(np.array(omega_phi_kappa(photo.rotation)) / GON)
     position = np.round(photo.position, CENTIMETRE).tolist()

@@ -105,7 +105,8 @@ for suspect in fga.reliability(solution).suspects(8):
 if options.plot:
     from factorgraph_adj.report.plots import plot_growth
 
-    plot_growth(list(day), growth, caught=caught, title="a measured day").savefig(
-        options.plot, dpi=150
+    figure = plot_growth(
+        list(day), growth, caught=caught, title="a measured day", solution=inc.solution()
     )
+    figure.savefig(options.plot, dpi=150)
     print(f"\n{options.plot}: σ of {', '.join(CHOSEN)}")

@@ -182,12 +182,13 @@ def _plot(options: argparse.Namespace) -> int:
     report = Report(
         found.solution,
         ReportOptions(alpha=options.alpha, power=options.power),
-        Provenance(found.snooping),
+        Provenance(found.snooping, found.project.network),
     )
     files = save_plots(
         found.solution,
         options.out,
         reliability=report.reliability,
+        aside=report.set_aside,
         format=options.format,
         confidence=options.ellipses,
     )
@@ -202,8 +203,7 @@ def _verdict(found: Adjusted) -> int:
     if found.components is not None and not found.components.converged:
         doubts.append(f"variance components not converged: {found.components.reason}")
     if found.snooping is not None:
-        aside = len(found.snooping.rejected)
-        aside += sum(len(p.rays) for p in found.snooping.points_set_aside)
+        aside = len(found.snooping.ids_set_aside)
         if aside:
             print(f"{aside} observation{'s' * (aside != 1)} set aside", file=sys.stderr)
         left = len(found.snooping.unresolved)

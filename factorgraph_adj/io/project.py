@@ -21,7 +21,7 @@ from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, Topo
 from ..models.lens import Lens
 from ..models.registry import LENSES
 from ..models.variables import parameter_kinds
-from ..network.entities import Camera
+from ..network.entities import ORIGINS, Camera, Origin
 from ..network.network import Network
 from ..observations import KINDS
 from ..stochastic import COMBINATIONS
@@ -53,7 +53,7 @@ FRAMES = {
     "topocentric": ("latitude", "longitude", "height", "ellipsoid", "radius"),
 }
 """Keys of [frame] by kind of frame."""
-CAMERA_KEYS = ("name", "lens", "unit", "y_axis", "per_photo", "parameters")
+CAMERA_KEYS = ("name", "lens", "unit", "y_axis", "per_photo", "format", "origin", "parameters")
 Variance = Literal["a-priori", "a-posteriori"]
 
 
@@ -280,10 +280,19 @@ def read_camera(row: Row, name: str, network: Network) -> ImageAxes:
     lens = _lens(row)
     values, free, weights = _parameters(row, y_down)
     per_photo = row.flag("per_photo")
+    sides, origin = _format(row, y_down)
     if not row.failed:
         try:
             network.add_camera(
-                name, lens, values, free=free, sigma=weights, unit=unit, per_photo=per_photo
+                name,
+                lens,
+                values,
+                free=free,
+                sigma=weights,
+                unit=unit,
+                per_photo=per_photo,
+                format=sides,
+                origin=origin,
             )
         except InputError as error:
             row.wrong_all(error)
@@ -293,6 +302,24 @@ def read_camera(row: Row, name: str, network: Network) -> ImageAxes:
             name, lens, (1.0,) * n, (True,) * n, (float("inf"),) * n, unit
         )
     return axes
+
+
+def _format(row: Row, y_down: bool) -> tuple[tuple[float, float] | None, Origin]:
+    """Return width and height of the sensor, and where the image coordinates have their origin."""
+    given = row.take("format")
+    usual: Origin = "upper left" if y_down else "centre"
+    if given is None:
+        if "origin" in row:
+            row.wrong("origin says where on the sensor x = y = 0 is: it needs format")
+        return None, usual
+    if not (isinstance(given, list) and len(given) == 2):
+        row.wrong(f"format must be [width, height] in the unit of the camera, not {given!r}")
+        return None, usual
+    found = {"width": given[0], "height": given[1]}
+    inside = Row(found, row.where, row.problems, f"{row.of} format")
+    sides = [inside.number(n, required=True, positive=True) or 1.0 for n in ("width", "height")]
+    origin = cast(Origin, row.choice("origin", ORIGINS, usual))
+    return (sides[0], sides[1]), origin
 
 
 def _lens(row: Row) -> Lens:

@@ -155,7 +155,7 @@ def _filled(names: Iterable[str], values: Iterable[float], unit: str) -> dict[st
 def point_record(point: Point, units: Units) -> dict[str, str]:
     """Return the fields of a point, a row of points.csv; some may be empty."""
     out = {"name": point.name, **_filled("xyz", point.coordinates, units.length)}
-    out["fixed"] = "".join(a for a, f in zip("xyz", point.fixed, strict=True) if f)
+    out["fixed"] = point.held
     out["datum"] = "yes" if point.datum else ""
     out |= _sigmas(point.sigma, "xyz", units.sigma_length)
     if point.check is not None:

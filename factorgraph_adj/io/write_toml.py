@@ -70,6 +70,8 @@ def camera_record(camera: Camera) -> dict[str, object]:
     }
     if camera.per_photo:
         out["per_photo"] = True
+    if camera.format is not None:
+        out |= {"format": list(camera.format), "origin": camera.origin}
     parameters: dict[str, object] = {}
     rows = zip(lens.names, camera.values, camera.fixed, camera.sigma, strict=True)
     for name, value, fixed, sigma in rows:

@@ -50,13 +50,15 @@ def _add_camera(network: Network, camera: Camera) -> None:
         sigma={n: s for n, fixed, s in parts if not fixed and np.isfinite(s)},
         unit=camera.unit,
         per_photo=camera.per_photo,
+        format=camera.format,
+        origin=camera.origin,
     )
 
 
 def _add_point(network: Network, point: Point) -> None:
     fixed: Any = point.fixed
     if not isinstance(fixed, str):
-        fixed = "".join(a for a, held in zip("xyz", fixed, strict=True) if held)
+        fixed = point.held
     network.add_point(
         point.name,
         point.coordinates,

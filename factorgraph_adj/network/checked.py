@@ -10,7 +10,7 @@ from ..errors import InputError, Problem, known
 from ..models.lens import Lens
 from ..rotation import world_R_camera
 from ..types import Array
-from .entities import Camera, Photo, Point, sigmas, triple
+from .entities import ORIGINS, Camera, Origin, Photo, Point, sigmas, triple
 
 ROUGH = 5e-4
 """Largest deviation from orthogonality that few digits explain: those of four."""
@@ -52,11 +52,12 @@ def checked_camera(
     name: str,
     lens: Lens,
     values: Mapping[str, float] | Sequence[float],
-    *,
     free: Iterable[str],
     sigma: Mapping[str, float] | None,
     unit: str,
     per_photo: bool,
+    format: Sequence[float] | None,
+    origin: Origin,
 ) -> Camera:
     """Return a camera; arguments and errors are those of `Network.add_camera`."""
     where = f"camera {name!r}"
@@ -90,6 +91,8 @@ def checked_camera(
     bad = [n for n, s in weights.items() if not s > 0]
     if bad:
         raise InputError(Problem(f"sigma of {', '.join(bad)} must be > 0", where))
+    if origin not in ORIGINS:
+        raise InputError(Problem(f"unknown origin {origin!r}; valid: {', '.join(ORIGINS)}", where))
     free = set(free)
     return Camera(
         name,
@@ -99,7 +102,26 @@ def checked_camera(
         tuple(float(weights.get(n, np.inf)) for n in names),
         unit,
         per_photo,
+        None if format is None else _sides(format, where),
+        origin,
     )
+
+
+def _sides(format: Sequence[float], where: str) -> tuple[float, float]:
+    """Return the two sides of a sensor.
+
+    Raises:
+        InputError: they are not two finite numbers > 0.
+    """
+    try:
+        width, height = (float(side) for side in format)
+        right = 0 < width < np.inf and 0 < height < np.inf
+    except (TypeError, ValueError):
+        right = False
+    if not right:
+        what = f"format must be width and height, two numbers > 0, not {format!r}"
+        raise InputError(Problem(what, where))
+    return width, height
 
 
 def _nearest_rotation(matrix: Array, where: str) -> Array:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -37,6 +37,22 @@ class Point:
     check: tuple[float, float, float] | None = None
     """Reference coordinates of a check point, metres, for comparison only; NaN where unknown."""
 
+    @property
+    def held(self) -> str:
+        """Names of the held components: ``xy``, empty for a free point."""
+        return "".join(a for a, fixed in zip("xyz", self.fixed, strict=True) if fixed)
+
+
+Origin: TypeAlias = Literal["centre", "upper left", "lower left"]
+"""Place of the origin of image coordinates on the sensor."""
+ORIGINS: tuple[Origin, ...] = get_args(Origin)
+_LOWER_LEFT: dict[Origin, tuple[float, float]] = {
+    "centre": (-0.5, -0.5),
+    "upper left": (0.0, -1.0),
+    "lower left": (0.0, 0.0),
+}
+"""Lower left corner of the sensor for each origin, in widths and heights of the sensor, y up."""
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -56,6 +72,21 @@ class Camera:
     """Unit of image coordinates, for reports: mm, px …"""
     per_photo: bool = False
     """Whether every photo has a calibration of its own."""
+    format: tuple[float, float] | None = None
+    """Width and height of the sensor, image units; None where unknown."""
+    origin: Origin = "centre"
+    """Place of the origin of image coordinates on the sensor; y points up in any case."""
+
+    def corners(self) -> tuple[Array, Array] | None:
+        """Return lower left and upper right corner of the sensor, image units; None if unknown.
+
+        With the origin at the upper left corner, y is 0 at the upper edge and −height at the
+        lower edge: files with ``y_axis = "down"`` have the opposite sign.
+        """
+        if self.format is None:
+            return None
+        low = np.multiply(_LOWER_LEFT[self.origin], self.format)
+        return low, low + self.format
 
 
 @dataclass(frozen=True)

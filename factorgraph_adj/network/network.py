@@ -26,6 +26,7 @@ from .entities import (
     Camera,
     ImageTable,
     Key,
+    Origin,
     Parameter,
     Photo,
     Point,
@@ -135,6 +136,8 @@ class Network(Shown):
         sigma: Mapping[str, float] | None = None,
         unit: str = "mm",
         per_photo: bool = False,
+        format: Sequence[float] | None = None,
+        origin: Origin = "centre",
     ) -> None:
         """Add a camera.
 
@@ -148,11 +151,12 @@ class Network(Shown):
                 a prior. Parameters that are neither free nor weighted are held.
             unit: unit of its image coordinates, for reports.
             per_photo: whether every photo has a calibration of its own.
+            format: width and height of the sensor, image units, for plots and their coverage.
+            origin: place of the origin of image coordinates on the sensor, for the same.
         """
         self._new(name, self.cameras, "camera")
-        self.cameras[name] = checked_camera(
-            name, lens, values, free=free, sigma=sigma, unit=unit, per_photo=per_photo
-        )
+        camera = checked_camera(name, lens, values, free, sigma, unit, per_photo, format, origin)
+        self.cameras[name] = camera
 
     def add_photo(
         self,
@@ -486,15 +490,5 @@ class Network(Shown):
 
     def first_rows(self) -> Rows:
         """Return the points."""
-        return Rows(
-            ("point", "x", "y", "z", "fixed"),
-            (
-                (
-                    p.name,
-                    *p.coordinates,
-                    "".join(a for a, f in zip("xyz", p.fixed, strict=True) if f),
-                )
-                for p in self.points.values()
-            ),
-            len(self.points),
-        )
+        rows = ((p.name, *p.coordinates, p.held) for p in self.points.values())
+        return Rows(("point", "x", "y", "z", "fixed"), rows, len(self.points))

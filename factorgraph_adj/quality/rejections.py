@@ -154,6 +154,12 @@ class Snooping(Shown):
         return self.__dict__ | {"look": None}
 
     @property
+    def ids_set_aside(self) -> tuple[str, ...]:
+        """Ids of all observations set aside, the rays of removed points among them."""
+        rays = (ray for p in self.points_set_aside for ray in p.rays)
+        return (*(r.id for r in self.rejected), *rays)
+
+    @property
     def network(self) -> Network:
         """The network without the observations that were set aside."""
         return self.solution.network

@@ -180,7 +180,7 @@ class Report:
         original = self.provenance.original
         if self.snooping is None or original is None:
             return None
-        return set_aside(self.solution, self.snooping, original, self.units)
+        return set_aside(self.solution, self.snooping.ids_set_aside, original, self.units)
 
     @cached_property
     def significance(self) -> Significance | None:

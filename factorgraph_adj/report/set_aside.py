@@ -1,4 +1,4 @@
-"""Observations set aside by data snooping, as predicted by the clean solution."""
+"""Observations that were set aside, as predicted by the solution without them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from ..graph.weights import weighed_where_known
 from ..io.numbers import Units
 from ..network.network import Network
 from ..quality.prediction import Predictor
-from ..quality.rejections import Snooping
 from ..solve.solution import Solution
 from ..types import Array, Index
 from .rows import ReportRows, Row
@@ -36,6 +35,11 @@ class SetAside:
     redundancy_numbers: Array
     """Redundancy numbers that the observations would have in the adjustment."""
 
+    @property
+    def count(self) -> int:
+        """Number of observations."""
+        return len(np.unique(self.rows.equations.observation_of_row[self.numbers]))
+
     def find(self, ident: str, component: str) -> Row:
         """Return the row of an observation of the original network."""
         numbers = self.rows.equations.find([ident])[0].tolist()
@@ -43,19 +47,19 @@ class SetAside:
         return next((r for r in rows if r.component == component), rows[0])
 
 
-def set_aside(solution: Solution, snooping: Snooping, original: Network, units: Units) -> SetAside:
-    """Predict the set-aside observations.
+def set_aside(
+    solution: Solution, ids: Sequence[str], original: Network, units: Units | None = None
+) -> SetAside:
+    """Predict observations that were set aside.
 
     Args:
-        solution: the clean solution.
-        snooping: the data snooping, with the set-aside observations.
-        original: the network before data snooping.
-        units: units of the rows.
+        solution: the solution without them.
+        ids: their ids; `Snooping.ids_set_aside` has those of data snooping.
+        original: the network with them: the one before data snooping.
+        units: units of the rows; metres, gon and degrees by default.
     """
     equations = compile_network(original)
-    ids = [r.id for r in snooping.rejected]
-    ids += [ray for p in snooping.points_set_aside for ray in p.rays]
-    numbers = np.concatenate([np.zeros(0, dtype=np.intp), *equations.find(ids)])
+    numbers = np.concatenate([np.zeros(0, dtype=np.intp), *equations.find(list(ids))])
     numbers = np.unique(numbers)
     predictor = Predictor(equations, solution)
     figures = _predicted(solution, predictor, numbers)
@@ -64,7 +68,7 @@ def set_aside(solution: Solution, snooping: Snooping, original: Network, units: 
     equations = replace(equations, blocks=blocks)
     residuals = np.full(equations.n_rows, np.nan)
     residuals[numbers] = figures[0]
-    return SetAside(ReportRows(equations, residuals, units), numbers, *figures)
+    return SetAside(ReportRows(equations, residuals, units or Units()), numbers, *figures)
 
 
 def _predicted(solution: Solution, predictor: Predictor, numbers: Index) -> Sequence[Array]:

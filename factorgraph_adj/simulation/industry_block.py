@@ -139,7 +139,7 @@ def industry_block_plan(
     held = _DATUM_OF_LEVELLING if terrestrial else _DATUM_OF_PHOTOS
     for name, xyz in zip(names, points, strict=True):
         plan.add_point(name, xyz, fixed=held.get(name, ""))
-    plan.add_camera(CAMERA, LENS, TRUE, sigma=CERTIFICATE)
+    plan.add_camera(CAMERA, LENS, TRUE, sigma=CERTIFICATE, format=PLATE)
     _add_photos(plan, names, points, photos, sigma_image)
     if terrestrial:
         plan.add(

@@ -15,6 +15,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import GeocentricFrame, LocalFrame
@@ -843,3 +844,18 @@ def test_a_process_that_is_killed_loses_no_entry_that_it_had_recorded(tmp_path, 
     assert [entry["n"] for entry in entries] == list(range(len(entries)))
     # One more may have been written whose report did not come through.
     assert len(entries) - (seen[-1] + 1) in (0, 1)
+
+
+def test_a_camera_that_arrives_keeps_its_format_in_the_journal_and_in_a_saved_solution(tmp_path):
+    block = small_block()
+    camera = replace(block.cameras["D3"], format=(36.0, 24.0), origin="lower left")
+    inc = fga.IncrementalAdjustment(fga.Network("arriving"), journal=tmp_path / "day.jsonl")
+    inc.add(cameras=[camera])
+    assert inc.described.cameras["D3"] == camera
+    del inc
+    gc.collect()
+    again = fga.IncrementalAdjustment.resume(tmp_path / "day.jsonl")
+    assert again.described.cameras["D3"] == camera
+    block.cameras["D3"] = camera
+    fga.adjust(block).save(tmp_path / "solution.npz")
+    assert fga.load_solution(tmp_path / "solution.npz").network.cameras["D3"] == camera

@@ -245,6 +245,55 @@ def test_y_down_turns_the_principal_point_with_the_images(tmp_path):
     assert set(sigma.ravel().tolist()) == {0.5}
 
 
+SENSORS = {
+    "": (None, None),
+    "format = [36, 24]": ([-18.0, -12.0], [18.0, 12.0]),
+    'y_axis = "down"\nformat = [36, 24]': ([0.0, -24.0], [36.0, 0.0]),
+    'y_axis = "down"\nformat = [36, 24]\norigin = "centre"': ([-18.0, -12.0], [18.0, 12.0]),
+    'format = [36, 24]\norigin = "lower left"': ([0.0, 0.0], [36.0, 24.0]),
+}
+
+
+@pytest.mark.parametrize("stated", SENSORS)
+def test_the_format_lies_about_the_origin_of_the_image_coordinates(tmp_path, stated):
+    project = PROJECT.replace('unit = "mm"', f'unit = "mm"\n{stated}')
+    network = read_project(write(tmp_path, project=project))
+    corners = network.cameras["cam"].corners()
+    expected = SENSORS[stated]
+    assert corners is None if expected[0] is None else [c.tolist() for c in corners] == [*expected]
+    write_project(network, tmp_path / "again" / "project.toml")
+    again = read_project(tmp_path / "again")
+    assert again.cameras["cam"] == network.cameras["cam"]
+
+
+FORMATS = {
+    "format = [36]": "format must be [width, height] in the unit of the camera, not [36]",
+    'format = "36 x 24"': "format must be [width, height] in the unit of the camera",
+    "format = [36, 0]": "height must be greater than zero, not 0",
+    'format = ["a", 24]': "width: 'a' is not a number",
+    'format = [36, 24]\norigin = "left"': "unknown origin 'left'; valid: centre, upper left",
+    'origin = "centre"': "origin says where on the sensor x = y = 0 is: it needs format",
+}
+
+
+@pytest.mark.parametrize("stated", FORMATS)
+def test_a_format_that_is_none_is_named_with_its_file_and_camera(tmp_path, stated):
+    project = PROJECT.replace('unit = "mm"', f'unit = "mm"\n{stated}')
+    with pytest.raises(InputError) as caught:
+        read_project(write(tmp_path, project=project))
+    (problem,) = caught.value.problems
+    assert FORMATS[stated] in problem.what
+    assert problem.where.startswith("project.toml: [[camera]] 'cam'")
+
+
+@pytest.mark.parametrize("format", [(36.0,), (36.0, -1.0), (36.0, np.nan), (np.inf, 24.0), 36.0])
+def test_the_network_refuses_a_format_that_is_none(format):
+    with pytest.raises(InputError, match="camera 'c': format must be width and height"):
+        Network().add_camera("c", lens.Lens(), {"c": 1.0}, format=format)
+    with pytest.raises(InputError, match="camera 'c': unknown origin 'top'; valid: centre"):
+        Network().add_camera("c", lens.Lens(), {"c": 1.0}, format=(36, 24), origin="top")
+
+
 def test_standard_deviations_come_from_the_row_or_else_from_the_project(tmp_path):
     network = read_project(write(tmp_path))
     assert network.observations["1"].sigma == StandardDeviation(0.002, ppm=1.0)

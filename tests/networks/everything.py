@@ -9,6 +9,7 @@ from factorgraph_adj.frames import GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.models import lens
 from factorgraph_adj.models.orthogonal_lens import OrthogonalLens
 from factorgraph_adj.models.registry import LENSES
+from factorgraph_adj.network.entities import ORIGINS
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.stochastic import StandardDeviation
 
@@ -43,6 +44,8 @@ def everything(frame_name: str) -> Network:
             sigma={"x0": 0.01},
             unit="px" if i % 2 else "mm",
             per_photo=i == 2,
+            format=(36.1 + 1 / 3, 24.0) if i % 3 else None,
+            origin=ORIGINS[i % 3],
         )
     n.add_photo(
         "f1",

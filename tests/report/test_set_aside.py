@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.observations import Direction, HeightDifference, SlopeDistance
 from factorgraph_adj.report.set_aside import set_aside
 from factorgraph_adj.simulation.simulate import measure
@@ -46,7 +45,8 @@ def test_what_is_set_aside_has_the_standard_deviation_that_it_had_in_the_network
     every = fga.adjust(network)
     found = fga.snoop(network)
     assert {r.id for r in found.rejected} == {"sA0", "hB1", "dC2"}
-    aside = set_aside(found.solution, found, network, Units())
+    aside = set_aside(found.solution, found.ids_set_aside, network)
+    assert aside.count == 3
     for ident in ("sA0", "hB1", "dC2"):
         row = every.observations.row(ident)
         own = aside.find(ident, "")

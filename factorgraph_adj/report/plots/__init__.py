@@ -1,10 +1,12 @@
 """Figures of an adjustment; the extra ``plot`` (matplotlib) is required."""
 
+from ..set_aside import set_aside
 from .growth import plot_growth
+from .histogram import plot_w
 from .images import plot_mean_photo, plot_photo_residuals, plot_photos
 from .network import plot_network
 from .save import save_plots
-from .statistics import plot_qq, plot_redundancy, plot_w
+from .statistics import plot_qq, plot_redundancy
 
 __all__ = [
     "plot_growth",
@@ -16,4 +18,5 @@ __all__ = [
     "plot_redundancy",
     "plot_w",
     "save_plots",
+    "set_aside",
 ]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...errors import InputError
+from ...solve.solution import Solution
 from ...types import Array
 from .style import (
     BLACK,
@@ -48,6 +49,7 @@ def plot_growth(
     *,
     caught: Mapping[int, str] | None = None,
     title: str = "network",
+    solution: Solution | None = None,
 ) -> Figure:
     """Draw standard deviations of points after every arrival, on a logarithmic scale.
 
@@ -60,6 +62,7 @@ def plot_growth(
             not finite while the point is not determined.
         caught: gross errors detected on arrival, by the number of the arrival, from 0.
         title: title of the figure.
+        solution: the solution at the end; the title says why it is doubtful, if it is.
 
     Returns:
         A figure; if no point is determined, it shows a message.

@@ -8,13 +8,18 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from ...quality.reliability import Reliability
 from ...solve.solution import Solution
 from ...types import Index
-from .marks import draw_points, label_points, status_of
+from ..set_aside import SetAside
+from .aside import draw_places
+from .marks import draw_points, status_of
+from .names import Named, legend_with_names
 from .precision import Precision
 from .sights import draw_lines, lines_by_kinds
 from .style import (
     VERMILLION,
+    doubts_of,
     exaggeration,
     headline,
     length,
@@ -27,7 +32,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def draw_heights(solution: Solution, precision: Precision | None, labels: bool) -> Figure:
+def draw_heights(
+    solution: Solution,
+    precision: Precision | None,
+    labels: bool,
+    aside: SetAside | None,
+    reliability: Reliability | None,
+) -> Figure:
     """Draw heights with their intervals, and a line for each observed difference."""
     from matplotlib.collections import LineCollection
 
@@ -40,8 +51,10 @@ def draw_heights(solution: Solution, precision: Precision | None, labels: bool) 
     axes.set_xlim(-0.6, max(n - 0.4, 0.6))
     axes.set_ylim(float(at[:, 1].min()) - 0.12 * extent, float(at[:, 1].max()) + 0.12 * extent)
     legend = draw_lines(axes, at, solution)
+    legend += draw_places(axes, solution, {"point": at}, aside, reliability)
     status = status_of(solution)
     legend += draw_points(axes, at, status)
+    points = unknowns["point"].names
     size = np.zeros(n) if precision is None else precision.height
     if precision is None:
         headline(axes, name, "no precision: singular where the iteration stopped")
@@ -56,9 +69,10 @@ def draw_heights(solution: Solution, precision: Precision | None, labels: bool) 
             list(ends[size > 0]),
             colors=VERMILLION,
             linewidths=3.0,
+            linestyles=precision.look[0],
             alpha=0.6,
             zorder=3.5,
-            label="interval of a height (±)",
+            label=f"interval of a height (±){precision.look[1]}",
         )
         axes.add_collection(bars)
         legend.append(bars)
@@ -70,11 +84,8 @@ def draw_heights(solution: Solution, precision: Precision | None, labels: bool) 
     axes.set_xlabel("no plan coordinates: schematic order of the points along the lines")
     axes.set_ylabel("height Z [m]")
     axes.ticklabel_format(axis="y", useOffset=False, style="plain")
-    figure.legend(handles=legend, loc="outside right upper")
-    if labels:
-        label_points(
-            figure, axes, at, list(unknowns["point"].names), status.important, np.zeros((0, 2))
-        )
+    named = Named(points, at, status.important) if labels else None
+    legend_with_names(figure, axes, legend, named, doubts_of(solution, reliability))
     return figure
 
 

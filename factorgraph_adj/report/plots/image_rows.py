@@ -57,13 +57,17 @@ class ImageRows:
         return self.select(self.photo == self.solution.number("pose", photo))
 
     @cached_property
-    def formats(self) -> dict[str, tuple[Array, Array]]:
-        """Lower left and upper right corner of the measured area, by camera, image units."""
+    def areas(self) -> dict[str, tuple[Array, Array]]:
+        """Lower left and upper right corner of sensor and image points, by camera, image units.
+
+        A camera without a stated format has the area of its points, one without points no area.
+        """
         out = {}
-        for i, name in enumerate(self.solution.network.cameras):
+        for i, (name, camera) in enumerate(self.solution.network.cameras.items()):
             own = self.xy[self.camera == i]
             if len(own):
-                out[name] = own.min(axis=0), own.max(axis=0)
+                every = np.concatenate([own, *(corner[None] for corner in camera.corners() or ())])
+                out[name] = every.min(axis=0), every.max(axis=0)
         return out
 
     def principal_point(self, photo: str) -> Array:
@@ -72,13 +76,17 @@ class ImageRows:
         return np.asarray(self.solution.state["calibration"][number, :3])
 
     def tangents(self, camera: str) -> tuple[Array, Array]:
-        """Return tangents of the rays to the corners of the measured area; ± ½ without points."""
-        photos = self.solution.network.photos.values()
-        name = next((f.name for f in photos if f.camera == camera), None)
-        if camera not in self.formats or name is None:
+        """Return tangents of the rays to the corners of the sensor.
+
+        Without a stated format these are the corners of the measured area; ± ½ without points.
+        """
+        network = self.solution.network
+        name = next((f.name for f in network.photos.values() if f.camera == camera), None)
+        corners = network.cameras[camera].corners() or self.areas.get(camera)
+        if corners is None or name is None:
             return np.array([-0.5, -0.5]), np.array([0.5, 0.5])
         c, *middle = self.principal_point(name).tolist()
-        low, high = ((corner - middle) / c for corner in self.formats[camera])
+        low, high = ((corner - middle) / c for corner in corners)
         return low, high
 
 

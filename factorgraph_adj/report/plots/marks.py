@@ -1,4 +1,4 @@
-"""Points of a plan: their status, their markers, and names where there is room."""
+"""Points of a plan: their status, their markers, and the area that they fill."""
 
 from __future__ import annotations
 
@@ -14,12 +14,7 @@ from .style import BLACK, BLUE, GREEN, VERMILLION
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-LABELLED = 1000
-"""Largest number of points of which all are labelled; otherwise only important points are."""
-MOST_NAMES = 150
-"""Number of points that the labelling tries to name; important points are tried in any number."""
 SET_UP = ("direction", "horizontal_angle", "azimuth", "zenith_angle", "vertical_angle")
 """Kinds measured by an instrument over its station; a tape or a level needs no such setup."""
 
@@ -116,89 +111,6 @@ def draw_points(axes: Axes, at: Array, status: Status) -> list[Artist]:
                 )
             )
     return found
-
-
-def label_points(
-    figure: Figure, axes: Axes, at: Array, names: list[str], first: Mask, clear: Array
-) -> None:
-    """Write names beside points (n, 2) where there is room, without overlap.
-
-    Args:
-        figure: the figure; it is laid out first, so that limits and sizes are final.
-        axes: the axes for the names.
-        at: positions, data units.
-        names: names of the points.
-        first: points that are labelled first.
-        clear: further positions (m, 2) that no name may cover.
-    """
-    from matplotlib.patheffects import withStroke
-
-    if len(at) > LABELLED and int(first.sum()) > 60:
-        return
-    figure.draw_without_rendering()
-    point = figure.dpi / 72.0
-    pixels = axes.transData.transform(at)
-    hidden = np.concatenate([pixels, axes.transData.transform(clear.reshape(-1, 2))])
-    inside = axes.bbox.padded(1.0)
-    edges = np.array(inside.extents)
-    taken = np.zeros((0, 4))
-    height = 9.0 * point
-    outline = [withStroke(linewidth=2.0, foreground="white")]
-    order = np.concatenate([np.flatnonzero(first), np.flatnonzero(~first)])
-    order = order[: max(int(first.sum()), 0 if len(at) > LABELLED else MOST_NAMES)]
-    for i in order.tolist():
-        x, y = pixels[i]
-        if not inside.contains(x, y):
-            continue
-        gap = (7.0 if first[i] and len(at) <= 60 else 4.5) * point
-        name = names[i] if len(names[i]) <= 16 else names[i][:15] + "…"
-        width = 5.2 * point * len(name)
-        for dx, dy in ((1, 0.0), (-1, 0.0), (1, 0.8), (-1, 0.8), (1, -0.8), (-1, -0.8)):
-            left = x + gap if dx > 0 else x - gap - width
-            box = np.array([left, y + dy * height - height / 2, left + width, 0.0])
-            box[3] = box[1] + height
-            if _overlaps(box, taken) or _covers(box, hidden) or not _within(box, edges):
-                continue
-            taken = np.concatenate([taken, box[None]])
-            axes.annotate(
-                name,
-                at[i],
-                (dx * gap / point, dy * height / point),
-                textcoords="offset points",
-                ha="left" if dx > 0 else "right",
-                va="center",
-                fontsize=7.5,
-                path_effects=outline,
-                zorder=5,
-                gid="name of a point",
-                in_layout=False,
-            )
-            break
-
-
-def _overlaps(box: Array, taken: Array) -> bool:
-    return bool(
-        np.any(
-            (box[0] < taken[:, 2])
-            & (box[2] > taken[:, 0])
-            & (box[1] < taken[:, 3])
-            & (box[3] > taken[:, 1])
-        )
-    )
-
-
-def _covers(box: Array, pixels: Array) -> bool:
-    x, y = pixels.T
-    return bool(np.any((x > box[0]) & (x < box[2]) & (y > box[1]) & (y < box[3])))
-
-
-def _within(box: Array, extents: Array) -> bool:
-    return bool(
-        box[0] >= extents[0]
-        and box[1] >= extents[1]
-        and box[2] <= extents[2]
-        and box[3] <= extents[3]
-    )
 
 
 def window(at: Array) -> tuple[Array, Array, int]:

@@ -9,14 +9,19 @@ import numpy as np
 from ...errors import InputError
 from ...frames import GeocentricFrame
 from ...quality.levels import CONFIDENCE
+from ...quality.reliability import Reliability
 from ...solve.solution import Solution
+from ..set_aside import SetAside
+from .aside import draw_places
 from .heights import draw_heights
 from .image_rows import image_rows
-from .marks import draw_points, label_points, status_of, window
+from .marks import draw_points, status_of, window
+from .names import Named, legend_with_names
 from .plan import VIEWS, DrawingPlane, View, plan_of
 from .precision import Precision, draw_precision, precision_of
 from .sights import draw_lines, draw_photos, photo_shapes
-from .style import drawn, headline, new_figure, nothing, positive
+from .style import doubts_of, drawn, headline, new_figure, nothing, positive
+from .vectors import tests_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,6 +40,8 @@ def plot_network(
     factor: float | None = None,
     labels: bool = True,
     heights: bool | None = None,
+    reliability: Reliability | None = None,
+    aside: SetAside | None = None,
 ) -> Figure:
     """Draw the plan of a network: points, lines of observations, photos and error ellipses.
 
@@ -45,25 +52,32 @@ def plot_network(
     Ellipses have semi-axes k √λ, λ the eigenvalues of the 2 × 2 covariance in the plan and
     k² = χ²(confidence; 2), or 2 F(confidence; 2, r) in an a-posteriori solution. One factor, 1, 2
     or 5 times a power of ten, exaggerates all ellipses; the scale key states it. Ellipses of a
-    free network refer to its inner constraints.
+    free network refer to its inner constraints. Ellipses of a doubtful result (not converged, or
+    the global test failed, or test values above the critical value) are dashed.
 
     Args:
         solution: the result of `adjust`.
         view: from above (the plan), or from the south or the east with heights upwards.
         confidence: probability of the ellipses, and of the intervals of heights.
         factor: exaggeration of the ellipses; by default an ellipse of medium size is well visible.
-        labels: write names where there is room; in networks of more than 1000 points only the
-            names of held, known and check points and stations.
+        labels: write names of points and photos where there is room; in networks of more than
+            1000 points only those of photos, of held, known and check points and of stations. The
+            legend states how many names were left out.
         heights: draw confidence intervals of heights as bars; by default only if the plan is
             held. In views from a side, the ellipses show the precision of heights.
+        reliability: reliability of the same solution; with it, observations with |w| above the
+            critical value are marked.
+        aside: observations that were set aside, see `set_aside`; dotted lines with a cross mark
+            them.
 
     Returns:
         A figure; ``figure.savefig("network.png")`` writes it.
 
     Raises:
         InputError: the view is unknown, the confidence is outside (0, 1), the factor is ≤ 0, or
-            matplotlib is not installed.
+            matplotlib is not installed, or the reliability is of another solution.
     """
+    tests_of(solution, reliability)
     if view not in VIEWS:
         raise InputError(f"unknown view {view!r}; valid: {', '.join(VIEWS)}")
     if not 0 < confidence < 1:
@@ -79,14 +93,20 @@ def plot_network(
     schematic = no_plan and not solution.network.photos and not np.ptp(xyz[:, :2], axis=0).any()
     bars = no_plan if heights is None or schematic else heights
     bars = bars and (view == "above" or schematic)
-    precision = precision_of(solution, plan, confidence, factor, bars)
+    doubts = doubts_of(solution, reliability)
+    precision = precision_of(solution, plan, confidence, factor, bars, bool(doubts))
     if schematic:
-        return draw_heights(solution, precision, labels)
-    return _plan_view(solution, plan, precision, labels)
+        return draw_heights(solution, precision, labels, aside, reliability)
+    return _plan_view(solution, plan, precision, labels, aside, reliability)
 
 
 def _plan_view(
-    solution: Solution, plan: DrawingPlane, precision: Precision | None, labels: bool
+    solution: Solution,
+    plan: DrawingPlane,
+    precision: Precision | None,
+    labels: bool,
+    aside: SetAside | None,
+    reliability: Reliability | None,
 ) -> Figure:
     unknowns, name = solution.equations.unknowns, solution.network.name or "network"
     at = plan.coordinates(np.nan_to_num(solution.state["point"]))[:, :2]
@@ -112,6 +132,8 @@ def _plan_view(
         shapes = photo_shapes(solution, image_rows(solution), size)
         flat = plan.coordinates(shapes.reshape(-1, 3))[:, :2].reshape(len(centres), -1, 2)
         legend += draw_photos(axes, centres, flat)
+    places = {"point": at, "pose": centres}
+    legend += draw_places(axes, solution, places, aside, reliability)
     status = status_of(solution)
     legend += draw_points(axes, at, status)
     if precision is None:
@@ -125,11 +147,11 @@ def _plan_view(
     if outside:
         notes.append(f"{outside} points or photos lie outside, far away from all others")
     _scales(axes, plan, extent)
-    figure.legend(handles=legend, loc="outside right upper")
     if notes:
         figure.supxlabel("\n".join(notes), fontsize=8.0, x=0.01, ha="left")
-    if labels:
-        label_points(figure, axes, at, list(unknowns["point"].names), status.important, centres)
+    points, photos = unknowns["point"].names, unknowns["pose"].names
+    named = Named(points, at, status.important, photos, centres) if labels else None
+    legend_with_names(figure, axes, legend, named, doubts_of(solution, reliability))
     return figure
 
 

@@ -12,7 +12,16 @@ from ...solve.solution import Solution
 from ...types import Array, Mask
 from .marks import spacing
 from .plan import DrawingPlane, covariances, ellipses
-from .style import PURPLE, VERMILLION, exaggeration, length, readable, scale_key
+from .style import (
+    PURPLE,
+    VERMILLION,
+    exaggeration,
+    has_computed_readings,
+    length,
+    readable,
+    scale_key,
+    wrapped,
+)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -45,6 +54,13 @@ class Precision:
     """Line with the confidence and the scale of the covariances."""
     factor: float | None
     """Exaggeration chosen by the caller; None for an automatic one."""
+    doubtful: bool
+    """Whether the result is doubtful: its regions are drawn by dashes, and the legend says so."""
+
+    @property
+    def look(self) -> tuple[str, str]:
+        """Line style of the regions, and what the legend adds to their names."""
+        return ("--", ", of a doubtful result") if self.doubtful else ("-", "")
 
     @property
     def sizes(self) -> Array:
@@ -53,7 +69,12 @@ class Precision:
 
 
 def precision_of(
-    solution: Solution, plan: DrawingPlane, confidence: float, factor: float | None, heights: bool
+    solution: Solution,
+    plan: DrawingPlane,
+    confidence: float,
+    factor: float | None,
+    heights: bool,
+    doubtful: bool,
 ) -> Precision | None:
     """Return the confidence regions in a plan; None without covariances."""
     found = covariances(solution)
@@ -72,8 +93,10 @@ def precision_of(
         centre_direction,
         k1 * up if heights else np.zeros(len(up)),
         f"confidence {100 * confidence:g} %, {_SIGMA0[solution.variance]}"
-        + (", free network" if solution.datum is not None else ""),
+        + (", free network" if solution.datum is not None else "")
+        + (", computed readings" if has_computed_readings(solution) else ""),
         factor,
+        doubtful,
     )
 
 
@@ -109,10 +132,11 @@ def draw_precision(
     fits = sizes * factor <= LARGEST * extent
     found: list[Artist] = []
     line = 1.0 if len(at) <= 300 else 0.5
+    dashes, more = precision.look
     oval = fits & (precision.semi[:, 0] > 0)
     if oval.any():
-        which = (precision.semi, precision.direction, oval, factor, VERMILLION, line)
-        found.append(_ellipses(axes, at, *which, "error ellipse of a point"))
+        which = (precision.semi, precision.direction, oval, factor, VERMILLION, line, dashes)
+        found.append(_ellipses(axes, at, *which, f"error ellipse of a point{more}"))
     tall = fits & (precision.height > 0)
     if tall.any():
         ends = np.repeat(at[tall, None], 2, axis=1)
@@ -121,8 +145,9 @@ def draw_precision(
             list(ends),
             colors=VERMILLION,
             linewidths=1.5 * line,
+            linestyles=dashes,
             zorder=3.5,
-            label="interval of a height (±)",
+            label=f"interval of a height (±){more}",
         )
         axes.add_collection(bars)
         found.append(bars)
@@ -136,8 +161,8 @@ def draw_precision(
         ovals[:] = False
     if ovals.any():
         whose = (precision.centre_semi, precision.centre_direction, ovals, factor, PURPLE)
-        label = "error ellipse of a projection centre"
-        found.append(_ellipses(axes, centres, *whose, 0.8 * line, label))
+        label = f"error ellipse of a projection centre{more}"
+        found.append(_ellipses(axes, centres, *whose, 0.8 * line, dashes, label))
     _enlarge(axes, at[fits], factor * precision.sizes[fits])
     _enlarge(axes, centres[ovals], factor * precision.centre_semi[ovals, 0])
     key = readable(typical)
@@ -156,6 +181,7 @@ def _ellipses(
     factor: float,
     colour: str,
     line: float,
+    dashes: str,
     label: str,
 ) -> Artist:
     """Draw ellipses; return their entry of the legend."""
@@ -173,11 +199,14 @@ def _ellipses(
             facecolors="none",
             edgecolors=colour,
             linewidths=line,
+            linestyles=dashes,
             zorder=3.5,
             label=label,
         )
     )
-    return Line2D([], [], ls="", marker="o", ms=8.0, mfc="none", mec=colour, label=label)
+    if dashes != "-":
+        return Line2D([], [], color=colour, ls=dashes, lw=1.2, label=wrapped(label))
+    return Line2D([], [], ls="", marker="o", ms=8.0, mfc="none", mec=colour, label=wrapped(label))
 
 
 def _enlarge(axes: Axes, at: Array, radius: Array) -> None:

@@ -15,10 +15,12 @@ from ...quality.levels import CONFIDENCE
 from ...quality.reliability import Reliability
 from ...quality.reliability import reliability as compute_reliability
 from ...solve.solution import Solution
+from ..set_aside import SetAside
+from .histogram import plot_w
 from .image_rows import image_rows
 from .images import plot_mean_photo, plot_photos
 from .network import plot_network
-from .statistics import plot_qq, plot_redundancy, plot_w
+from .statistics import plot_qq, plot_redundancy
 from .style import drawn, nothing
 from .vectors import tests_of
 
@@ -35,6 +37,7 @@ def save_plots(
     folder: str | Path,
     *,
     reliability: Reliability | None = None,
+    aside: SetAside | None = None,
     format: Format = "png",
     confidence: float = CONFIDENCE,
     photos: int = 12,
@@ -50,6 +53,7 @@ def save_plots(
         solution: the result of `adjust`.
         folder: the folder; it is created if missing.
         reliability: reliability of the same solution; by default it is computed.
+        aside: observations that were set aside, see `set_aside`.
         format: format of the files.
         confidence: probability of the error ellipses.
         photos: largest number of photos in the figure ``photos``.
@@ -66,27 +70,36 @@ def save_plots(
     if photos < 1:
         raise InputError(f"photos must be at least 1, not {photos}")
     tests_of(solution, reliability)  # refuses the reliability of another solution
-    figures = {"network": plot_network(solution, confidence=confidence)}
-    name = solution.network.name or "network"
-    statistics = {"w": plot_w, "qq": plot_qq, "redundancy": plot_redundancy}
-    rel = reliability
+    rel, why = reliability, ""
     try:
         rel = compute_reliability(solution) if rel is None else rel
-        figures |= {key: plot(rel) for key, plot in statistics.items()}
     except AdjustmentError as error:  # the iteration stopped early, or the network is too weak
-        figures |= {key: nothing(name, str(error)) for key in statistics}
+        why = str(error)
+    plan = plot_network(solution, confidence=confidence, reliability=rel, aside=aside)
+    figures = {"network": plan}
+    if rel is None:
+        figures |= {key: _instead(solution, why) for key in ("w", "qq", "redundancy")}
+    else:
+        figures |= {"w": plot_w(rel, aside=aside), "qq": plot_qq(rel, aside=aside)}
+        figures["redundancy"] = plot_redundancy(rel)
     rows = image_rows(solution)
     if len(rows.row):
-        figures["photos"] = plot_photos(solution, reliability=rel, most=photos)
+        figures["photos"] = plot_photos(solution, reliability=rel, aside=aside, most=photos)
         cameras = list(solution.network.cameras)
         many = [
             c for i, c in enumerate(cameras) if len(np.unique(rows.photo[rows.camera == i])) > 1
         ]
         for camera, key in zip(many, _names(many), strict=True):
-            figures[key] = plot_mean_photo(solution, camera)
+            figures[key] = plot_mean_photo(solution, camera, reliability=rel)
     files = {f"{key}.{format}": _bytes(figure, format) for key, figure in figures.items()}
     write_files(folder, files)
     return [Path(folder) / file for file in files]
+
+
+@drawn
+def _instead(solution: Solution, why: str) -> Figure:
+    """Return a figure that says why there are no test values."""
+    return nothing(solution.network.name or "network", why)
 
 
 def _names(cameras: list[str]) -> list[str]:

@@ -10,7 +10,7 @@ from ...solve.solution import Solution
 from ...types import Array, Index
 from ..rows import kind_name
 from .image_rows import ImageRows
-from .style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY
+from .style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -82,25 +82,19 @@ def draw_lines(axes: Axes, at: Array, solution: Solution) -> list[Artist]:
             linewidths=width,
             alpha=0.85 if total <= 100 else 0.5,
             zorder=1,
-            label=_wrapped(f"{label} ({len(ends)})"),
+            label=wrapped(f"{label} ({len(ends)})"),
         )
         axes.add_collection(lines)
         found.append(lines)
     return found
 
 
-def _wrapped(text: str) -> str:
-    from textwrap import fill
-
-    return fill(text, 34, subsequent_indent="  ")
-
-
 def photo_shapes(solution: Solution, images: ImageRows, size: float) -> Array:
     """Return the outline of each photo's field of view as one line (n, 11, 3), metres.
 
-    The outline follows the rays, up to ``size`` metres long, to the corners of the measured part
-    of the image. From above, a vertical photo is a rectangle with its diagonals and a horizontal
-    photo is a fan.
+    The outline follows the rays, up to ``size`` metres long, to the corners of the sensor, or of
+    the measured part of the image where the camera states no format. From above, a vertical photo
+    is a rectangle with its diagonals and a horizontal photo is a fan.
     """
     network, state = solution.network, solution.state
     out = np.empty((len(network.photos), 11, 3))

@@ -1,8 +1,7 @@
-"""Figures of the test values and redundancy numbers of all observations."""
+"""Ordered test values of all observations, and their redundancy numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +10,9 @@ from scipy.stats import beta, norm
 from ...io.numbers import Units
 from ...quality.reliability import Reliability
 from ...types import Array, Index
-from ..rows import ReportRows
+from ..rows import ReportRows, Row
+from ..set_aside import SetAside
+from .histogram import NO_TESTS, W, critical_lines
 from .style import (
     BLACK,
     BLUE,
@@ -31,8 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NO_TESTS = "No observation is controlled by others (all redundancy numbers are 0): no test values."
-W = "w = v / σᵥ (a-priori σ0 = 1)"
 STRIP = 400
 """Largest number of values of a group that shows each value."""
 RASTER = 20_000
@@ -40,63 +39,7 @@ RASTER = 20_000
 
 
 @drawn
-def plot_w(rel: Reliability) -> Figure:
-    """Draw the histogram of the test values w with their expected distribution.
-
-    Without blunders and systematic errors, and with correct standard deviations, each w is
-    standard normal. Values outside the histogram are counted in the outermost bars, and a note
-    states this.
-
-    Args:
-        rel: reliability of an adjustment; only controlled observations have a w.
-
-    Returns:
-        A figure; if no observation is controlled, it shows a message.
-
-    Raises:
-        InputError: matplotlib is not installed.
-    """
-    name = rel.solution.network.name or "network"
-    w = rel.w[rel.controlled]
-    n = len(w)
-    if not n:
-        return nothing(name, NO_TESTS)
-    limit = max(5.0, np.ceil(rel.critical_w + 1.0))
-    # Bins of about 2 IQR / ∛n (Freedman & Diaconis) for a standard normal w, symmetric about 0.
-    half = int(np.clip(np.ceil(limit / (2 * 1.349 / np.cbrt(n))), 5, 60))
-    edges = np.linspace(-limit, limit, 2 * half + 1)
-    figure = new_figure(8.0, 4.6)
-    axes = figure.add_subplot()
-    shown = np.clip(w, -limit, limit)
-    counts, _, _ = axes.hist(shown, edges.tolist(), color=SKY, edgecolor="white", lw=0.4, label="w")
-    x = np.linspace(-limit, limit, 401)
-    expected = n * (edges[1] - edges[0]) * norm.pdf(x)
-    axes.plot(x, expected, color=BLACK, lw=1.5, label="standard normal")
-    crit = rel.critical_w
-    beyond = int(np.sum(np.abs(w) > crit))
-    _critical(axes.axvline, rel)
-    axes.set_ylim(0.0, 1.08 * max(float(np.max(counts)), float(expected.max())))
-    axes.set_xlim(-limit, limit)
-    axes.set_xlabel(W)
-    axes.set_ylabel("number of observations")
-    headline(axes, name, "test values w of Baarda")
-    outer = int(np.sum(np.abs(w) > limit))
-    lines = [
-        f"{n} controlled observations",
-        f"{len(rel.w) - n} not controlled: no w",
-        f"RMS w {np.sqrt(np.mean(w**2)):.3f}, mean {np.mean(w):.3f}".replace("-", "−"),
-        f"|w| > {crit:.2f}: {beyond}, expected {rel.alpha * n:.2g}",
-    ]
-    if outer:
-        lines.append(
-            f"{outer} beyond ±{limit:g}, in the outer bars;\nlargest |w| {np.max(np.abs(w)):.1f}"
-        )
-    beside(figure, axes, lines)
-    return figure
-
-
-@drawn
-def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
+def plot_qq(rel: Reliability, *, most: int = 8, aside: SetAside | None = None) -> Figure:
     """Draw the sorted test values w against the quantiles of the standard normal distribution.
 
     The i-th of n values lies over Φ⁻¹((i − ½)/n). Without blunders the values follow the
@@ -106,7 +49,9 @@ def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
 
     Args:
         rel: reliability of an adjustment; only controlled observations have a w.
-        most: largest number of named suspects (|w| above the critical value), largest |w| first.
+        most: largest number of suspects (|w| above the critical value) that are named, with
+            their ids, largest |w| first.
+        aside: observations that were set aside, see `set_aside`; they are counted, not drawn.
 
     Returns:
         A figure; if no observation is controlled, it shows a message.
@@ -134,7 +79,7 @@ def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
     axes.fill_between(x[at - 1], low, high, color=PALE, lw=0, label="95 %, independent values")
     reach = float(max(np.abs(x[-1]), 1.0)) * 1.05
     axes.plot([-reach, reach], [-reach, reach], color=BLACK, lw=1.0, label="standard normal")
-    _critical(axes.axhline, rel)
+    critical_lines(axes.axhline, rel)
     bad = np.abs(w) > crit
     for mask, colour, label, marker in ((~bad, BLUE, "w", "o"), (bad, VERMILLION, "suspects", "D")):
         if mask.any():
@@ -165,10 +110,14 @@ def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
     axes.set_xlim(-1.25 * reach, 1.25 * reach)
     headline(axes, name, "test values w of Baarda in order")
     missing = len(rel.w) - n
-    beside(figure, axes, [f"{n} controlled observations", f"{missing} not controlled: no w"])
+    lines = [f"{n} controlled observations", f"{missing} not controlled: no w"]
     suspects = np.argsort(-np.abs(w), kind="stable")[: min(most, int(bad.sum()))]
-    named = _rows(rel).at(rows[suspects].tolist())
-    names = [f"{row.kind_name} {row.what}" for row in named]
+    if len(suspects) < bad.sum():
+        lines.append(f"the {len(suspects)} largest of {int(bad.sum())} suspects are named")
+    if aside is not None:
+        lines.append(f"{aside.count} set aside: not shown")
+    beside(figure, axes, lines)
+    names = [_name(row) for row in _rows(rel).at(rows[suspects].tolist())]
     _name_tails(figure, axes, np.stack([x, w], 1)[suspects], names)
     return figure
 
@@ -218,6 +167,12 @@ def plot_redundancy(rel: Reliability) -> Figure:
     return figure
 
 
+def _name(row: Row) -> str:
+    """Return kind, points and component of an observation; its id first, if it has its own."""
+    name = f"{row.kind_name} {row.what}"
+    return f"{row.own_id}: {name}" if row.own_id else name
+
+
 def _rows(rel: Reliability) -> ReportRows:
     solution = rel.solution
     return ReportRows(solution.equations, solution.observations.residuals, Units())
@@ -256,12 +211,6 @@ def _strip(axes: Axes, place: int, r: Array) -> None:
     axes.plot([median], [place], "|", color=BLACK, ms=11.0, mew=1.6, zorder=3)
 
 
-def _critical(line: Callable[..., object], rel: Reliability) -> None:
-    label = f"critical ±{rel.critical_w:.2f} (α0 = {100 * rel.alpha:.3g} %)"
-    line(rel.critical_w, color=VERMILLION, lw=1.2, ls="--", label=label)
-    line(-rel.critical_w, color=VERMILLION, lw=1.2, ls="--")
-
-
 def _name_tails(figure: Figure, axes: Axes, at: Array, names: list[str]) -> None:
     """Write names beside points of both tails, one above the other, with thin leader lines."""
     figure.draw_without_rendering()
@@ -271,18 +220,24 @@ def _name_tails(figure: Figure, axes: Axes, at: Array, names: list[str]) -> None
     for upper, sign, end in ((True, 1.0, axes.bbox.y1), (False, -1.0, axes.bbox.y0)):
         tail = np.flatnonzero((at[:, 1] > 0) == upper)
         tail = tail[np.argsort(sign * pixels[tail, 1])]
+        if not len(tail):
+            continue
+        # All names of a tail begin, or end, beside its innermost point.
+        room = 22.0 * figure.dpi / 72.0
+        column = pixels[tail, 0].min() - room if upper else pixels[tail, 0].max() + room
         y = sign * spread(sign * pixels[tail, 1] + step / 2, step, sign * end - step / 2)
         for i, height in zip(tail.tolist(), y.tolist(), strict=True):
-            points = (-22.0 if upper else 22.0, (height - pixels[i, 1]) * 72.0 / figure.dpi)
+            points = (np.array([column, height]) - pixels[i]) * 72.0 / figure.dpi
+            line = {"arrowstyle": "-", "lw": 0.5, "color": GREY, "shrinkA": 0}
             axes.annotate(
                 shortened(names[i], 36),
                 at[i],
-                points,
+                (float(points[0]), float(points[1])),
                 textcoords="offset points",
                 ha="right" if upper else "left",
                 va="center",
                 fontsize=7.5,
-                arrowprops={"arrowstyle": "-", "lw": 0.5, "color": GREY, "shrinkA": 0},
+                arrowprops=line | {"relpos": (1.0 if upper else 0.0, 0.5)},
                 gid="name of a suspect",
             )
 

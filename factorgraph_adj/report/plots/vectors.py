@@ -73,7 +73,7 @@ def size_of(corners: tuple[Array, Array]) -> tuple[float, float]:
 
 
 def set_format(axes: Axes, own: ImageRows, corners: tuple[Array, Array], photo: str) -> str:
-    """Set limits to the measured area, mark the principal point; return the unit."""
+    """Set limits to an area, mark the principal point; return the unit."""
     from matplotlib.ticker import MaxNLocator
 
     low, high = corners
@@ -155,10 +155,11 @@ def draw_key(
     scale_key(axes, size * factor, label, above=above)
 
 
-def summary(own: ImageRows, bad: Mask, tests: Tests) -> str:
+def summary(own: ImageRows, bad: Mask, tests: Tests, aside: int) -> str:
     """Return a line with the numbers of points and suspects, and the size of the test values."""
     n, found = len(own.row), int(bad.sum())
-    return (
+    text = (
         f"{n} point{'s' * (n != 1)}, RMS {tests.name} {tests.rms(own):.2f}, "
         f"{found} suspect{'s' * (found != 1)}"
     )
+    return f"{text}, {aside} set aside" if aside else text
