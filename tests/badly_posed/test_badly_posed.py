@@ -1,0 +1,105 @@
+"""A seeded part of the campaign: what has converged is a minimum, and as near as it says."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.observations import HeightDifference, SlopeDistance
+
+from .campaign import campaign, judged
+from .draw import FAMILIES, badly_posed
+from .exact import nearest
+
+N = 15 * len(FAMILIES)
+"""Networks in the test."""
+
+
+def test_badly_posed_networks_end_where_they_say() -> None:
+    found = list(campaign(0, N))
+    assert [f"seed {c.seed}: {c.fault}" for c in found if c.fault] == []
+    told = Counter((c.family, c.told) for c in found)
+    for family in FAMILIES:
+        assert told[family, "converged"] >= 5, told
+
+
+@pytest.mark.parametrize("seed", [20, 46, 109, 496])
+def test_a_prediction_and_few_digits_do_not_end_an_adjustment(seed: int) -> None:
+    """Version 0.6 before it: 1e-5 σ was told; it was 3e-3, 1.7e-3, 2.6e-4 and 1.6e-4 of a σ."""
+    case = judged(seed)
+    assert (case.told, case.fault) == ("converged", "")
+
+
+def test_the_reference_finds_what_is_moved_away() -> None:
+    """A solution that is moved by a hundredth of its σ is a hundredth of its σ away."""
+    solution = fga.adjust(badly_posed(12).network)
+    assert nearest(solution).unknown < 1e-6
+    unknowns = solution.equations.unknowns
+    name = next(n for n, p in solution.network.points.items() if not all(p.fixed))
+    number = unknowns["point"].number[name]
+    state = dict(solution.state)
+    state["point"] = state["point"].copy()
+    sigma = solution.standard_deviations(name)[0]
+    state["point"][number, 0] += 0.01 * sigma
+    assert nearest(solution.at(state)).unknown == pytest.approx(0.01, rel=1e-3)
+
+
+# -- a place between two ---------------------------------------------------------------------------
+
+
+def in_the_plane(height: float, *, second: bool = False) -> fga.Network:
+    """Return points 12 m above four stations, given at a height with a weak σ."""
+    network = fga.Network("plane")
+    corners = [(0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0)]
+    for i, (x, y) in enumerate(corners):
+        network.add_point(f"S{i}", (x, y, 10.0), fixed="xyz")
+    for name, (e, n) in {"P": (40.0, 55.0), **({"Q": (70.0, 30.0)} if second else {})}.items():
+        network.add_point(name, (e, n, height), sigma=(np.inf, np.inf, 1000.0))
+        for i, (x, y) in enumerate(corners):
+            d = float(np.sqrt((x - e) ** 2 + (y - n) ** 2 + 12.0**2)) + 1e-4 * (-1) ** i
+            network.add(SlopeDistance(f"S{i}", name, d, sigma=0.001))
+    return network
+
+
+def test_a_point_in_the_plane_of_its_stations_goes_to_its_place_and_tells_of_the_other() -> None:
+    solution = fga.adjust(in_the_plane(10.0))
+    beside = fga.adjust(in_the_plane(11.0))
+    assert solution.converged and beside.converged
+    assert abs(solution.point("P")[2] - 10.0) == pytest.approx(12.0, abs=0.01)
+    assert solution.vtpv == pytest.approx(beside.vtpv, abs=1e-4)  # but for the weak weight
+    other = 20.0 - solution.point("P")[2]
+    assert f"point 'P' fits equally well at 40.0000, 55.0000, {other:.4f}" in solution.reason
+    assert "equally well" not in beside.reason
+
+
+def test_two_such_points_both_go() -> None:
+    solution = fga.adjust(in_the_plane(10.0, second=True))
+    for name in "PQ":
+        assert abs(solution.point(name)[2] - 10.0) == pytest.approx(12.0, abs=0.01)
+        assert f"point {name!r} fits equally well at" in solution.reason
+
+
+def test_where_the_other_place_is_worse_it_is_not_told() -> None:
+    """A levelled height of 100 mm tells them apart, and is much weaker than the distances."""
+    network = in_the_plane(10.0)
+    network.add(HeightDifference("S0", "P", 12.0, sigma=0.1))
+    solution = fga.adjust(network)
+    assert solution.point("P")[2] == pytest.approx(22.0, abs=0.02)
+    assert "equally well" not in solution.reason
+
+
+def test_a_weak_height_alone_is_no_place_between_two() -> None:
+    """A height with a weak weight that nothing else determines stays where it is."""
+    network = in_the_plane(10.0)
+    for ident in list(network.observations):
+        network.observations.pop(ident)
+    for i in range(4):
+        x, y = network.points[f"S{i}"].coordinates[:2]
+        d = float(np.hypot(x - 40.0, y - 55.0)) + 1e-4 * (-1) ** i
+        network.add(fga.observations.HorizontalDistance(f"S{i}", "P", d, sigma=0.001))
+    solution = fga.adjust(network)
+    assert solution.converged and solution.point("P")[2] == 10.0
+    assert "equally well" not in solution.reason
