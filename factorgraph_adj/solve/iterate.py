@@ -132,7 +132,9 @@ def iterate(
         first = iteration == 1
         if first and (run.free or bool(np.any(run.unobserved(normal)))):
             settle_datum(run, normal)
-        stop = replace(stop, resolution=normal.resolution)
+        # A free network's motion onto its inner constraints begins with a look.
+        trusting = run.datum is not None
+        stop = replace(stop, resolution=normal.resolution, trusting=trusting)
         damping, found = _descend(run, normal, stop, damping, first=first)
         if found is None:
             return _no_way_on(run, normal, stop, iteration)
@@ -171,7 +173,7 @@ def _descend(
     """Damp until a step is accepted; none: no damping leads to an accepted step."""
     while True:
         damped = damping.value > 0.0
-        step = step_from(run, normal, damping.value)
+        step = step_from(run, normal, damping.value, keep=stop.expecting)
         if first and not damped:
             # Datum defects leave vanishing pivots; without such a pivot no search is needed.
             suspicious = step is None or normal.smallest_pivot < ITERATION.suspicious
@@ -191,8 +193,12 @@ def _descend(
             return damping, None
 
 
-def step_from(run: Run, normal: NormalEquations, damping: float = 0.0) -> Step | None:
+def step_from(
+    run: Run, normal: NormalEquations, damping: float = 0.0, *, keep: bool = False
+) -> Step | None:
     """Return the step from a linearisation, with some damping; none: the system is singular.
+
+    With ``keep`` the linearisation keeps its factorisation: it is probably that of the solution.
 
     Damping may lead to a state at which the undamped normal equations are regular; otherwise the
     end of the iteration raises an error that names the undetermined unknowns.
@@ -202,7 +208,7 @@ def step_from(run: Run, normal: NormalEquations, damping: float = 0.0) -> Step |
         run.smallest_pivot = 0.0
     try:
         # Damping fills the datum too, and treats all points alike.
-        factor = normal.factorise(damped if damping > 0.0 else run.constraint)
+        factor = normal.factorise(damped if damping > 0.0 else run.constraint, keep=keep)
     except SingularError:
         if damping > 0.0:
             return None

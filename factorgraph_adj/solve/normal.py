@@ -90,6 +90,7 @@ class NormalEquations:
         self.diagonal = self.system.diagonal()
         self._factors: TreeFactors | None = None
         self._sums: RaySums | None = None
+        self._kept: tuple[Array, bool, Factor] | None = None
         self.smallest_pivot = 0.0
         """Smallest pivot of the last factorisation, relative to its diagonal element."""
 
@@ -99,7 +100,7 @@ class NormalEquations:
         spacing = self.solver.equations.unknowns.spacing(self.state)
         return float(np.sqrt(self.diagonal @ spacing**2))
 
-    def factorise(self, extra: Array, *, exact: bool = False) -> Factor:
+    def factorise(self, extra: Array, *, exact: bool = False, keep: bool = False) -> Factor:
         """Factorise N + diag(extra).
 
         Args:
@@ -107,6 +108,7 @@ class NormalEquations:
             exact: whether covariances are needed. QR then factorises the tree even if it is
                 large, and all unknowns if pivots are poor. Steps need less precision, as the next
                 step corrects their errors.
+            keep: whether the next factorisation with the same terms may be this one.
 
         Raises:
             SingularError: an unknown is not determined.
@@ -114,12 +116,12 @@ class NormalEquations:
         solver = self.solver
         qr = solver.qr_everywhere or exact or len(solver.layers.tree) <= LARGEST_QR
         if solver.qr_everywhere:
-            factor = self._factorise(extra, qr=True)
+            factor = self._factorise(extra, qr=True, keep=keep)
             if factor.smallest_pivot(self.diagonal + extra, tree=1.0, point=1.0) <= VANISHED_QR:
                 raise SingularError("a pivot vanished")
             return factor
         try:
-            factor = self._factorise(extra, qr=qr)
+            factor = self._factorise(extra, qr=qr, keep=keep)
         except SingularError:
             if not exact:
                 raise
@@ -136,7 +138,7 @@ class NormalEquations:
             if not exact:
                 raise SingularError("a pivot vanished")
         solver.turn_to_qr()
-        self._factors = self._sums = None
+        self._factors = self._sums = self._kept = None
         return self.factorise(extra, exact=exact)
 
     def reduced(self, extra: Array) -> Factor:
@@ -169,7 +171,7 @@ class NormalEquations:
         factor = self._probed(constraint)
         if factor.uncertainty > TRUSTED and not self.solver.qr_everywhere:
             self.solver.turn_to_qr()
-            self._factors = self._sums = None
+            self._factors = self._sums = self._kept = None
             factor = self._probed(constraint)
         if factor.uncertainty > TRUSTED:
             raise SingularError(refusal(self.system, factor, self.diagonal))
@@ -207,9 +209,13 @@ class NormalEquations:
         better[held] = self.diagonal[held]
         return better
 
-    def _factorise(self, extra: Array, *, qr: bool) -> Factor:
+    def _factorise(self, extra: Array, *, qr: bool, keep: bool = False) -> Factor:
+        if self._kept is not None and self._kept[1] == qr and np.array_equal(self._kept[0], extra):
+            return self._kept[2]
         if self._factors is None:
             self._factors = TreeFactors(self.solver.layers, self.system)
         if self._sums is None:
             self._sums = self.solver.plan.sums(self.system)
-        return Factor(self.solver.plan, self._sums, self._factors, extra, qr=qr)
+        factor = Factor(self.solver.plan, self._sums, self._factors, extra, qr=qr)
+        self._kept = (extra.copy(), qr, factor) if keep else None
+        return factor

@@ -165,6 +165,8 @@ class Stop(Generic[S]):
     """Bound of a movement by one unit in the last digit of every value, relative to σ."""
     expecting: bool = False
     """Whether the last step is expected to have come to rest."""
+    trusting: bool = False
+    """Whether the expectation ends the iteration, because what comes after it looks anyway."""
 
     def judge(self, attempt: Attempt[S], before: float, *, damped: bool) -> Judgement:
         """Judge a step by the state after it.
@@ -185,7 +187,7 @@ class Stop(Generic[S]):
         at_end = near and no_worse(after, before)
         small = at_end or (not damped and hidden)
         accepted = attempt.state is not None and (small or gain > STOPPING.worthwhile)
-        done = at_end and bound < self.tolerance
+        done = at_end and (bound < self.tolerance or self.trusting)
         return Judgement(gain, left, small, accepted, done, at_end and not done)
 
     def _left(self, bound: float) -> float:

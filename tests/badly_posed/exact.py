@@ -33,6 +33,8 @@ RANK = 1e-13
 """Singular values of the scaled partials, relative to the largest, that count as zero."""
 FAR = 1e-4
 """Movement in units of σ by which the second derivatives are found."""
+SMALL = 1e-9
+"""Negative eigenvalue of the second derivatives, relative to the largest one, that is rounding."""
 STEPS = 40
 """Largest number of Newton's steps."""
 REST, ALMOST = 1e-7, 0.01
@@ -280,7 +282,8 @@ def nearest(solution: Solution) -> Nearest:
         ahead[j] = FAR
         second[:, j] = np.asarray((gradient(ahead) - gradient(-ahead)) / (2 * FAR), dtype=float)
     second = (second + second.T) / 2
-    curvature = float(np.linalg.eigvalsh(second)[0])
+    curved = np.linalg.eigvalsh(second)
+    curvature = float(curved[0]) if curved[0] < -SMALL * curved[-1] else abs(float(curved[0]))
     y = np.zeros(n, LONG)
     found = False
     for _ in range(STEPS):
