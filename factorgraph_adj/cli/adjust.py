@@ -169,7 +169,7 @@ def _adjust(options: argparse.Namespace) -> int:
         write_tables(report, options.out)
     if not options.quiet:
         print(render(report), end="", flush=True)
-    return _verdict(found)
+    return _verdict(found, report)
 
 
 def _plot(options: argparse.Namespace) -> int:
@@ -193,10 +193,10 @@ def _plot(options: argparse.Namespace) -> int:
     )
     for file in files:
         print(file)
-    return _verdict(found)
+    return _verdict(found, report)
 
 
-def _verdict(found: Adjusted) -> int:
+def _verdict(found: Adjusted, report: Report) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
     doubts = doubts_about(found.solution)
     if found.components is not None and not found.components.converged:
@@ -212,7 +212,7 @@ def _verdict(found: Adjusted) -> int:
                 f"{left} observation{'s' * (left != 1)} above the critical value could not be set "
                 "aside"
             )
-        causes = found.snooping.causes
+        causes = report.causes
         if causes is not None and causes.likelier:
             doubts.append(f"likelier than gross errors of single readings: {causes.likelier[0]}")
     for doubt in doubts:

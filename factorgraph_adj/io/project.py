@@ -272,7 +272,14 @@ def read_camera(row: Row, name: str, network: Network) -> ImageAxes:
     if not row.failed:
         try:
             network.add_camera(
-                name, lens, values, free=free, sigma=weights, unit=unit, per_photo=per_photo
+                name,
+                lens,
+                values,
+                free=free,
+                sigma=weights,
+                unit=unit,
+                per_photo=per_photo,
+                y_down_in_files=y_down,
             )
         except InputError as error:
             row.wrong_all(error)

@@ -68,11 +68,14 @@ def camera_record(camera: Camera) -> dict[str, object]:
         "lens": {"model": lens.kind, **options} if options else lens.kind,
         "unit": camera.unit,
     }
+    if camera.y_down_in_files:
+        out["y_axis"] = "down"
     if camera.per_photo:
         out["per_photo"] = True
     parameters: dict[str, object] = {}
     rows = zip(lens.names, camera.values, camera.fixed, camera.sigma, strict=True)
     for name, value, fixed, sigma in rows:
+        value = camera.sign_in_files(name) * value
         if fixed:
             parameters[name] = float(value)
         elif math.isfinite(sigma):

@@ -50,6 +50,7 @@ def _add_camera(network: Network, camera: Camera) -> None:
         sigma={n: s for n, fixed, s in parts if not fixed and np.isfinite(s)},
         unit=camera.unit,
         per_photo=camera.per_photo,
+        y_down_in_files=camera.y_down_in_files,
     )
 
 

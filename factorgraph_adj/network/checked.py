@@ -52,11 +52,11 @@ def checked_camera(
     name: str,
     lens: Lens,
     values: Mapping[str, float] | Sequence[float],
-    *,
     free: Iterable[str],
     sigma: Mapping[str, float] | None,
     unit: str,
     per_photo: bool,
+    y_down_in_files: bool,
 ) -> Camera:
     """Return a camera; arguments and errors are those of `Network.add_camera`."""
     where = f"camera {name!r}"
@@ -99,6 +99,7 @@ def checked_camera(
         tuple(float(weights.get(n, np.inf)) for n in names),
         unit,
         per_photo,
+        y_down_in_files,
     )
 
 

@@ -56,6 +56,13 @@ class Camera:
     """Unit of image coordinates, for reports: mm, px …"""
     per_photo: bool = False
     """Whether every photo has a calibration of its own."""
+    y_down_in_files: bool = False
+    """Whether y of image coordinates, and y0, point down in files and reports; values in memory
+    have y up."""
+
+    def sign_in_files(self, parameter: str) -> float:
+        """Return the factor from a value in memory to files and reports: −1 for y0 with y down."""
+        return -1.0 if self.y_down_in_files and parameter == "y0" else 1.0
 
 
 @dataclass(frozen=True)

@@ -133,6 +133,7 @@ class Network(Shown):
         sigma: Mapping[str, float] | None = None,
         unit: str = "mm",
         per_photo: bool = False,
+        y_down_in_files: bool = False,
     ) -> None:
         """Add a camera.
 
@@ -142,14 +143,14 @@ class Network(Shown):
             values: calibration parameters by name (absent: 0) or in the order of ``lens.names``;
                 image units.
             free: names of parameters to estimate without a prior.
-            sigma: standard deviations, by name, of weighted parameters, which are estimated with
-                a prior. Parameters that are neither free nor weighted are held.
+            sigma: standard deviations of weighted parameters by name; all others are held.
             unit: unit of its image coordinates, for reports.
             per_photo: whether every photo has a calibration of its own.
+            y_down_in_files: whether y and y0 point down in files and reports; here y is up.
         """
         self._new(name, self.cameras, "camera")
         self.cameras[name] = checked_camera(
-            name, lens, values, free=free, sigma=sigma, unit=unit, per_photo=per_photo
+            name, lens, values, free, sigma, unit, per_photo, y_down_in_files
         )
 
     def add_photo(
@@ -263,8 +264,7 @@ class Network(Shown):
     ) -> None:
         """State the coefficient of refraction κ of a group; free unless held or weighted.
 
-        Observations without a named group belong to the group of the network, whose κ is held
-        at 0 unless this call states it.
+        The group of the network is that of observations without one; not stated, its κ is 0, held.
         """
         self.set_unknown("refraction", group, (value,), fixed=fixed, sigma=sigma)
 

@@ -10,6 +10,7 @@ from ..quality.groups import GroupReliability
 from ..quality.reliability import Reliability
 from ..quality.unit_weight import global_test
 from ..types import Index
+from ..units import decimal
 from .context import Report
 from .layout import listed, paragraph, percent, short, table, title, whole, without_empty
 from .rows import Group, Row
@@ -184,7 +185,7 @@ def suspects(report: Report) -> list[str]:
         most = min(most, above)
         found = rel.suspects(most, critical=critical * scale)
         rows = report.rows.at([s.row for s in found])
-        notes = [_inseparable(report, s.inseparable) for s in found]
+        notes = [_inseparable(report, r, s.inseparable) for r, s in zip(rows, found, strict=True)]
     else:
         order = np.argsort(-size, kind="stable")[:most]
         rows = report.rows.at(order.tolist())
@@ -199,8 +200,8 @@ def suspects(report: Report) -> list[str]:
                 f"{rel.redundancy_numbers[i]:.2f}"
                 if rel.redundancy_numbers[i] >= 0.1
                 else short(rel.redundancy_numbers[i]),
-                f"{values[i]:.2f}",
-                short(rel.estimated_errors[i] / unit),
+                decimal(row.sign * values[i], 2),
+                short(row.sign * rel.estimated_errors[i] / unit),
                 short(rel.mdb[i] / unit),
             ]
         )
@@ -227,13 +228,13 @@ def _above(report: Report) -> int:
     return int(np.sum(np.abs(values) > critical))
 
 
-def _inseparable(report: Report, partners: tuple[tuple[int, float], ...]) -> str:
+def _inseparable(report: Report, row: Row, partners: tuple[tuple[int, float], ...]) -> str:
     """Return a sentence about the observations that are inseparable from an observation."""
     if not partners:
         return ""
     rows = report.rows.at([row for row, _ in partners[:PARTNERS]])
     named = [
-        whole(f"{r.kind_name} {r.what} ({rho:+.2f})")
+        whole(f"{r.kind_name} {r.what} ({row.sign * r.sign * rho:+.2f})")
         for r, (_, rho) in zip(rows, partners, strict=False)
     ]
     more = f" and {len(partners) - PARTNERS} more" if len(partners) > PARTNERS else ""
@@ -304,7 +305,7 @@ def residuals(report: Report) -> list[str]:
             *names_of(r),
             f"{short(r.residual / r.scale.size)} {r.scale.small}".strip(),
             short(r.sigma / r.scale.size),
-            f"{r.residual / r.sigma:.2f}",
+            decimal(r.residual / r.sigma, 2),
         ]
         for r in report.rows.at(order)
     ]

@@ -10,7 +10,9 @@ import numpy as np
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.image_blocks import ImageIds
+from ..graph.variables import camera_of_calibration
 from ..io.numbers import Units
+from ..network.entities import Camera
 from ..observations import Unit
 from ..types import Array, Index
 from ..units import ANGLE, LENGTH, decimal, format_angle
@@ -29,6 +31,12 @@ class Scale:
     """Unit of σ and v."""
     size: float
     """Size of ``small`` in the unit of the solution (SI, or image units)."""
+    y_down: bool = False
+    """Whether y of image coordinates is shown downwards, as in the files of its camera."""
+
+    def sign(self, component: str) -> float:
+        """Return the factor from a component of an image point in memory to the one shown."""
+        return -1.0 if self.y_down and component == "y" else 1.0
 
     def value(self, value: float, digits: int) -> str:
         """Write a value."""
@@ -39,7 +47,10 @@ class Scale:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One scalar observation after the adjustment, in the units of the solution."""
+    """One scalar observation after the adjustment, in the units of the solution.
+
+    Image coordinates are those of the files of their camera, where y may point down.
+    """
 
     number: int
     """Number of the row among all rows."""
@@ -61,6 +72,9 @@ class Row:
     """Units in which the row is shown."""
     source: str
     """File and line, if the observation was read from a file."""
+    sign: float = 1.0
+    """Factor of test values and errors that are computed in the axes of the network: −1 for y and
+    y0 of a camera whose files have y down, else 1."""
 
     @property
     def kind_name(self) -> str:
@@ -133,8 +147,21 @@ class ReportRows:
         units = self.units
         if block.kind == "image":
             camera = self.network.photos[self._photos[photo or 0]].camera
-            return image_scale(self.network.cameras[camera].unit)
+            return image_scale(self.network.cameras[camera])
         return scale_of(block.unit, units)
+
+    def signs(self) -> Array:
+        """Return the sign of every row, (n_rows,), as `Row.sign`."""
+        out = np.ones(len(self))
+        cameras = [self.network.cameras[f.camera] for f in self.network.photos.values()]
+        down = np.array([c.y_down_in_files for c in cameras], dtype=bool)
+        for block in self.equations.blocks:
+            if block.kind == "image":
+                own = _numbers(block)[down[block.variables[0][1]]]
+                out[own[:, block.components.index("y")]] = -1.0
+            elif _calibrates(block):
+                out[block.rows] = [row.sign for row in self._of_block(block, range(block.n))]
+        return out
 
     def all(self) -> Iterator[Row]:
         """Iterate over every scalar observation."""
@@ -209,18 +236,28 @@ class ReportRows:
             scale = self.scale(block, photo)
             for c in range(d):
                 row = first + i * d + c
+                component = block.component(i, c)
+                sign = scale.sign(component)
+                if _calibrates(block):
+                    sign = self._camera(int(block.variables[0][1][i])).sign_in_files(component)
                 yield Row(
                     row,
                     ident,
                     block.kind,
                     names,
-                    block.component(i, c),
-                    float(block.observed[i, c]),
-                    float(self._residuals[row]),
+                    component,
+                    sign * float(block.observed[i, c]),
+                    sign * float(self._residuals[row]),
                     float(block.sigma[i, c]),
                     scale,
                     source,
+                    sign,
                 )
+
+    def _camera(self, calibration: int) -> Camera:
+        """Return the camera of a calibration, by number."""
+        name = self.equations.unknowns["calibration"].names[calibration]
+        return camera_of_calibration(self.network, name)
 
 
 def scale_of(unit: Unit, units: Units) -> Scale:
@@ -232,9 +269,10 @@ def scale_of(unit: Unit, units: Units) -> Scale:
     return Scale("", "", 1.0)
 
 
-def image_scale(unit: str) -> Scale:
+def image_scale(camera: Camera) -> Scale:
     """Return the units of image coordinates; for millimetres, σ and v are in micrometres."""
-    return Scale(unit, "um", 1e-3) if unit == "mm" else Scale(unit, unit, 1.0)
+    unit, down = camera.unit, camera.y_down_in_files
+    return Scale(unit, "um", 1e-3, down) if unit == "mm" else Scale(unit, unit, 1.0, down)
 
 
 def kind_name(kind: str, *, weighted: bool = False) -> str:
@@ -242,6 +280,11 @@ def kind_name(kind: str, *, weighted: bool = False) -> str:
     if kind == "control" and weighted:
         return "weighted coordinates"
     return kind.replace("_", " ")
+
+
+def _calibrates(block: Block) -> bool:
+    """Return whether the rows are given values of calibration parameters."""
+    return block.prior and block.variables[0][0] == "calibration"
 
 
 def _numbers(block: Block) -> Index:

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..frames import GeocentricFrame, LocalFrame
+from ..graph.variables import camera_of_calibration
 from ..quality.causes.search import Cause
-from ..quality.rejections import Snooping
+from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.unit_weight import global_test
 from .context import Report
 from .unknowns import small_unknowns
@@ -54,7 +55,7 @@ def summary(report: Report) -> dict[str, Any]:
         ],
         "reliability": _reliability(report),
         "causes": [] if report.causes is None else [_cause(c) for c in report.causes.likelier],
-        **({} if report.snooping is None else {"snooping": _snooping(report.snooping)}),
+        **({} if report.snooping is None else {"snooping": _snooping(report, report.snooping)}),
         **({} if report.components is None else {"variance_components": _components(report)}),
         **({} if report.significance is None else {"parameters": _parameters(report)}),
         **({} if report.singular else _unknown_values(report)),
@@ -68,7 +69,7 @@ def _reliability(report: Report) -> dict[str, Any]:
     r = rel.redundancy_numbers
     values, critical = report.tests
     size = np.where(np.isfinite(values), np.abs(values), 0.0)
-    ids, above = report.solution.observations.ids, np.flatnonzero(size > critical)
+    above = np.flatnonzero(size > critical)
     above = above[np.argsort(-size[above], kind="stable")][: report.options.most]
     return {
         "alpha": rel.alpha,
@@ -100,14 +101,14 @@ def _reliability(report: Report) -> dict[str, Any]:
         ],
         "suspects": [
             {
-                "id": ids[i],
-                "component": report.solution.observations[i].component,
-                "test_value": float(values[i]),
-                "redundancy_number": float(r[i]),
-                "estimated_error": float(rel.estimated_errors[i]),
-                "mdb": float(rel.mdb[i]),
+                "id": row.id,
+                "component": row.component,
+                "test_value": row.sign * float(values[row.number]),
+                "redundancy_number": float(r[row.number]),
+                "estimated_error": row.sign * float(rel.estimated_errors[row.number]),
+                "mdb": float(rel.mdb[row.number]),
             }
-            for i in above.tolist()
+            for row in report.rows.at(above.tolist())
         ],
     }
 
@@ -127,7 +128,12 @@ def _cause(c: Cause) -> dict[str, Any]:
     }
 
 
-def _snooping(found: Snooping) -> dict[str, Any]:
+def _snooping(report: Report, found: Snooping) -> dict[str, Any]:
+    def shown(r: Rejected | Unresolved) -> dict[str, Any]:
+        sign, found = report.sign_of(r), asdict(r)
+        turned = ("test", "estimated_error", "final_error", "final_test")
+        return found | {n: sign * found[n] for n in turned if n in found}
+
     return {
         "test": found.test,
         "alpha": found.reliability.alpha,
@@ -135,12 +141,12 @@ def _snooping(found: Snooping) -> dict[str, Any]:
         "reason": found.reason,
         "rounds": [asdict(r) for r in found.rounds],
         "rejected": [
-            asdict(r) | {"inseparable": [{"what": o, "correlation": c} for o, c in r.inseparable]}
+            shown(r) | {"inseparable": [{"what": o, "correlation": c} for o, c in r.inseparable]}
             for r in found.rejected
         ],
         "readmitted": list(found.readmitted),
         "points_set_aside": [asdict(p) | {"rays": list(p.rays)} for p in found.points_set_aside],
-        "unresolved": [asdict(u) for u in found.unresolved],
+        "unresolved": [shown(u) for u in found.unresolved],
     }
 
 
@@ -220,9 +226,10 @@ def _pose(report: Report, name: str) -> dict[str, Any]:
 
 def _calibration(report: Report, name: str) -> dict[str, Any]:
     e = report.calibrations[name]
-    camera = report.network.cameras[name.split("@")[0]]
+    camera = camera_of_calibration(report.network, name)
     return {
         "lens": camera.lens.kind,
+        "y_axis": "down" if camera.y_down_in_files else "up",
         "unit": e.unit,
         "parameters": list(e.names),
         "values": e.values.tolist(),

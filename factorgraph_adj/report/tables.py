@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..graph.variables import camera_of_calibration
 from ..io.atomic import write_files
 from ..io.numbers import write
 from ..io.tables import write_columns, write_table
@@ -168,7 +169,7 @@ def _components_table(found: VarianceComponents) -> str:
 def _unknowns(report: Report) -> Iterator[dict[str, str]]:
     """Iterate over calibrations, orientation unknowns and small unknowns, by component."""
     for name in report.calibrations:
-        camera = report.network.cameras[name.split("@")[0]]
+        camera = camera_of_calibration(report.network, name)
         e = report.calibrations[name]
         for i, parameter in enumerate(e.names):
             weighted = isfinite(camera.sigma[i]) and not camera.fixed[i]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from ..graph.variables import camera_of_calibration
 from ..models.variables import UNKNOWNS, Quantity, VariableKind, parameter_kinds
 from ..network.entities import Camera, parameter_name
 from ..quality.systematic import TestedParameter
@@ -25,7 +26,7 @@ def calibrations(report: Report) -> list[str]:
     names, few = list(report.calibrations), max(1, report.options.most // 10)
     out: list[str] = []
     for name in names[:few]:
-        camera = report.network.cameras[name.split("@")[0]]
+        camera = camera_of_calibration(report.network, name)
         out += ["", *_calibration(report, name, camera)]
     if len(names) > few:
         out += ["", f"  … {len(names) - few} more calibrations in {report.where('unknowns.csv')}"]

@@ -14,7 +14,7 @@ import numpy as np
 from ..columns import Columns
 from ..errors import InputError, known
 from ..graph.equations import Equations
-from ..graph.variables import State
+from ..graph.variables import State, camera_of_calibration
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..quality.unit_weight import global_test
@@ -183,7 +183,7 @@ class Solution(Shown):
             camera: name of the camera; ``camera@photo`` if every photo has its own calibration.
         """
         e = self._estimate("calibration", camera)
-        unit = self.network.cameras[camera.split("@")[0]].unit
+        unit = camera_of_calibration(self.network, camera).unit
         return CalibrationEstimate(e.names, e.values, e.sigmas, e.correlation, unit)
 
     def orientation(self, station: str, set: str = "1") -> Estimate:

@@ -388,17 +388,20 @@ def test_a_photo_arrives_with_its_image_points(tmp_path):
     assert [c["name"] for c in whole["calibrations"]] == ["D3"]
 
 
-def test_a_camera_arrives_with_its_photos_and_y_points_up(tmp_path):
+def test_a_camera_arrives_with_its_photos_and_its_direction_of_y(tmp_path):
     told = Told(Stream(IncrementalAdjustment(small_block())))
     camera = {"name": "new", "unit": "px", "lens": "none", "parameters": {"c": 3000}}
     told(do="add", cameras=[camera], photos=[{"name": "N", "camera": "new"}])
     ray = {"kind": "image", "photo": "N", "point": "P1", "x": 10, "y": -20, "sigma_px": 0.3}
     assert told(ray)["verdict"] == "waiting"
     assert told.inc.observation("N/P1").y == -20
-    (problem,) = told.refused(
-        {"do": "add", "cameras": [{**camera, "name": "other", "y_axis": "down"}]}
-    )
-    assert "y_axis can only be stated in a project" in problem["what"]
+    down = {**camera, "name": "other", "y_axis": "down"}
+    told(do="add", cameras=[down], photos=[{"name": "O", "camera": "other"}])
+    assert told({**ray, "photo": "O"})["verdict"] == "waiting"
+    assert told.inc.observation("O/P1").y == 20
+    assert told.inc.network().cameras["other"].y_down_in_files
+    (problem,) = told.refused({"do": "add", "cameras": [{**camera, "name": "X", "sigma_px": 1}]})
+    assert "sigma_px can only be stated in a project" in problem["what"]
 
 
 def test_image_coordinates_of_a_project_stand_as_its_files_say(tmp_path):

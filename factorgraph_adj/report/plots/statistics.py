@@ -57,7 +57,7 @@ def plot_w(rel: Reliability) -> Figure:
         InputError: matplotlib is not installed.
     """
     name = rel.solution.network.name or "network"
-    w = rel.w[rel.controlled]
+    w = _w(rel)[rel.controlled]
     n = len(w)
     if not n:
         return nothing(name, NO_TESTS)
@@ -121,8 +121,9 @@ def plot_qq(rel: Reliability, *, most: int = 8) -> Figure:
     n = len(rows)
     if not n:
         return nothing(name, NO_TESTS)
-    rows = rows[np.argsort(rel.w[rows], kind="stable")]
-    w, crit = rel.w[rows], rel.critical_w
+    every = _w(rel)
+    rows = rows[np.argsort(every[rows], kind="stable")]
+    w, crit = every[rows], rel.critical_w
     i = np.arange(1, n + 1)
     x = norm.ppf((i - 0.5) / n)
     figure = new_figure(8.0, 6.0)
@@ -221,6 +222,11 @@ def plot_redundancy(rel: Reliability) -> Figure:
 def _rows(rel: Reliability) -> ReportRows:
     solution = rel.solution
     return ReportRows(solution.equations, solution.observations.residuals, Units())
+
+
+def _w(rel: Reliability) -> Array:
+    """Return w (n,) in the axes of files, as tables have it."""
+    return np.asarray(_rows(rel).signs() * rel.w)
 
 
 def _groups(rel: Reliability) -> list[tuple[str, Index]]:
