@@ -185,6 +185,11 @@ class Unknowns:
         stored = state[kind][number][None]
         return UNKNOWNS[kind].given(stored)[0, : self.tables[kind].size[number]].copy()
 
+    def shown(self, state: State, kind: VariableKind, number: int) -> Array:
+        """Return the values of one variable for results, (size,): orientations in [0, 2π)."""
+        stored = state[kind][number][None]
+        return UNKNOWNS[kind].shown(stored)[0, : self.tables[kind].size[number]].copy()
+
     def describe(self, column: int) -> tuple[VariableKind, str, str]:
         """Return kind, name and component of a column."""
         for kind, table in self.tables.items():

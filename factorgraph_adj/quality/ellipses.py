@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..models.base import within
 from ..solve.solution import Solution
 from ..types import Array
 from .distributions import chi2_quantile, fisher_quantile
@@ -257,12 +258,6 @@ def _intervals(
     )
 
 
-def _half_turn(azimuth: Array) -> Array:
-    """Wrap azimuths of axes to [0, π); a rounding error below zero is zero."""
-    wrapped = np.mod(azimuth, np.pi)
-    return np.where(wrapped < np.pi, wrapped, 0.0)
-
-
 def _ellipses(
     solution: Solution, pairs: _Pairs, centres: Array, sigma: Array, confidence: float | None
 ) -> tuple[ErrorEllipse, ...]:
@@ -272,7 +267,7 @@ def _ellipses(
     # minor = determinant / major avoids the difference of large numbers for thin ellipses.
     determinant = np.maximum(ee * nn - en * en, 0.0)
     minor = np.divide(determinant, major, out=np.zeros_like(major), where=major > 0)
-    azimuths = _half_turn(np.arctan2(2.0 * en, nn - ee) / 2.0).tolist()
+    azimuths = within(np.arctan2(2.0 * en, nn - ee) / 2.0, np.pi).tolist()
     variances = np.stack([np.maximum(major, 0.0), minor], axis=1)
     factors = factors_of(solution, variances, confidence)
     axes = factors[:, None] * np.sqrt(variances)

@@ -25,6 +25,7 @@ from ..quality.unit_weight import global_test
 from ..quality.variance_components import VarianceComponents
 from ..rotation import angles_by_rotation, omega_phi_kappa
 from ..solve.estimates import CalibrationEstimate
+from ..solve.geographic import Geographic, geographic
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array
@@ -288,6 +289,12 @@ class Report:
         found = np.sqrt(np.maximum(variances, 0.0)).tolist()
         names = self.solution.equations.unknowns["point"].names
         return {n: tuple(s) for n, s in zip(names, found, strict=True)}
+
+    @cached_property
+    def geographic(self) -> Geographic | None:
+        """Latitude, longitude and height of the points; None in a local frame."""
+        s = self.solution
+        return geographic(self.network.frame, s.state["point"], s.point_covariances)
 
     def where(self, file: str) -> str:
         """Return the place of a table, or the way to write it."""

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..io.numbers import write
 from ..io.tables import write_columns
 from ..quality.reliability import Reliability
 from ..types import Array
@@ -47,7 +46,7 @@ def _what(rows: Sequence[Row]) -> dict[str, list[str]]:
         "to2": [p[2] if len(p) > 2 else "" for p in points],
         "photo": [r.names[0] if f else "" for r, f in zip(rows, photo, strict=True)],
         "component": [r.component for r in rows],
-        "observed": [_value(r.observed, r.scale.unit) for r in rows],
+        "observed": [r.scale.exact(r.observed) for r in rows],
         "unit": [r.scale.unit for r in rows],
     }
 
@@ -174,7 +173,3 @@ def figures(values: Array) -> list[str]:
 def yes(values: Iterable[bool]) -> list[str]:
     """Write yes or no for each value."""
     return ["yes" if v else "no" for v in values]
-
-
-def _value(value: float, unit: str) -> str:
-    return write(value, "" if unit == "px" else unit) if unit != "mm" else repr(value)

@@ -12,6 +12,7 @@ from ..io.tables import write_columns
 from ..models.variables import UNKNOWNS
 from ..parts.result import PartResult, PartsSolution
 from ..quality.unit_weight import global_test
+from ..units import decimal
 from ..version import __version__
 from .layout import WIDTH, paragraph, table, title
 from .observation_tables import figures
@@ -137,7 +138,9 @@ def _parts(s: PartsSolution) -> list[str]:
 
 
 def _tests(s: PartsSolution) -> list[str]:
-    rows = [[part, t.label, f"{t.w:.2f}", f"{t.redundancy:.2f}"] for part, t in s.largest_tests]
+    rows = [
+        [part, t.label, decimal(t.w, 2), decimal(t.redundancy, 2)] for part, t in s.largest_tests
+    ]
     return [*title("Largest test values"), *table(["part", "observation", "w", "r"], rows)]
 
 
@@ -159,7 +162,7 @@ def _points(name: str, part: PartResult, seen: set[str]) -> dict[str, list[str]]
     return {
         "part": [name] * len(on),
         "name": [names[i] for i in on],
-        **{a: [f"{v:.6f}" for v in x[:, i].tolist()] for i, a in enumerate("xyz")},
+        **{a: [decimal(v, 6) for v in x[:, i].tolist()] for i, a in enumerate("xyz")},
         **{f"sigma_{a}_mm": figures(sigma[:, i] / MILLIMETRE) for i, a in enumerate("xyz")},
     }
 
@@ -176,7 +179,7 @@ def _unknowns(name: str, part: PartResult, seen: set[str]) -> dict[str, list[str
             if label in seen:
                 continue
             seen.add(label)
-            values = tables.given(part.state, kind, number)
+            values = tables.shown(part.state, kind, number)
             sigma = np.sqrt(np.maximum(np.diag(part.covariances[kind][number]), 0.0))
             for c, component in enumerate(tables.component_names(kind, number)):
                 value = repr(float(values[c]))

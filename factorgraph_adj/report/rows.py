@@ -11,7 +11,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.image_blocks import ImageIds
 from ..graph.variables import camera_of_calibration
-from ..io.numbers import Units
+from ..io.numbers import Units, write
 from ..network.entities import Camera
 from ..observations import Unit
 from ..types import Array, Index
@@ -31,6 +31,8 @@ class Scale:
     """Unit of σ and v."""
     size: float
     """Size of ``small`` in the unit of the solution (SI, or image units)."""
+    image: bool = False
+    """Whether values are image coordinates, which the solution has in ``unit``."""
     y_down: bool = False
     """Whether y of image coordinates is shown downwards, as in the files of its camera."""
 
@@ -39,10 +41,14 @@ class Scale:
         return -1.0 if self.y_down and component == "y" else 1.0
 
     def value(self, value: float, digits: int) -> str:
-        """Write a value."""
+        """Write a value, given in the unit of the solution."""
         if self.unit in ANGLE or self.unit == "dms":
             return format_angle(value, self.unit, digits)
-        return decimal(value / LENGTH.get(self.unit, 1.0), digits)
+        return decimal(value if self.image else value / LENGTH.get(self.unit, 1.0), digits)
+
+    def exact(self, value: float) -> str:
+        """Write a value, given in the unit of the solution, with all its digits."""
+        return exact(value, "" if self.image else self.unit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +278,13 @@ def scale_of(unit: Unit, units: Units) -> Scale:
 def image_scale(camera: Camera) -> Scale:
     """Return the units of image coordinates; for millimetres, σ and v are in micrometres."""
     unit, down = camera.unit, camera.y_down_in_files
-    return Scale(unit, "um", 1e-3, down) if unit == "mm" else Scale(unit, unit, 1.0, down)
+    small, size = ("um", 1e-3) if unit == "mm" else (unit, 1.0)
+    return Scale(unit, small, size, image=True, y_down=down)
+
+
+def exact(value: float, unit: str = "") -> str:
+    """Write a value with all its digits in a unit; −0 is 0."""
+    return write(value + 0.0, unit)
 
 
 def kind_name(kind: str, *, weighted: bool = False) -> str:

@@ -191,8 +191,10 @@ def _unknown_values(report: Report) -> dict[str, Any]:
     s, network = report.solution, report.network
     return {
         "points": {
-            name: {"xyz": xyz, "sigma": list(report.sigmas[name])}
-            for name, xyz in zip(network.points, s.state["point"].tolist(), strict=True)
+            name: {"xyz": xyz, "sigma": list(report.sigmas[name]), **_geographic(report, i)}
+            for i, (name, xyz) in enumerate(
+                zip(network.points, s.state["point"].tolist(), strict=True)
+            )
         },
         "photos": {name: _pose(report, name) for name in network.photos},
         "calibrations": {name: _calibration(report, name) for name in report.calibrations},
@@ -210,6 +212,18 @@ def _unknown_values(report: Report) -> dict[str, Any]:
             }
             for u in small_unknowns(report)
         ],
+    }
+
+
+def _geographic(report: Report, number: int) -> dict[str, Any]:
+    found = report.geographic
+    if found is None:
+        return {}
+    return {
+        "latitude": float(found.latitude[number]),
+        "longitude": float(found.longitude[number]),
+        "height": float(found.height[number]),
+        "sigma_east_north_up": found.sigma[number].tolist(),
     }
 
 
@@ -243,9 +257,11 @@ def _estimate(e: Any) -> dict[str, float]:
 
 
 def finite(value: Any) -> Any:
-    """Return a JSON value with null for numbers that are not finite."""
+    """Return a JSON value with null for numbers that are not finite, and 0 for −0."""
     if isinstance(value, dict):
         return {k: finite(v) for k, v in value.items()}
     if isinstance(value, list):
         return [finite(v) for v in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
+    if isinstance(value, float):
+        return value + 0.0 if isfinite(value) else None
+    return value

@@ -12,6 +12,7 @@ from ..version import __version__
 from .causes import causes, given, sentence
 from .context import Report
 from .coordinates import check_points, photos, points
+from .geographic import geographic
 from .layout import WIDTH, paragraph, short, table, title
 from .options import Provenance, ReportOptions
 from .precision import centres
@@ -47,6 +48,7 @@ def render(report: Report) -> str:
     """Return the protocol of a report."""
     precise = (
         points,
+        geographic,
         check_points,
         photos,
         centres,

@@ -305,7 +305,7 @@ def _which(row: Row | Rejected | Unresolved) -> Answer:
 
 def figure(value: float) -> float:
     """Return a derived figure with enough digits for further use."""
-    return float(f"{value:.9g}")
+    return float(f"{value:.9g}") + 0.0
 
 
 def figures(values: Sequence[float] | Array) -> list[float]:

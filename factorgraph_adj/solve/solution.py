@@ -187,7 +187,7 @@ class Solution(Shown):
         return CalibrationEstimate(e.names, e.values, e.sigmas, e.correlation, unit)
 
     def orientation(self, station: str, set: str = "1") -> Estimate:
-        """Return the orientation unknown of a set of directions, radians."""
+        """Return the orientation unknown of a set of directions, radians in [0, 2π)."""
         return self._estimate("orientation", f"{station}/{set}")
 
     def refraction(self, group: str = "") -> Estimate:
@@ -217,7 +217,11 @@ class Solution(Shown):
         )
 
     def point_table(self) -> Columns:
-        """Return the adjusted points as columns: coordinates, σ, and what is held; metres."""
+        """Return the adjusted points as columns: coordinates, σ, and what is held; metres.
+
+        In a geocentric or topocentric frame also ``latitude`` and ``longitude`` (radians, north
+        and east positive), ``height`` above the ellipsoid, ``sigma_east sigma_north sigma_up``.
+        """
         return columns.points(self)
 
     def photo_table(self) -> Columns:
@@ -437,7 +441,7 @@ class Solution(Shown):
         safe = np.where(sigmas > 0, sigmas, 1.0)
         return Estimate(
             names,
-            self.equations.unknowns.given(self.state, kind, number),
+            self.equations.unknowns.shown(self.state, kind, number),
             sigmas,
             covariance / np.outer(safe, safe),
         )
