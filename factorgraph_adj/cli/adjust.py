@@ -33,6 +33,7 @@ from .options import (
     probability,
 )
 from .parts import add_parts, adjust_in_parts, in_parts
+from .run import lines_of, run_of
 
 
 def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -54,6 +55,21 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         type=probability,
         metavar="CONF",
         help="error ellipses of points and ellipsoids of projection centres, such as 0.95",
+    )
+    run.add_argument(
+        "--relative",
+        action="store_true",
+        help="adjusted distances, azimuths and rises with relative ellipses between all points "
+        "that observations join",
+    )
+    run.add_argument(
+        "--between",
+        metavar="A,B",
+        action="append",
+        help="the same between two points or photos; may be repeated",
+    )
+    run.add_argument(
+        "--date", metavar="TEXT", help="in the protocol instead of the present time; none: no date"
     )
     add_adjustment(run)
     add_parts(run)
@@ -162,8 +178,11 @@ def _adjust(options: argparse.Namespace) -> int:
             power=options.power,
             test=found.snooping.test if found.snooping is not None else options.test,
             confidence=options.ellipses,
+            relative=lines_of(options, found.project.network),
         ),
-        Provenance(found.snooping, found.project.network, found.components),
+        Provenance(
+            found.snooping, found.project.network, found.components, run_of(options, found.project)
+        ),
     )
     if options.out is not None:
         write_tables(report, options.out)

@@ -17,6 +17,7 @@ from ..network.network import Network
 from ..quality.causes.given import GivenValue
 from ..quality.causes.search import Causes, causes
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
+from ..quality.lines import AdjustedLine, adjusted_lines
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
@@ -234,6 +235,15 @@ class Report:
         places: list[Place] = [("pose", n) for n in names]
         found = error_ellipsoids(self.solution, places, confidence=self.options.confidence)
         return dict(zip(names, found, strict=True))
+
+    @cached_property
+    def lines(self) -> tuple[AdjustedLine, ...]:
+        """Adjusted lines between the pairs of places that the options name."""
+        pairs = self.options.relative
+        if pairs is None or self.singular:
+            return ()
+        named = None if pairs == "observed" else pairs
+        return adjusted_lines(self.solution, named, confidence=self.options.confidence)
 
     @property
     def metre(self) -> float:

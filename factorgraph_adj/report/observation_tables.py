@@ -55,6 +55,7 @@ def _residuals(rows: Sequence[Row], residuals: Array, sigmas: Array) -> dict[str
     size = _sizes(rows)
     return {
         "residual": figures(residuals / size),
+        "adjusted": [_adjusted(r) for r in rows],
         "sigma": figures(sigmas / size),
         "small_unit": [r.scale.small for r in rows],
         "normalised": figures(residuals / sigmas),
@@ -159,6 +160,11 @@ def snooping_table(report: Report) -> str:
 
 def _sizes(rows: Sequence[Row]) -> Array:
     return np.array([r.scale.size for r in rows], dtype=float)
+
+
+def _adjusted(row: Row) -> str:
+    """Return observed + v; empty where it is not known."""
+    return row.scale.exact(row.adjusted) if np.isfinite(row.residual) else ""
 
 
 def _signs(rows: Sequence[Row]) -> Array:

@@ -13,9 +13,10 @@ from ..models.variables import UNKNOWNS
 from ..parts.result import PartResult, PartsSolution
 from ..quality.unit_weight import global_test
 from ..units import decimal
-from ..version import __version__
 from .layout import WIDTH, paragraph, table, title
 from .observation_tables import figures
+from .options import Run
+from .text import run_lines
 
 LISTED = 20
 """Largest number of repeated observations that a protocol lists."""
@@ -25,19 +26,25 @@ MILLIMETRE = 1e-3
 """Metres of a millimetre."""
 
 
-def parts_protocol(solution: PartsSolution) -> str:
+def parts_protocol(solution: PartsSolution, run: Run | None = None) -> str:
     """Return the protocol of an adjustment in parts: the whole, its parts, the largest tests."""
-    sections = (_whole(solution), _repeated(solution), _parts(solution), _tests(solution))
+    sections = (
+        _whole(solution, run or Run()),
+        _repeated(solution),
+        _parts(solution),
+        _tests(solution),
+    )
     lines = [line.rstrip() for section in sections if section for line in [*section, ""]]
     return "\n".join(lines[:-1]) + "\n"
 
 
-def write_parts(solution: PartsSolution, folder: str | Path) -> None:
+def write_parts(solution: PartsSolution, folder: str | Path, run: Run | None = None) -> None:
     """Write protocol.txt, points.csv, unknowns.csv and observations.csv; an error writes none.
 
     Args:
         solution: the result of `adjust_parts`.
         folder: the folder; it is created if missing.
+        run: file, date and options of the run.
 
     Raises:
         InputError: the folder cannot be written to; no file has changed.
@@ -53,7 +60,7 @@ def write_parts(solution: PartsSolution, folder: str | Path) -> None:
     write_files(
         folder,
         {
-            "protocol.txt": parts_protocol(solution),
+            "protocol.txt": parts_protocol(solution, run),
             "points.csv": write_columns(points),
             "unknowns.csv": write_columns(unknowns) if unknowns["name"] else None,
             "observations.csv": write_columns(observations),
@@ -64,7 +71,7 @@ def write_parts(solution: PartsSolution, folder: str | Path) -> None:
 # -- protocol -------------------------------------------------------------------------------------
 
 
-def _whole(s: PartsSolution) -> list[str]:
+def _whole(s: PartsSolution, run: Run) -> list[str]:
     test = global_test(s)
     kinds = ", ".join(
         f"{n} {UNKNOWNS[kind].noun}{'s' * (n != 1)}" for kind, n in s.junctions.by_kind().items()
@@ -75,7 +82,7 @@ def _whole(s: PartsSolution) -> list[str]:
     out = [
         f"Adjustment of {name} in {len(s.jobs)} part{'s' * (len(s.jobs) != 1)}",
         "=" * WIDTH,
-        f"  program               factorgraph_adj {__version__}",
+        *run_lines(run, width=22),
         f"  observations n        {s.n_observations}",
         f"  unknowns u            {s.n_unknowns}",
         f"  redundancy n − u      {s.redundancy}; redundancy numbers sum to "

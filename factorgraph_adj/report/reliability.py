@@ -11,6 +11,7 @@ from ..quality.reliability import Reliability
 from ..quality.unit_weight import global_test
 from ..types import Index
 from ..units import decimal
+from .adjusted import lists_every_row, short_r
 from .context import Report
 from .layout import listed, paragraph, percent, short, table, title, whole, without_empty
 from .rows import Group, Row
@@ -104,8 +105,9 @@ def weakest(report: Report) -> list[str]:
     if rel is None or report.solution.redundancy <= 0 or not rel.controlled.any():
         return []
     points = _weakest_points(report, rel)
-    if int(rel.controlled.sum()) <= report.options.n_suspects and not _above(report):
-        return points  # the list of test values contains all observations with their r
+    few = int(rel.controlled.sum()) <= report.options.n_suspects
+    if few and not _above(report):
+        return points  # the lists of test values contain all observations with their r
     r = np.where(rel.controlled, rel.redundancy_numbers, np.inf)
     order = np.argsort(r, kind="stable")[: min(WEAKEST, int(rel.controlled.sum()))]
     unit = report.units.sigma_length
@@ -181,6 +183,8 @@ def suspects(report: Report) -> list[str]:
     name = "τ" if report.pope else "w"
     notes: list[str] = []
     most = min(report.options.n_suspects, int(rel.controlled.sum()))
+    if not above and lists_every_row(report):
+        most = min(most, WEAKEST)  # all of them stand above, with their r and test values
     if above:
         most = min(most, above)
         found = rel.suspects(most, critical=critical * scale)
@@ -197,9 +201,7 @@ def suspects(report: Report) -> list[str]:
                 *names_of(row),
                 f"{short(row.residual / unit)} {row.scale.small}".strip(),
                 short(row.sigma / unit),
-                f"{rel.redundancy_numbers[i]:.2f}"
-                if rel.redundancy_numbers[i] >= 0.1
-                else short(rel.redundancy_numbers[i]),
+                short_r(float(rel.redundancy_numbers[i])),
                 decimal(row.sign * values[i], 2),
                 short(row.sign * rel.estimated_errors[i] / unit),
                 short(rel.mdb[i] / unit),

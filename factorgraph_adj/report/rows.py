@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from math import ceil, log10
 
 import numpy as np
 
@@ -12,11 +13,14 @@ from ..graph.equations import Equations
 from ..graph.image_blocks import ImageIds
 from ..graph.variables import camera_of_calibration
 from ..io.numbers import Units, write
+from ..models.base import within
 from ..network.entities import Camera
-from ..observations import Unit
+from ..observations import Unit, observation_kind
 from ..types import Array, Index
-from ..units import ANGLE, LENGTH, decimal, format_angle
+from ..units import ANGLE, LENGTH, decimal, format_angle, format_turn
 
+MARGIN = 0.01
+"""Part of a decimal that rounding of units may cost without a further decimal."""
 MOST_CAMERAS = 8
 """Largest number of cameras with one group each; more cameras are grouped by image unit."""
 
@@ -40,10 +44,25 @@ class Scale:
         """Return the factor from a component of an image point in memory to the one shown."""
         return -1.0 if self.y_down and component == "y" else 1.0
 
-    def value(self, value: float, digits: int) -> str:
-        """Write a value, given in the unit of the solution."""
+    @property
+    def further_decimals(self) -> int:
+        """Decimals that a value has more than σ and v to show as much; 0 for the same unit."""
+        if self.image or not self.unit:
+            return 0
+        unit = "arcsec" if self.unit == "dms" else self.unit
+        whole = ANGLE[unit] if unit in ANGLE else LENGTH[unit]
+        return ceil(log10(whole / self.size) - MARGIN)
+
+    def value(self, value: float, digits: int, *, turn: bool = False) -> str:
+        """Write a value, given in the unit of the solution.
+
+        Args:
+            value: the value.
+            digits: number of decimals.
+            turn: whether it is an angle of the whole circle, from 0 to less than 2π.
+        """
         if self.unit in ANGLE or self.unit == "dms":
-            return format_angle(value, self.unit, digits)
+            return (format_turn if turn else format_angle)(value, self.unit, digits)
         return decimal(value if self.image else value / LENGTH.get(self.unit, 1.0), digits)
 
     def exact(self, value: float) -> str:
@@ -101,6 +120,17 @@ class Row:
     def own_id(self) -> str:
         """Id; empty where `what` identifies the row without it."""
         return self.id if self.names and self.kind != "image" else ""
+
+    @property
+    def circular(self) -> bool:
+        """Whether the row is an angle of the whole circle."""
+        return bool(self.names) and observation_kind(self.kind).circular
+
+    @property
+    def adjusted(self) -> float:
+        """Observed + v; a direction or azimuth lies in [0, 2π)."""
+        value = self.observed + self.residual
+        return float(within(np.asarray(value))) if self.circular else value
 
     def with_component(self, name: str) -> str:
         """Return a name with the component, if there are several."""

@@ -13,7 +13,9 @@ from ..graph.variables import camera_of_calibration
 from ..quality.causes.search import Cause
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.unit_weight import global_test
+from ..version import __version__
 from .context import Report
+from .lines import line_record
 from .unknowns import small_unknowns
 
 FORMAT = 1
@@ -26,8 +28,11 @@ def summary(report: Report) -> dict[str, Any]:
     frame = network.frame
     kind = "local" if isinstance(frame, LocalFrame) else "topocentric"
     test = global_test(s)
+    run = {name: text for name, text in asdict(report.provenance.run).items() if text}
     return {
         "format": FORMAT,
+        "program": f"factorgraph_adj {__version__}",
+        **({"run": run} if run else {}),
         "name": network.name,
         "frame": "geocentric" if isinstance(frame, GeocentricFrame) else kind,
         "converged": s.converged,
@@ -59,6 +64,7 @@ def summary(report: Report) -> dict[str, Any]:
         **({} if report.components is None else {"variance_components": _components(report)}),
         **({} if report.significance is None else {"parameters": _parameters(report)}),
         **({} if report.singular else _unknown_values(report)),
+        **({"relative": [line_record(x) for x in report.lines]} if report.lines else {}),
     }
 
 

@@ -24,6 +24,7 @@ from .causes import unit_of
 from .context import Report
 from .coordinates import by_photo
 from .geographic import geographic_columns
+from .lines import lines_table
 from .observation_tables import figures, observations_table, snooping_table
 from .options import Provenance, ReportOptions
 from .precision import figure, photo_columns, point_columns
@@ -73,6 +74,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
         "points.csv": None,
         "unknowns.csv": None,
         "photos.csv": None,
+        "relative.csv": lines_table(report) or None,
         "snooping.csv": snooping_table(report) or None,
         "variance_components.csv": None,
         "given_values.csv": _given_table(report) if report.given else None,

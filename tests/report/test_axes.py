@@ -26,7 +26,9 @@ from tests.support.printed import row
 
 Files = dict[str, str]
 SIGNED = {
-    "observations.csv": ("observed", "residual", "normalised", "w", "tau", "estimated_error"),
+    "observations.csv": (
+        *("observed", "residual", "adjusted", "normalised", "w", "tau", "estimated_error"),
+    ),
     "snooping.csv": (
         *("observed", "test_value", "estimated_error"),
         *("final_error", "final_test_value"),
