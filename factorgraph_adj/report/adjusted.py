@@ -16,6 +16,10 @@ from .rows import Row
 # -- station by station ---------------------------------------------------------------------------
 
 
+ROUNDING = 1e-9
+"""Redundancy number below which there is nothing but rounding."""
+
+
 def observations(report: Report) -> list[str]:
     """Return observed values, corrections and adjusted values, station by station."""
     numbers = _by_station(report)
@@ -25,14 +29,12 @@ def observations(report: Report) -> list[str]:
     shown = report.rows.at(some)
     places = _places(shown)
     widths = [max(len(u) for u in x) for x in zip(*map(_units, shown), strict=True)]
-    rel, (values, critical) = report.reliability, report.tests
     name = "τ" if report.pope else "w"
     cells, last = [], ""
     for row in shown:
         station, *targets = row.names
         coarse, fine = places[row.scale.small]
         unit, small = f"{row.scale.unit:{widths[0]}}", f"{row.scale.small:{widths[1]}}"
-        test = row.sign * float(values[row.number]) if len(values) else np.nan
         cells.append(
             [
                 station if station != last else "",
@@ -42,16 +44,17 @@ def observations(report: Report) -> list[str]:
                 f"{decimal(row.residual / row.scale.size, fine)} {small}",
                 row.scale.value(row.adjusted, coarse, turn=row.circular),
                 short(row.sigma / row.scale.size),
-                short_r(float(rel.redundancy_numbers[row.number])) if rel is not None else "",
-                decimal(test, 2) + " *" * (abs(test) > critical) if isfinite(test) else "",
+                *_tests(report, row),
             ]
         )
         last = station
-    header = ["station", "target", "observation", "observed", "v", "adjusted", "σ", "r", name]
+    header = ["station", "target", "observation", "observed", "v", "adjusted", "σ", "r", name, "∇"]
     header, cells = without_empty(header, cells)
     words = "v = adjusted − observed; σ a priori, in the unit of v"
-    if any(c[-1].endswith("*") for c in cells):
-        words += f"; *: |{name}| above its critical value {critical:.2f}"
+    if "∇" in header:
+        words += ", as is ∇, the smallest detectable error"
+    if any(text.endswith("*") for c in cells for text in c):
+        words += f"; *: |{name}| above its critical value {report.tests[1]:.2f}"
     if any(b.kind == "image" for b in report.solution.equations.blocks):
         words += f"; image coordinates: {report.where('observations.csv')}"
     return [
@@ -62,6 +65,18 @@ def observations(report: Report) -> list[str]:
     ]
 
 
+def _tests(report: Report, row: Row) -> list[str]:
+    """Return r, the test value, and the smallest detectable error; empty where there are none."""
+    rel, (values, critical) = report.reliability, report.tests
+    if rel is None:
+        return ["", "", ""]
+    r, test = float(rel.redundancy_numbers[row.number]), row.sign * float(values[row.number])
+    if not isfinite(test):
+        return [short_r(r), "", ""]
+    mark = " *" if abs(test) > critical else ""
+    return [short_r(r), decimal(test, 2) + mark, short(float(rel.mdb[row.number]) / row.scale.size)]
+
+
 def lists_every_row(report: Report) -> bool:
     """Return whether the list of observations shows every scalar observation of the network."""
     blocks, most = report.solution.equations.blocks, report.options.most
@@ -70,7 +85,7 @@ def lists_every_row(report: Report) -> bool:
 
 def short_r(r: float) -> str:
     """Write a redundancy number with two decimals, small ones with three digits."""
-    return f"{r:.2f}" if r >= 0.1 else short(r)
+    return f"{r:.2f}" if r >= 0.1 or r < ROUNDING else short(r)
 
 
 def _units(row: Row) -> tuple[str, str]:

@@ -179,12 +179,16 @@ def suspects(report: Report) -> list[str]:
     values, critical = report.tests
     size = np.where(np.isfinite(values), np.abs(values), 0.0)
     above = _above(report)
+    if not above and lists_every_row(report):
+        row = report.rows.at([int(np.argmax(size))])[0]
+        test = decimal(row.sign * float(values[row.number]), 2)
+        words = f"all stand above; the largest is {test}, of {row.kind_name} {row.what}"
+        out = [*title(_none_above(report)), *paragraph(words)]
+        return [*out, *_caution(report, above), *_groups(report, rel)]
     scale = report.solution.sigma0 if report.pope else 1.0
     name = "τ" if report.pope else "w"
     notes: list[str] = []
     most = min(report.options.n_suspects, int(rel.controlled.sum()))
-    if not above and lists_every_row(report):
-        most = min(most, WEAKEST)  # all of them stand above, with their r and test values
     if above:
         most = min(most, above)
         found = rel.suspects(most, critical=critical * scale)
@@ -212,7 +216,7 @@ def suspects(report: Report) -> list[str]:
     limit = f"{critical:.2f}" if isfinite(critical) else "–"
     heading = f"Suspects: |{name}| above {limit} (α0 = {percent(rel.alpha)})"
     if not above:
-        heading = f"Largest test values: none above the critical |{name}| = {limit}"
+        heading = _none_above(report)
     out = [*title(heading), *table(header, cells, left=len(header) - 6, notes=notes)]
     if above > most:
         out.append(f"  … {above - most} more above the critical value")
@@ -222,6 +226,13 @@ def suspects(report: Report) -> list[str]:
         f"{report.where('observations.csv')}"
     )
     return [*out, *_caution(report, above), *_groups(report, rel)]
+
+
+def _none_above(report: Report) -> str:
+    """Return the heading of test values none of which is critical."""
+    name, critical = "τ" if report.pope else "w", report.tests[1]
+    limit = f"{critical:.2f}" if isfinite(critical) else "–"
+    return f"Largest test values: none above the critical |{name}| = {limit}"
 
 
 def _above(report: Report) -> int:
