@@ -8,14 +8,17 @@ import numpy as np
 
 from ..errors import known
 from ..io.atomic import write_files
+from ..io.numbers import Units
 from ..io.tables import write_columns
 from ..models.variables import UNKNOWNS
 from ..parts.result import PartResult, PartsSolution
 from ..quality.unit_weight import global_test
 from ..units import decimal
+from . import axes
 from .layout import WIDTH, paragraph, table, title
 from .observation_tables import figures
 from .options import Run
+from .rows import ReportRows, exact
 from .text import run_lines
 
 LISTED = 20
@@ -187,9 +190,12 @@ def _unknowns(name: str, part: PartResult, seen: set[str]) -> dict[str, list[str
                 continue
             seen.add(label)
             values = tables.shown(part.state, kind, number)
+            names = tables.component_names(kind, number)
+            sign = axes.signs(part.equations.network, kind, t.names[number], names)
+            values = values if sign is None else sign * values
             sigma = np.sqrt(np.maximum(np.diag(part.covariances[kind][number]), 0.0))
-            for c, component in enumerate(tables.component_names(kind, number)):
-                value = repr(float(values[c]))
+            for c, component in enumerate(names):
+                value = exact(float(values[c]))
                 rows.append((kind, t.names[number], component, value, f"{sigma[c]:.6g}"))
     columns = ("kind", "name", "component", "value", "sigma")
     found = {c: [row[i] for row in rows] for i, c in enumerate(columns)}
@@ -210,6 +216,8 @@ def _observations(name: str, part: PartResult) -> dict[str, list[str]]:
         components += [block.component(i, c) for i in range(block.n) for c in range(d)]
         kinds += [block.kind] * (block.n * d)
         units += [block.unit] * (block.n * d)
+    residuals = part.residuals()
+    sign = ReportRows(part.equations, residuals, Units()).signs()
     return {
         "part": [name] * len(ids),
         "id": ids,
@@ -217,10 +225,10 @@ def _observations(name: str, part: PartResult) -> dict[str, list[str]]:
         "kind": kinds,
         "component": components,
         "unit": units,
-        "residual": figures(part.residuals()),
+        "residual": figures(sign * residuals),
         "sigma": figures(part.equations.sigmas()),
         "redundancy_number": figures(part.redundancy_numbers),
-        "w": figures(part.w),
+        "w": figures(sign * part.w),
         "smallest_detectable": figures(part.mdb),
-        "estimated_error": figures(part.estimated_errors),
+        "estimated_error": figures(sign * part.estimated_errors),
     }
