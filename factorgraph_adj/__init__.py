@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from .quality.datum_change import s_transform
     from .quality.ellipses import error_ellipse, error_ellipsoid
     from .quality.exclusion import exclude_insignificant
+    from .quality.lines import adjusted_lines
     from .quality.prediction import predict
     from .quality.relative import distance_precision
     from .quality.reliability import reliability
@@ -119,6 +120,7 @@ __all__ = [
     "__version__",
     "adjust",
     "adjust_parts",
+    "adjusted_lines",
     "build_graph",
     "causes",
     "check_points",
@@ -197,6 +199,7 @@ _MODULES = {
     "__version__": "version",
     "adjust": "parts.network",
     "adjust_parts": "parts.adjust",
+    "adjusted_lines": "quality.lines",
     "build_graph": "graph.build",
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",

@@ -101,6 +101,10 @@ class LocalFrame:
         a, b = AXES[self.axes[0]], AXES[self.axes[1]]
         return np.array([[a[0], b[0], 0.0], [a[1], b[1], 0.0]])
 
+    def geodetic(self, position: Array) -> tuple[Array, Array, Array] | None:
+        """Return None: a local frame has no ellipsoid."""
+        return None
+
     def basis(self, position: Array, vertical: Array) -> Basis:
         """Return the astronomic frames at ``position`` (n, 3), deflections ``vertical`` (n, 2)."""
         n = len(position)
@@ -145,6 +149,10 @@ class GeocentricFrame:
     def left_handed(self) -> bool:
         """Geocentric axes are right-handed."""
         return False
+
+    def geodetic(self, position: Array) -> tuple[Array, Array, Array] | None:
+        """Return φ, λ (n,) radians and ellipsoidal height (n,) metres of positions (n, 3)."""
+        return self.ellipsoid.to_geodetic(position)
 
     def basis(self, position: Array, vertical: Array) -> Basis:
         """Return the astronomic frames at ``position`` (n, 3), deflections ``vertical`` (n, 2)."""
@@ -215,6 +223,10 @@ class TopocentricFrame:
         """Return topocentric coordinates (n, 3) of geocentric ones (n, 3), metres."""
         origin, rows = self._origin()
         return (xyz - origin) @ rows.T
+
+    def geodetic(self, position: Array) -> tuple[Array, Array, Array] | None:
+        """Return φ, λ (n,) radians and ellipsoidal height (n,) metres of positions (n, 3)."""
+        return self.geocentric.geodetic(self.to_geocentric(position))
 
     def basis(self, position: Array, vertical: Array) -> Basis:
         """Return the astronomic frames at ``position`` (n, 3), deflections ``vertical`` (n, 2)."""

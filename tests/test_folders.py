@@ -13,7 +13,7 @@ TESTS = ROOT / "tests"
 PACKAGE = ROOT / "factorgraph_adj"
 SHARED = {"networks", "support", "loaders", "benchmarks"}
 """Folders of modules that hold no tests."""
-OTHERS = {"published", "field_mistakes", "hostile"}
+OTHERS = {"badly_posed", "field_mistakes", "hostile", "published"}
 """Folders of tests that belong to no room of the package."""
 WHOLE = {
     "test_structure",

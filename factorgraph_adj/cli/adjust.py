@@ -33,6 +33,7 @@ from .options import (
     probability,
 )
 from .parts import add_parts, adjust_in_parts, in_parts
+from .run import lines_of, run_of
 
 
 def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -54,6 +55,21 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         type=probability,
         metavar="CONF",
         help="error ellipses of points and ellipsoids of projection centres, such as 0.95",
+    )
+    run.add_argument(
+        "--relative",
+        action="store_true",
+        help="adjusted distances, azimuths and rises with relative ellipses between all points "
+        "that observations join",
+    )
+    run.add_argument(
+        "--between",
+        metavar="A,B",
+        action="append",
+        help="the same between two points or photos; may be repeated",
+    )
+    run.add_argument(
+        "--date", metavar="TEXT", help="in the protocol instead of the present time; none: no date"
     )
     add_adjustment(run)
     add_parts(run)
@@ -162,14 +178,17 @@ def _adjust(options: argparse.Namespace) -> int:
             power=options.power,
             test=found.snooping.test if found.snooping is not None else options.test,
             confidence=options.ellipses,
+            relative=lines_of(options, found.project.network),
         ),
-        Provenance(found.snooping, found.project.network, found.components),
+        Provenance(
+            found.snooping, found.project.network, found.components, run_of(options, found.project)
+        ),
     )
     if options.out is not None:
         write_tables(report, options.out)
     if not options.quiet:
         print(render(report), end="", flush=True)
-    return _verdict(found)
+    return _verdict(found, report)
 
 
 def _plot(options: argparse.Namespace) -> int:
@@ -194,10 +213,10 @@ def _plot(options: argparse.Namespace) -> int:
     )
     for file in files:
         print(file)
-    return _verdict(found)
+    return _verdict(found, report)
 
 
-def _verdict(found: Adjusted) -> int:
+def _verdict(found: Adjusted, report: Report) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
     doubts = [*doubts_about(found.solution), *of_readings(found.project.network)]
     if found.components is not None and not found.components.converged:
@@ -212,7 +231,7 @@ def _verdict(found: Adjusted) -> int:
                 f"{left} observation{'s' * (left != 1)} above the critical value could not be set "
                 "aside"
             )
-        causes = found.snooping.causes
+        causes = report.causes
         if causes is not None and causes.likelier:
             doubts.append(f"likelier than gross errors of single readings: {causes.likelier[0]}")
     for doubt in doubts:

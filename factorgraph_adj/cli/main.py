@@ -64,6 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for stream in streams.values():
         stream.reconfigure(errors="replace")  # the terminal's encoding may lack σ
     options = _parser().parse_args(arguments)
+    options.typed = list(sys.argv[1:] if arguments is None else arguments)
     if not options.ends_with_reader:
         for name, stream in streams.items():
             setattr(sys, name, UntilClosed(stream))

@@ -18,8 +18,12 @@ from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
 from .messages import iteration, progress
 from .options import count
+from .run import run_of
 
-WHOLE_ONLY = ("snoop", "robust", "variance_components", "ellipses", "rows", "test", "sidak")
+WHOLE_ONLY = (
+    *("snoop", "robust", "variance_components", "ellipses", "relative", "between", "rows"),
+    *("test", "sidak"),
+)
 """Options of a network that is adjusted as a whole."""
 MOST_ITERATIONS = 100
 """Largest number of iterations, where no option says another."""
@@ -64,11 +68,11 @@ def adjust_in_parts(options: argparse.Namespace) -> int:
         problems.append(Problem("--datum free: a network in parts needs a given datum"))
     if problems:
         raise InputError(problems)
-    solution = _solution(options)
+    solution, run = _solution(options), run_of(options)
     if options.out is not None:
-        write_parts(solution, options.out)
+        write_parts(solution, options.out, run)
     if not options.quiet:
-        print(parts_protocol(solution), end="", flush=True)
+        print(parts_protocol(solution, run), end="", flush=True)
     return _verdict(solution)
 
 

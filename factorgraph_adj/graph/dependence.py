@@ -14,6 +14,7 @@ from ..network.entities import FREE_ORIENTATION, Parameter
 from ..network.network import Network
 from ..observations import KINDS, Observation
 from .make_blocks import variable_name
+from .variables import camera_of_calibration
 
 Variable: TypeAlias = tuple[VariableKind, str]
 """Kind and name."""
@@ -81,7 +82,7 @@ def components(network: Network, variable: Variable) -> tuple[int, int]:
         fixed = photo.fixed
         sigma = (*(attitude,) * 3, *(photo.sigma_position or (np.inf,) * 3))
     elif kind == "calibration":
-        camera = network.cameras.get(name) or network.cameras[name.split("@")[0]]
+        camera = camera_of_calibration(network, name)
         fixed, sigma = camera.fixed, camera.sigma
     else:
         parameter = small_unknown(network, kind, name)

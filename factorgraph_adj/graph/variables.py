@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ..models.variables import ROTATION, UNKNOWNS, UnknownKind, VariableKind
-from ..network.entities import Parameter, parameter_name
+from ..network.entities import Camera, Parameter, parameter_name
 from ..network.network import Network
 from ..types import Array, Index, Mask
 
@@ -194,7 +194,7 @@ class Unknowns:
         """Return the names of the components of one variable."""
         if kind == "calibration":
             name = self.tables[kind].names[number]
-            camera = self.network.cameras.get(name) or self.network.cameras[name.split("@")[0]]
+            camera = camera_of_calibration(self.network, name)
             return camera.lens.names
         return UNKNOWNS[kind].names(int(self.tables[kind].size[number]))
 
@@ -202,6 +202,11 @@ class Unknowns:
         """Return the values of one variable in the form of a network's input, (size,)."""
         stored = state[kind][number][None]
         return UNKNOWNS[kind].given(stored)[0, : self.tables[kind].size[number]].copy()
+
+    def shown(self, state: State, kind: VariableKind, number: int) -> Array:
+        """Return the values of one variable for results, (size,): orientations in [0, 2π)."""
+        stored = state[kind][number][None]
+        return UNKNOWNS[kind].shown(stored)[0, : self.tables[kind].size[number]].copy()
 
     def describe(self, column: int) -> tuple[VariableKind, str, str]:
         """Return kind, name and component of a column."""
@@ -250,6 +255,11 @@ def calibration_name(network: Network, photo: str) -> str:
     """Return the name of the calibration that a photo uses."""
     camera = network.cameras[network.photos[photo].camera]
     return f"{camera.name}@{photo}" if camera.per_photo else camera.name
+
+
+def camera_of_calibration(network: Network, name: str) -> Camera:
+    """Return the camera of a calibration: of ``camera``, or of ``camera@photo``."""
+    return network.cameras.get(name) or network.cameras[name.split("@")[0]]
 
 
 def _points(network: Network) -> _Raw:

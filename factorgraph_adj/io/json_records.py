@@ -133,9 +133,8 @@ def camera_of(fields: Mapping[str, object], *, source: str = "") -> Camera:
     """Return the camera that a record describes.
 
     Args:
-        fields: the record, with the keys of [[camera]]. Its keys for files of image coordinates,
-            ``y_axis`` and σ, have no effect here except that ``y_axis`` gives the sign of y0;
-            `factorgraph_adj.io.project.read_camera` returns them.
+        fields: the record, with the keys of [[camera]]. A σ of image coordinates has no effect
+            here; `factorgraph_adj.io.project.read_camera` returns it.
         source: where the record stands, for messages.
 
     Raises:

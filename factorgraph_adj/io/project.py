@@ -293,6 +293,7 @@ def read_camera(row: Row, name: str, network: Network) -> ImageAxes:
                 per_photo=per_photo,
                 format=sides,
                 origin=origin,
+                y_down_in_files=y_down,
             )
         except InputError as error:
             row.wrong_all(error)
@@ -311,10 +312,10 @@ def _format(row: Row, y_down: bool) -> tuple[tuple[float, float] | None, Origin]
     if given is None:
         if "origin" in row:
             row.wrong("origin says where on the sensor x = y = 0 is: it needs format")
-        return None, usual
+        return None, "centre"
     if not (isinstance(given, list) and len(given) == 2):
         row.wrong(f"format must be [width, height] in the unit of the camera, not {given!r}")
-        return None, usual
+        return None, "centre"
     found = {"width": given[0], "height": given[1]}
     inside = Row(found, row.where, row.problems, f"{row.of} format")
     sides = [inside.number(n, required=True, positive=True) or 1.0 for n in ("width", "height")]

@@ -215,11 +215,13 @@ def exact_angles(rotation: Array) -> tuple[float, float, float] | None:
 
 def _images(network: Network) -> Records:
     photos, points = list(network.photos), list(network.points)
-    unit = [network.cameras[f.camera].unit for f in network.photos.values()]
+    cameras = [network.cameras[f.camera] for f in network.photos.values()]
+    unit = [c.unit for c in cameras]
+    up = [-1.0 if c.y_down_in_files else 1.0 for c in cameras]
     photo, point, xy, sigma = (c.tolist() for c in network.images.columns())
     written = {s: numbers.write(s) for s in {s for pair in sigma for s in pair}}
     for row, (f, p, (x, y), (sx, sy)) in enumerate(zip(photo, point, xy, sigma, strict=True)):
-        out = {"photo": photos[f], "point": points[p], "x": repr(x), "y": repr(y)}
+        out = {"photo": photos[f], "point": points[p], "x": repr(x), "y": repr(up[f] * y)}
         if sx == sy:
             out[f"sigma_{unit[f]}"] = written[sx]
         else:

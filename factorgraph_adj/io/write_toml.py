@@ -68,6 +68,8 @@ def camera_record(camera: Camera) -> dict[str, object]:
         "lens": {"model": lens.kind, **options} if options else lens.kind,
         "unit": camera.unit,
     }
+    if camera.y_down_in_files:
+        out["y_axis"] = "down"
     if camera.per_photo:
         out["per_photo"] = True
     if camera.format is not None:
@@ -75,6 +77,7 @@ def camera_record(camera: Camera) -> dict[str, object]:
     parameters: dict[str, object] = {}
     rows = zip(lens.names, camera.values, camera.fixed, camera.sigma, strict=True)
     for name, value, fixed, sigma in rows:
+        value = camera.sign_in_files(name) * value
         if fixed:
             parameters[name] = float(value)
         elif math.isfinite(sigma):

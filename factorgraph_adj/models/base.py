@@ -37,3 +37,9 @@ def require(valid: Mask, why: str) -> None:
 def wrap(angle: Array) -> Array:
     """Wrap angles to (−π, π]."""
     return np.asarray(np.pi - (np.pi - angle) % (2 * np.pi))
+
+
+def within(angle: Array, period: float = 2 * np.pi) -> Array:
+    """Wrap angles to [0, period); a rounding error below zero is zero."""
+    wrapped = np.mod(angle, period)
+    return np.where(wrapped < period, wrapped, 0.0)

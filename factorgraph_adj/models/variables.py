@@ -24,6 +24,7 @@ from ..errors import InputError, Problem, known
 from ..rotation import exp_rotation, log_rotation
 from ..types import Array, Index, Mask
 from . import motions
+from .base import within
 
 VariableKind: TypeAlias = str
 """Name of a kind of unknowns: a key of `UNKNOWNS`."""
@@ -53,6 +54,8 @@ class Component:
     """Column in the table of the project; if empty, the name."""
     plain: bool = False
     """Whether the column has a name without unit and values in the unit of the project."""
+    circular: bool = False
+    """Whether it is an angle of the whole circle, which results give in [0, 2π)."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,18 @@ class UnknownKind:
             return stored
         rotation = log_rotation(stored[:, :ROTATION].reshape(-1, 3, 3))
         return np.concatenate([rotation, stored[:, ROTATION:]], axis=1)
+
+    def shown(self, stored: Array) -> Array:
+        """Return the values (n, k) of a stored form (n, s) for results: circular ones in [0, 2π).
+
+        >>> UNKNOWNS["orientation"].shown(np.array([[-0.5]])).round(4).tolist()
+        [[5.7832]]
+        """
+        values = self.given(stored)
+        turning = np.array([c.circular for c in self.components], dtype=bool)
+        if not turning.any():
+            return values
+        return np.where(turning, within(values), values)
 
     def retract(self, stored: Array, step: Array) -> Array:
         """Return stored values (n, s) moved by steps of the tangent (n, k)."""
@@ -262,7 +277,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "orientation",
         "orientation of set",
         "o",
-        (Component("orientation", "angle", np.nan, column="value", plain=True),),
+        (Component("orientation", "angle", np.nan, column="value", plain=True, circular=True),),
         motions=motions.of_orientations,
         connects=True,
         table=UnknownTable("orientations", ("station", "set"), key_default="1"),

@@ -52,6 +52,7 @@ def _add_camera(network: Network, camera: Camera) -> None:
         per_photo=camera.per_photo,
         format=camera.format,
         origin=camera.origin,
+        y_down_in_files=camera.y_down_in_files,
     )
 
 

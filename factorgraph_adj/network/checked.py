@@ -58,6 +58,7 @@ def checked_camera(
     per_photo: bool,
     format: Sequence[float] | None,
     origin: Origin,
+    y_down_in_files: bool,
 ) -> Camera:
     """Return a camera; arguments and errors are those of `Network.add_camera`."""
     where = f"camera {name!r}"
@@ -104,6 +105,7 @@ def checked_camera(
         per_photo,
         None if format is None else _sides(format, where),
         origin,
+        y_down_in_files,
     )
 
 

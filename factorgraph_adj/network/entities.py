@@ -76,6 +76,9 @@ class Camera:
     """Width and height of the sensor, image units; None where unknown."""
     origin: Origin = "centre"
     """Place of the origin of image coordinates on the sensor; y points up in any case."""
+    y_down_in_files: bool = False
+    """Whether y of image coordinates, and y0, point down in files and reports; values in memory
+    have y up."""
 
     def corners(self) -> tuple[Array, Array] | None:
         """Return lower left and upper right corner of the sensor, image units; None if unknown.
@@ -87,6 +90,10 @@ class Camera:
             return None
         low = np.multiply(_LOWER_LEFT[self.origin], self.format)
         return low, low + self.format
+
+    def sign_in_files(self, parameter: str) -> float:
+        """Return the factor from a value in memory to files and reports: −1 for y0 with y down."""
+        return -1.0 if self.y_down_in_files and parameter == "y0" else 1.0
 
 
 @dataclass(frozen=True)

@@ -138,6 +138,7 @@ class Network(Shown):
         per_photo: bool = False,
         format: Sequence[float] | None = None,
         origin: Origin = "centre",
+        y_down_in_files: bool = False,
     ) -> None:
         """Add a camera.
 
@@ -147,16 +148,16 @@ class Network(Shown):
             values: calibration parameters by name (absent: 0) or in the order of ``lens.names``;
                 image units.
             free: names of parameters to estimate without a prior.
-            sigma: standard deviations, by name, of weighted parameters, which are estimated with
-                a prior. Parameters that are neither free nor weighted are held.
+            sigma: standard deviations of weighted parameters by name; all others are held.
             unit: unit of its image coordinates, for reports.
             per_photo: whether every photo has a calibration of its own.
             format: width and height of the sensor, image units, for plots and their coverage.
             origin: place of the origin of image coordinates on the sensor, for the same.
+            y_down_in_files: whether y and y0 point down in files and reports; here y is up.
         """
         self._new(name, self.cameras, "camera")
-        camera = checked_camera(name, lens, values, free, sigma, unit, per_photo, format, origin)
-        self.cameras[name] = camera
+        options = (sigma, unit, per_photo, format, origin, y_down_in_files)
+        self.cameras[name] = checked_camera(name, lens, values, free, *options)
 
     def add_photo(
         self,
@@ -269,8 +270,7 @@ class Network(Shown):
     ) -> None:
         """State the coefficient of refraction κ of a group; free unless held or weighted.
 
-        Observations without a named group belong to the group of the network, whose κ is held
-        at 0 unless this call states it.
+        The group of the network is that of observations without one; not stated, its κ is 0, held.
         """
         self.set_unknown("refraction", group, (value,), fixed=fixed, sigma=sigma)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import AdjustmentError, ApproximationError, InputError
 from ..graph.equations import Equations, compile_network
-from ..graph.variables import DEFAULT, State, Unknowns, calibration_name
+from ..graph.variables import DEFAULT, State, Unknowns, calibration_name, camera_of_calibration
 from ..models.variables import VariableKind
 from ..network.network import Network
 from ..solve.elimination import layers_of
@@ -347,7 +347,7 @@ def _of_photo(network: Network, name: str) -> str:
 
 
 def _of_calibration(network: Network, name: str) -> str:
-    camera = network.cameras.get(name) or network.cameras[name.split("@")[0]]
+    camera = camera_of_calibration(network, name)
     return f"{camera.lens} in {camera.unit}"
 
 

@@ -238,7 +238,7 @@ class PartsSolution(Shown):
         safe = np.where(sigmas > 0, sigmas, 1.0)
         return Estimate(
             unknowns.component_names(kind, number),
-            unknowns.given(result.state, kind, number),
+            unknowns.shown(result.state, kind, number),
             sigmas,
             covariance / np.outer(safe, safe),
         )

@@ -21,10 +21,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from ..errors import InputError
+from ..models.base import within
 from ..solve.solution import Solution
 from ..types import Array
 from .distributions import chi2_quantile, fisher_quantile
@@ -151,7 +153,7 @@ def error_ellipse(
     Raises:
         InputError: unknown names, two identical places, confidence outside (0, 1).
     """
-    return _ellipses(solution, *_one(solution, a, b), confidence)[0]
+    return ellipses_of(solution, *_one(solution, a, b), confidence)[0]
 
 
 def error_ellipsoid(
@@ -177,7 +179,7 @@ def error_ellipses(
     Raises:
         InputError: unknown names, all at once; confidence outside (0, 1).
     """
-    return _ellipses(solution, *_many(solution, places), confidence)
+    return ellipses_of(solution, *_many(solution, places), confidence)
 
 
 def error_ellipsoids(
@@ -215,10 +217,11 @@ def height_intervals(
 
 # -- helpers --------------------------------------------------------------------------------------
 
-_Pairs = list[tuple[Place, Place | None]]
+Pairs: TypeAlias = Sequence[tuple[Place, Place | None]]
+"""Places, each with the second one of a difference or None."""
 
 
-def _one(solution: Solution, a: Place, b: Place | None) -> tuple[_Pairs, Array, Array]:
+def _one(solution: Solution, a: Place, b: Place | None) -> tuple[Pairs, Array, Array]:
     """Return the place or pair, its centre (1, 3) and covariance (1, 3, 3)."""
     sigma = covariance(solution, a, b)
     centre = position(solution, a)
@@ -227,11 +230,11 @@ def _one(solution: Solution, a: Place, b: Place | None) -> tuple[_Pairs, Array, 
     return [(a, b)], centre[None], sigma[None]
 
 
-def _many(solution: Solution, places: Sequence[Place] | None) -> tuple[_Pairs, Array, Array]:
+def _many(solution: Solution, places: Sequence[Place] | None) -> tuple[Pairs, Array, Array]:
     """Return the places, their positions (n, 3) and covariances (n, 3, 3)."""
     if places is None:
         names = solution.equations.unknowns["point"].names
-        pairs: _Pairs = [(name, None) for name in names]
+        pairs: Pairs = [(name, None) for name in names]
         return pairs, solution.state["point"], solution.point_covariances
     if isinstance(places, str):
         raise InputError(f"places must be a list, not the one name {places!r}")
@@ -247,7 +250,7 @@ def _in_horizon(solution: Solution, centres: Array, sigma: Array) -> tuple[Array
 
 
 def _intervals(
-    solution: Solution, pairs: _Pairs, centres: Array, sigma: Array, confidence: float | None
+    solution: Solution, pairs: Pairs, centres: Array, sigma: Array, confidence: float | None
 ) -> tuple[ConfidenceInterval, ...]:
     factor = factor_of(solution, 1, confidence)
     sigmas = np.sqrt(np.maximum(_in_horizon(solution, centres, sigma)[0][:, 2, 2], 0.0))
@@ -257,22 +260,25 @@ def _intervals(
     )
 
 
-def _half_turn(azimuth: Array) -> Array:
-    """Wrap azimuths of axes to [0, π); a rounding error below zero is zero."""
-    wrapped = np.mod(azimuth, np.pi)
-    return np.where(wrapped < np.pi, wrapped, 0.0)
-
-
-def _ellipses(
-    solution: Solution, pairs: _Pairs, centres: Array, sigma: Array, confidence: float | None
+def ellipses_of(
+    solution: Solution, pairs: Pairs, centres: Array, sigma: Array, confidence: float | None
 ) -> tuple[ErrorEllipse, ...]:
+    """Return error ellipses of places, or of differences of two, whose covariances are known.
+
+    Args:
+        solution: an adjusted network.
+        pairs: the n places, each with a second one or None.
+        centres: positions, or midpoints (n, 3), metres.
+        sigma: covariances (n, 3, 3), metres².
+        confidence: as in `error_ellipse`.
+    """
     plan, _ = _in_horizon(solution, centres, sigma)
     ee, nn, en = plan[:, 0, 0], plan[:, 1, 1], plan[:, 0, 1]
     major = (ee + nn + np.hypot(nn - ee, 2.0 * en)) / 2.0
     # minor = determinant / major avoids the difference of large numbers for thin ellipses.
     determinant = np.maximum(ee * nn - en * en, 0.0)
     minor = np.divide(determinant, major, out=np.zeros_like(major), where=major > 0)
-    azimuths = _half_turn(np.arctan2(2.0 * en, nn - ee) / 2.0).tolist()
+    azimuths = within(np.arctan2(2.0 * en, nn - ee) / 2.0, np.pi).tolist()
     variances = np.stack([np.maximum(major, 0.0), minor], axis=1)
     factors = factors_of(solution, variances, confidence)
     axes = factors[:, None] * np.sqrt(variances)
@@ -298,7 +304,7 @@ def factors_of(solution: Solution, variances: Array, confidence: float | None) -
 
 
 def _ellipsoids(
-    solution: Solution, pairs: _Pairs, centres: Array, sigma: Array, confidence: float | None
+    solution: Solution, pairs: Pairs, centres: Array, sigma: Array, confidence: float | None
 ) -> tuple[ErrorEllipsoid, ...]:
     local, enu = _in_horizon(solution, centres, sigma)
     values, vectors = np.linalg.eigh((local + local.transpose(0, 2, 1)) / 2.0)

@@ -135,9 +135,19 @@ def distance_precision(solution: Solution, a: Place, b: Place) -> DistancePrecis
         InputError: unknown names, two identical places, or two places that coincide.
     """
     d = position(solution, b) - position(solution, a)
-    variance = covariance(solution, a, b)
-    distance = float(np.linalg.norm(d))
+    distance, sigma = length_and_sigma(d, covariance(solution, a, b))
     if distance == 0.0:
         raise InputError(Problem(f"has the coordinates of {describe(b)}: no distance", describe(a)))
-    along = d / distance
-    return DistancePrecision(a, b, distance, max(float(along @ variance @ along), 0.0) ** 0.5)
+    return DistancePrecision(a, b, distance, sigma)
+
+
+def length_and_sigma(d: Array, variance: Array) -> tuple[float, float]:
+    """Return |d| and √(dᵀ Σ d)/|d| of a difference (3,) with the covariance Σ (3, 3).
+
+    The standard deviation is NaN for d = 0.
+    """
+    length = float(np.linalg.norm(d))
+    if length == 0.0:
+        return 0.0, float("nan")
+    along = d / length
+    return length, max(float(along @ variance @ along), 0.0) ** 0.5

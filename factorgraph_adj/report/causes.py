@@ -9,6 +9,7 @@ from ..quality.causes.given import GivenValue
 from ..quality.causes.hypotheses import Size
 from ..quality.causes.search import Cause
 from ..quality.distributions import chi2_quantile
+from ..units import decimal
 from .context import Report
 from .layout import NO_BREAK, listed, paragraph, percent, short, table, title
 
@@ -109,4 +110,4 @@ def _row(report: Report, v: GivenValue, i: int) -> list[str]:
     if not one.dof:
         return [name, v.components[i], "–", "–", "–", whole]
     figures = [f"{short(one.error[0] / unit)} {symbol}".strip(), short(one.sigma[0] / unit)]
-    return [name, v.components[i], *figures, f"{v.w[i]:.2f}", whole]
+    return [name, v.components[i], *figures, decimal(float(v.w[i]), 2), whole]

@@ -17,7 +17,8 @@ from ..network.network import Network
 from ..quality.causes.given import GivenValue
 from ..quality.causes.search import Causes, causes
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
-from ..quality.rejections import Snooping
+from ..quality.lines import AdjustedLine, adjusted_lines
+from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
 from ..quality.systematic import Label, Significance, TestedParameter, significance
@@ -25,10 +26,12 @@ from ..quality.unit_weight import global_test
 from ..quality.variance_components import VarianceComponents
 from ..rotation import angles_by_rotation, omega_phi_kappa
 from ..solve.estimates import CalibrationEstimate
+from ..solve.geographic import Geographic, geographic
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array
 from ..units import ANGLE, LENGTH
+from . import axes
 from .doubts import above_critical, doubts_about, of_readings
 from .options import Provenance, ReportOptions
 from .rows import ReportRows
@@ -156,7 +159,8 @@ class Report:
     def causes(self) -> Causes | None:
         """Causes that several observations share; None where no test value is critical."""
         if self.snooping is not None:
-            return self.snooping.causes
+            found = self.snooping.causes
+            return None if found is None else axes.causes(self.network, found)
         rel = self.reliability
         if rel is None or not self.solution.converged:
             return None
@@ -166,13 +170,13 @@ class Report:
             and global_test(self.solution).accepted
         ):
             return None
-        return causes(rel)
+        return axes.causes(self.network, causes(rel))
 
     @cached_property
     def given(self) -> tuple[GivenValue, ...]:
-        """Tests of given values that are held."""
+        """Tests of given values that are held, in the axes of files."""
         rel = self.reliability
-        return () if rel is None else rel.given_values
+        return () if rel is None else tuple(axes.given(self.network, v) for v in rel.given_values)
 
     @cached_property
     def set_aside(self) -> SetAside | None:
@@ -182,11 +186,27 @@ class Report:
             return None
         return set_aside(self.solution, self.snooping.ids_set_aside, original, self.units)
 
+    def sign_of(self, found: Rejected | Unresolved) -> float:
+        """Return the factor from figures of data snooping to those shown, as `Row.sign`.
+
+        It is NaN where the cameras have different axes and the original network is not there, so
+        that nobody knows of which camera the observation was.
+        """
+        if found.kind != "image" or found.component != "y":
+            return 1.0
+        down = {c.y_down_in_files for c in self.network.cameras.values()}
+        if len(down) == 1:
+            return -1.0 if down.pop() else 1.0
+        aside = self.set_aside
+        return nan if aside is None else aside.find(found.id, found.component).sign
+
     @cached_property
     def significance(self) -> Significance | None:
-        """Tests of calibration and additional parameters; None without a covariance."""
+        """Tests of calibration and other parameters, y0 as in files; None without covariance."""
         try:
-            return None if self.singular else significance(self.solution)
+            if self.singular:
+                return None
+            return axes.significance(self.network, significance(self.solution))
         except AdjustmentError:
             return None
 
@@ -216,6 +236,15 @@ class Report:
         places: list[Place] = [("pose", n) for n in names]
         found = error_ellipsoids(self.solution, places, confidence=self.options.confidence)
         return dict(zip(names, found, strict=True))
+
+    @cached_property
+    def lines(self) -> tuple[AdjustedLine, ...]:
+        """Adjusted lines between the pairs of places that the options name."""
+        pairs = self.options.relative
+        if pairs is None or self.singular:
+            return ()
+        named = None if pairs == "observed" else pairs
+        return adjusted_lines(self.solution, named, confidence=self.options.confidence)
 
     @property
     def metre(self) -> float:
@@ -259,9 +288,10 @@ class Report:
 
     @cached_property
     def calibrations(self) -> dict[str, CalibrationEstimate]:
-        """Calibrations of the network, by camera or camera@photo."""
+        """Calibrations of the network by camera or camera@photo, in the axes of files."""
         names = dict.fromkeys(calibration_name(self.network, f) for f in self.network.photos)
-        return {name: self.solution.calibration(name) for name in names}
+        found = {name: self.solution.calibration(name) for name in names}
+        return {n: axes.calibration(self.network, n, e) for n, e in found.items()}
 
     @cached_property
     def sigmas(self) -> dict[str, tuple[float, ...]]:
@@ -270,6 +300,12 @@ class Report:
         found = np.sqrt(np.maximum(variances, 0.0)).tolist()
         names = self.solution.equations.unknowns["point"].names
         return {n: tuple(s) for n, s in zip(names, found, strict=True)}
+
+    @cached_property
+    def geographic(self) -> Geographic | None:
+        """Latitude, longitude and height of the points; None in a local frame."""
+        s = self.solution
+        return geographic(self.network.frame, s.state["point"], s.point_covariances)
 
     def where(self, file: str) -> str:
         """Return the place of a table, or the way to write it."""

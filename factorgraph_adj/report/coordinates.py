@@ -19,8 +19,7 @@ def points(report: Report) -> list[str]:
     if not names:
         return []
     sigmas = {n: [s / report.small for s in report.sigmas[n]] for n in names}
-    places = decimals((s for three in sigmas.values() for s in three), default=2, most=5)
-    digits = min(max(places + exponent(report.metre / report.small * 1.0001), 0), 9)
+    places, digits = digits_of_points(report)
     axes = [i for i in range(3) if not all(given[n].fixed[i] for n in names)]
     shown, note = report.cut(list(given), "points", "points.csv")
     figures, cells, meaning = ellipse_columns(report, places)
@@ -44,6 +43,14 @@ def points(report: Report) -> list[str]:
             f"{sqrt(sum(s * s for s in sigmas[worst])):.{places}f} {units.sigma_length}"
         )
     return out
+
+
+def digits_of_points(report: Report) -> tuple[int, int]:
+    """Return the decimals of σ of points, and those of coordinates, which show as much."""
+    names = (n for n in report.network.points if report.free("point", n))
+    sigmas = (s / report.small for n in names for s in report.sigmas[n])
+    places = decimals(sigmas, default=2, most=5)
+    return places, min(max(places + exponent(report.metre / report.small * 1.0001), 0), 9)
 
 
 def check_points(report: Report) -> list[str]:
@@ -78,7 +85,7 @@ def photos(report: Report) -> list[str]:
     rows = []
     for name in names:
         pose = report.poses[name]
-        place = [f"{v / report.metre:.4f}" for v in pose.position]
+        place = [decimal(v / report.metre, 4) for v in pose.position]
         angles = [format_angle(v, units.angle, digits) for v in pose.angles]
         rows.append([name, str(counts[name]), f"{norms[name]:.2f}", *place, *angles])
         if not report.free("pose", name):

@@ -7,6 +7,8 @@ from math import floor, isfinite, log10, nan, sqrt
 from textwrap import wrap
 from unicodedata import combining
 
+from ..units import decimal
+
 WIDTH = 100
 """Width of a protocol's heading and paragraphs, characters."""
 NO_BREAK = "\u00a0"
@@ -105,11 +107,12 @@ def short(value: float) -> str:
 
 def with_sigma(value: float, sigma: float) -> str:
     """Return a value rounded to the second significant digit of its σ."""
+    value += 0.0  # −0 is 0
     if not sigma > 0 or not isfinite(sigma):
         return f"{value:.7g}"
     last = exponent(sigma) - 1
     if value == 0 or exponent(abs(value)) > -4:
-        return f"{value:.{max(-last, 0)}f}" if last > -12 else f"{value:.3e}"
+        return decimal(value, max(-last, 0)) if last > -12 else f"{value:.3e}"
     return f"{value:.{max(exponent(abs(value)) - last, 1)}e}"
 
 

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from ..io.numbers import write
 from ..io.tables import write_columns
 from ..quality.reliability import Reliability
 from ..types import Array
@@ -21,7 +20,7 @@ def observations_table(report: Report) -> str:
     rows = list(report.rows.all())
     columns = _what(rows)
     residuals, sigmas = report.solution.observations.residuals, report.solution.observations.sigmas
-    columns |= _residuals(rows, residuals, sigmas)
+    columns |= _residuals(rows, _signs(rows) * residuals, sigmas)
     if report.reliability is not None:
         columns |= _reliability(report, report.reliability, rows)
     aside = report.set_aside
@@ -47,7 +46,7 @@ def _what(rows: Sequence[Row]) -> dict[str, list[str]]:
         "to2": [p[2] if len(p) > 2 else "" for p in points],
         "photo": [r.names[0] if f else "" for r, f in zip(rows, photo, strict=True)],
         "component": [r.component for r in rows],
-        "observed": [_value(r.observed, r.scale.unit) for r in rows],
+        "observed": [r.scale.exact(r.observed) for r in rows],
         "unit": [r.scale.unit for r in rows],
     }
 
@@ -56,6 +55,7 @@ def _residuals(rows: Sequence[Row], residuals: Array, sigmas: Array) -> dict[str
     size = _sizes(rows)
     return {
         "residual": figures(residuals / size),
+        "adjusted": [_adjusted(r) for r in rows],
         "sigma": figures(sigmas / size),
         "small_unit": [r.scale.small for r in rows],
         "normalised": figures(residuals / sigmas),
@@ -63,19 +63,19 @@ def _residuals(rows: Sequence[Row], residuals: Array, sigmas: Array) -> dict[str
 
 
 def _reliability(report: Report, rel: Reliability, rows: Sequence[Row]) -> dict[str, list[str]]:
-    size = _sizes(rows)
+    size, sign = _sizes(rows), _signs(rows)
     effect = rel.largest_effect / report.small
     return {
         "redundancy_number": figures(rel.redundancy_numbers),
         "e1": figures(rel.e1),
         "e2": figures(rel.e2),
         "e12": figures(rel.e12),
-        "w": figures(rel.w),
-        "tau": figures(rel.tau),
+        "w": figures(sign * rel.w),
+        "tau": figures(sign * rel.tau),
         "mdb": figures(rel.mdb / size),
         "delta_bar": figures(rel.delta_bar),
         f"largest_effect_{report.units.sigma_length}": figures(effect),
-        "estimated_error": figures(rel.estimated_errors / size),
+        "estimated_error": figures(sign * rel.estimated_errors / size),
         "controlled": yes(rel.controlled),
     }
 
@@ -83,13 +83,14 @@ def _reliability(report: Report, rel: Reliability, rows: Sequence[Row]) -> dict[
 def _set_aside(aside: SetAside) -> dict[str, list[str]]:
     """Return the columns of the set-aside observations, predicted by the clean solution."""
     rows = aside.rows.at(aside.numbers.tolist())
-    size = _sizes(rows)
+    size, sign = _sizes(rows), _signs(rows)
     columns = _what(rows)
-    columns |= _residuals(rows, aside.innovation, np.array([r.sigma for r in rows]))
+    innovation = sign * aside.innovation
+    columns |= _residuals(rows, innovation, np.array([r.sigma for r in rows]))
     return columns | {
         "redundancy_number": figures(aside.redundancy_numbers),
-        "w": figures(aside.w),
-        "estimated_error": figures(-aside.innovation / size),
+        "w": figures(sign * aside.w),
+        "estimated_error": figures(-innovation / size),
         "controlled": yes(np.isfinite(aside.w)),
         "set_aside": ["yes"] * len(rows),
         "source": [r.source for r in rows],
@@ -104,18 +105,18 @@ def snooping_table(report: Report) -> str:
     records: list[tuple[Row, dict[str, str]]] = []
     for r in found.rejected:
         row = aside.find(r.id, r.component)
-        size = row.scale.size
+        size = row.sign * row.scale.size
         records.append(
             (
                 row,
                 {
                     "state": "set aside",
                     "round": str(r.round),
-                    "test_value": figure(r.test),
+                    "test_value": figure(row.sign * r.test),
                     "estimated_error": figure(r.estimated_error / size),
                     "final_error": figure(r.final_error / size),
-                    "final_sigma": figure(r.final_sigma / size),
-                    "final_test_value": figure(r.final_test),
+                    "final_sigma": figure(r.final_sigma / row.scale.size),
+                    "final_test_value": figure(row.sign * r.final_test),
                     "not_told_apart_from": "; ".join(
                         f"{label} ({rho:+.3f})" for label, rho in r.inseparable
                     ),
@@ -134,8 +135,8 @@ def snooping_table(report: Report) -> str:
         row = aside.find(u.id, u.component)
         fields = {
             "state": "unresolved",
-            "test_value": figure(u.test),
-            "estimated_error": figure(u.estimated_error / row.scale.size),
+            "test_value": figure(row.sign * u.test),
+            "estimated_error": figure(row.sign * u.estimated_error / row.scale.size),
             "reason": u.reason,
         }
         records.append((row, fields))
@@ -161,6 +162,15 @@ def _sizes(rows: Sequence[Row]) -> Array:
     return np.array([r.scale.size for r in rows], dtype=float)
 
 
+def _adjusted(row: Row) -> str:
+    """Return observed + v; empty where it is not known."""
+    return row.scale.exact(row.adjusted) if np.isfinite(row.residual) else ""
+
+
+def _signs(rows: Sequence[Row]) -> Array:
+    return np.array([r.sign for r in rows], dtype=float)
+
+
 def figures(values: Array) -> list[str]:
     """Write derived figures with enough digits for further use; empty if not finite."""
     return [figure(v) for v in values.tolist()]
@@ -169,7 +179,3 @@ def figures(values: Array) -> list[str]:
 def yes(values: Iterable[bool]) -> list[str]:
     """Write yes or no for each value."""
     return ["yes" if v else "no" for v in values]
-
-
-def _value(value: float, unit: str) -> str:
-    return write(value, "" if unit == "px" else unit) if unit != "mm" else repr(value)

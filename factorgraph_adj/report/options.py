@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias, get_args
 
@@ -11,6 +12,7 @@ from ..network.network import Network
 from ..quality.ellipses import confidence_factor
 from ..quality.levels import ALPHA, POWER
 from ..quality.rejections import Snooping
+from ..quality.relative import Place
 from ..quality.reliability import check_probabilities
 from ..quality.variance_components import VarianceComponents
 
@@ -43,6 +45,9 @@ class ReportOptions:
     confidence: float | None = None
     """Probability of error ellipses of points and ellipsoids of projection centres; None omits
     both."""
+    relative: Sequence[tuple[Place, Place]] | Literal["observed"] | None = None
+    """Pairs of places whose adjusted distance, azimuth, rise and relative error ellipse are listed;
+    ``observed``: all pairs that observations join; None omits the list."""
 
     def __post_init__(self) -> None:
         """Check probabilities and test."""
@@ -54,8 +59,20 @@ class ReportOptions:
 
 
 @dataclass(frozen=True)
+class Run:
+    """What a protocol says of the run that it comes from; empty texts are left out."""
+
+    file: str = ""
+    """The file or folder that was adjusted, as it was named."""
+    date: str = ""
+    """Date and time; the library looks at no clock, so that the same call gives the same text."""
+    options: str = ""
+    """Options of the run, in words or as they were typed."""
+
+
+@dataclass(frozen=True)
 class Provenance:
-    """Earlier steps that a solution comes from."""
+    """The run and the earlier steps that a solution comes from."""
 
     snooping: Snooping | None = None
     """Data snooping that gave the solution or the network that was adjusted."""
@@ -63,3 +80,5 @@ class Provenance:
     """The network with all observations, before data snooping."""
     components: VarianceComponents | None = None
     """Variance components that determined the weights of the solution."""
+    run: Run = field(default_factory=Run)
+    """File, date and options of the run."""

@@ -8,13 +8,18 @@ import numpy as np
 
 from ..errors import known
 from ..io.atomic import write_files
+from ..io.numbers import Units
 from ..io.tables import write_columns
 from ..models.variables import UNKNOWNS
 from ..parts.result import PartResult, PartsSolution
 from ..quality.unit_weight import global_test
-from ..version import __version__
+from ..units import decimal
+from . import axes
 from .layout import WIDTH, paragraph, table, title
 from .observation_tables import figures
+from .options import Run
+from .rows import ReportRows, exact
+from .text import run_lines
 
 LISTED = 20
 """Largest number of repeated observations that a protocol lists."""
@@ -24,19 +29,25 @@ MILLIMETRE = 1e-3
 """Metres of a millimetre."""
 
 
-def parts_protocol(solution: PartsSolution) -> str:
+def parts_protocol(solution: PartsSolution, run: Run | None = None) -> str:
     """Return the protocol of an adjustment in parts: the whole, its parts, the largest tests."""
-    sections = (_whole(solution), _repeated(solution), _parts(solution), _tests(solution))
+    sections = (
+        _whole(solution, run or Run()),
+        _repeated(solution),
+        _parts(solution),
+        _tests(solution),
+    )
     lines = [line.rstrip() for section in sections if section for line in [*section, ""]]
     return "\n".join(lines[:-1]) + "\n"
 
 
-def write_parts(solution: PartsSolution, folder: str | Path) -> None:
+def write_parts(solution: PartsSolution, folder: str | Path, run: Run | None = None) -> None:
     """Write protocol.txt, points.csv, unknowns.csv and observations.csv; an error writes none.
 
     Args:
         solution: the result of `adjust_parts`.
         folder: the folder; it is created if missing.
+        run: file, date and options of the run.
 
     Raises:
         InputError: the folder cannot be written to; no file has changed.
@@ -52,7 +63,7 @@ def write_parts(solution: PartsSolution, folder: str | Path) -> None:
     write_files(
         folder,
         {
-            "protocol.txt": parts_protocol(solution),
+            "protocol.txt": parts_protocol(solution, run),
             "points.csv": write_columns(points),
             "unknowns.csv": write_columns(unknowns) if unknowns["name"] else None,
             "observations.csv": write_columns(observations),
@@ -63,7 +74,7 @@ def write_parts(solution: PartsSolution, folder: str | Path) -> None:
 # -- protocol -------------------------------------------------------------------------------------
 
 
-def _whole(s: PartsSolution) -> list[str]:
+def _whole(s: PartsSolution, run: Run) -> list[str]:
     test = global_test(s)
     kinds = ", ".join(
         f"{n} {UNKNOWNS[kind].noun}{'s' * (n != 1)}" for kind, n in s.junctions.by_kind().items()
@@ -74,7 +85,7 @@ def _whole(s: PartsSolution) -> list[str]:
     out = [
         f"Adjustment of {name} in {len(s.jobs)} part{'s' * (len(s.jobs) != 1)}",
         "=" * WIDTH,
-        f"  program               factorgraph_adj {__version__}",
+        *run_lines(run, width=22),
         f"  observations n        {s.n_observations}",
         f"  unknowns u            {s.n_unknowns}",
         f"  redundancy n − u      {s.redundancy}; redundancy numbers sum to "
@@ -137,7 +148,9 @@ def _parts(s: PartsSolution) -> list[str]:
 
 
 def _tests(s: PartsSolution) -> list[str]:
-    rows = [[part, t.label, f"{t.w:.2f}", f"{t.redundancy:.2f}"] for part, t in s.largest_tests]
+    rows = [
+        [part, t.label, decimal(t.w, 2), decimal(t.redundancy, 2)] for part, t in s.largest_tests
+    ]
     return [*title("Largest test values"), *table(["part", "observation", "w", "r"], rows)]
 
 
@@ -159,7 +172,7 @@ def _points(name: str, part: PartResult, seen: set[str]) -> dict[str, list[str]]
     return {
         "part": [name] * len(on),
         "name": [names[i] for i in on],
-        **{a: [f"{v:.6f}" for v in x[:, i].tolist()] for i, a in enumerate("xyz")},
+        **{a: [decimal(v, 6) for v in x[:, i].tolist()] for i, a in enumerate("xyz")},
         **{f"sigma_{a}_mm": figures(sigma[:, i] / MILLIMETRE) for i, a in enumerate("xyz")},
     }
 
@@ -176,10 +189,13 @@ def _unknowns(name: str, part: PartResult, seen: set[str]) -> dict[str, list[str
             if label in seen:
                 continue
             seen.add(label)
-            values = tables.given(part.state, kind, number)
+            values = tables.shown(part.state, kind, number)
+            names = tables.component_names(kind, number)
+            sign = axes.signs(part.equations.network, kind, t.names[number], names)
+            values = values if sign is None else sign * values
             sigma = np.sqrt(np.maximum(np.diag(part.covariances[kind][number]), 0.0))
-            for c, component in enumerate(tables.component_names(kind, number)):
-                value = repr(float(values[c]))
+            for c, component in enumerate(names):
+                value = exact(float(values[c]))
                 rows.append((kind, t.names[number], component, value, f"{sigma[c]:.6g}"))
     columns = ("kind", "name", "component", "value", "sigma")
     found = {c: [row[i] for row in rows] for i, c in enumerate(columns)}
@@ -200,6 +216,8 @@ def _observations(name: str, part: PartResult) -> dict[str, list[str]]:
         components += [block.component(i, c) for i in range(block.n) for c in range(d)]
         kinds += [block.kind] * (block.n * d)
         units += [block.unit] * (block.n * d)
+    residuals = part.residuals()
+    sign = ReportRows(part.equations, residuals, Units()).signs()
     return {
         "part": [name] * len(ids),
         "id": ids,
@@ -207,10 +225,10 @@ def _observations(name: str, part: PartResult) -> dict[str, list[str]]:
         "kind": kinds,
         "component": components,
         "unit": units,
-        "residual": figures(part.residuals()),
+        "residual": figures(sign * residuals),
         "sigma": figures(part.equations.sigmas()),
         "redundancy_number": figures(part.redundancy_numbers),
-        "w": figures(part.w),
+        "w": figures(sign * part.w),
         "smallest_detectable": figures(part.mdb),
-        "estimated_error": figures(part.estimated_errors),
+        "estimated_error": figures(sign * part.estimated_errors),
     }

@@ -151,5 +151,9 @@ def photo_columns(report: Report) -> dict[str, list[str]]:
 
 
 def figure(value: float) -> str:
-    """Return a derived figure with enough digits for further use; empty if not finite."""
-    return f"{value:.9g}" if isfinite(value) else ""
+    """Return a derived figure with enough digits for further use; empty if not finite.
+
+    >>> figure(-0.0), figure(float("nan"))
+    ('0', '')
+    """
+    return f"{value + 0.0:.9g}" if isfinite(value) else ""

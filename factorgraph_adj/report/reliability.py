@@ -10,6 +10,8 @@ from ..quality.groups import GroupReliability
 from ..quality.reliability import Reliability
 from ..quality.unit_weight import global_test
 from ..types import Index
+from ..units import decimal
+from .adjusted import lists_every_row, short_r
 from .context import Report
 from .layout import listed, paragraph, percent, short, table, title, whole, without_empty
 from .rows import Group, Row
@@ -103,8 +105,9 @@ def weakest(report: Report) -> list[str]:
     if rel is None or report.solution.redundancy <= 0 or not rel.controlled.any():
         return []
     points = _weakest_points(report, rel)
-    if int(rel.controlled.sum()) <= report.options.n_suspects and not _above(report):
-        return points  # the list of test values contains all observations with their r
+    few = int(rel.controlled.sum()) <= report.options.n_suspects
+    if few and not _above(report):
+        return points  # the lists of test values contain all observations with their r
     r = np.where(rel.controlled, rel.redundancy_numbers, np.inf)
     order = np.argsort(r, kind="stable")[: min(WEAKEST, int(rel.controlled.sum()))]
     unit = report.units.sigma_length
@@ -176,6 +179,12 @@ def suspects(report: Report) -> list[str]:
     values, critical = report.tests
     size = np.where(np.isfinite(values), np.abs(values), 0.0)
     above = _above(report)
+    if not above and lists_every_row(report):
+        row = report.rows.at([int(np.argmax(size))])[0]
+        test = decimal(row.sign * float(values[row.number]), 2)
+        words = f"all stand above; the largest is {test}, of {row.kind_name} {row.what}"
+        out = [*title(_none_above(report)), *paragraph(words)]
+        return [*out, *_caution(report, above), *_groups(report, rel)]
     scale = report.solution.sigma0 if report.pope else 1.0
     name = "τ" if report.pope else "w"
     notes: list[str] = []
@@ -184,7 +193,7 @@ def suspects(report: Report) -> list[str]:
         most = min(most, above)
         found = rel.suspects(most, critical=critical * scale)
         rows = report.rows.at([s.row for s in found])
-        notes = [_inseparable(report, s.inseparable) for s in found]
+        notes = [_inseparable(report, r, s.inseparable) for r, s in zip(rows, found, strict=True)]
     else:
         order = np.argsort(-size, kind="stable")[:most]
         rows = report.rows.at(order.tolist())
@@ -196,11 +205,9 @@ def suspects(report: Report) -> list[str]:
                 *names_of(row),
                 f"{short(row.residual / unit)} {row.scale.small}".strip(),
                 short(row.sigma / unit),
-                f"{rel.redundancy_numbers[i]:.2f}"
-                if rel.redundancy_numbers[i] >= 0.1
-                else short(rel.redundancy_numbers[i]),
-                f"{values[i]:.2f}",
-                short(rel.estimated_errors[i] / unit),
+                short_r(float(rel.redundancy_numbers[i])),
+                decimal(row.sign * values[i], 2),
+                short(row.sign * rel.estimated_errors[i] / unit),
                 short(rel.mdb[i] / unit),
             ]
         )
@@ -209,7 +216,7 @@ def suspects(report: Report) -> list[str]:
     limit = f"{critical:.2f}" if isfinite(critical) else "–"
     heading = f"Suspects: |{name}| above {limit} (α0 = {percent(rel.alpha)})"
     if not above:
-        heading = f"Largest test values: none above the critical |{name}| = {limit}"
+        heading = _none_above(report)
     out = [*title(heading), *table(header, cells, left=len(header) - 6, notes=notes)]
     if above > most:
         out.append(f"  … {above - most} more above the critical value")
@@ -221,19 +228,26 @@ def suspects(report: Report) -> list[str]:
     return [*out, *_caution(report, above), *_groups(report, rel)]
 
 
+def _none_above(report: Report) -> str:
+    """Return the heading of test values none of which is critical."""
+    name, critical = "τ" if report.pope else "w", report.tests[1]
+    limit = f"{critical:.2f}" if isfinite(critical) else "–"
+    return f"Largest test values: none above the critical |{name}| = {limit}"
+
+
 def _above(report: Report) -> int:
     """Return the number of test values above the critical value; NaN does not count."""
     values, critical = report.tests
     return int(np.sum(np.abs(values) > critical))
 
 
-def _inseparable(report: Report, partners: tuple[tuple[int, float], ...]) -> str:
+def _inseparable(report: Report, row: Row, partners: tuple[tuple[int, float], ...]) -> str:
     """Return a sentence about the observations that are inseparable from an observation."""
     if not partners:
         return ""
     rows = report.rows.at([row for row, _ in partners[:PARTNERS]])
     named = [
-        whole(f"{r.kind_name} {r.what} ({rho:+.2f})")
+        whole(f"{r.kind_name} {r.what} ({row.sign * r.sign * rho:+.2f})")
         for r, (_, rho) in zip(rows, partners, strict=False)
     ]
     more = f" and {len(partners) - PARTNERS} more" if len(partners) > PARTNERS else ""
@@ -304,7 +318,7 @@ def residuals(report: Report) -> list[str]:
             *names_of(r),
             f"{short(r.residual / r.scale.size)} {r.scale.small}".strip(),
             short(r.sigma / r.scale.size),
-            f"{r.residual / r.sigma:.2f}",
+            decimal(r.residual / r.sigma, 2),
         ]
         for r in report.rows.at(order)
     ]

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from math import ceil, log10
 
 import numpy as np
 
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.image_blocks import ImageIds
-from ..io.numbers import Units
-from ..observations import Unit
+from ..graph.variables import camera_of_calibration
+from ..io.numbers import Units, write
+from ..models.base import within
+from ..network.entities import Camera
+from ..observations import Unit, observation_kind
 from ..types import Array, Index
-from ..units import ANGLE, LENGTH, decimal, format_angle
+from ..units import ANGLE, LENGTH, decimal, format_angle, format_turn
 
+MARGIN = 0.01
+"""Part of a decimal that rounding of units may cost without a further decimal."""
 MOST_CAMERAS = 8
 """Largest number of cameras with one group each; more cameras are grouped by image unit."""
 
@@ -29,17 +35,47 @@ class Scale:
     """Unit of σ and v."""
     size: float
     """Size of ``small`` in the unit of the solution (SI, or image units)."""
+    image: bool = False
+    """Whether values are image coordinates, which the solution has in ``unit``."""
+    y_down: bool = False
+    """Whether y of image coordinates is shown downwards, as in the files of its camera."""
 
-    def value(self, value: float, digits: int) -> str:
-        """Write a value."""
+    def sign(self, component: str) -> float:
+        """Return the factor from a component of an image point in memory to the one shown."""
+        return -1.0 if self.y_down and component == "y" else 1.0
+
+    @property
+    def further_decimals(self) -> int:
+        """Decimals that a value has more than σ and v to show as much; 0 for the same unit."""
+        if self.image or not self.unit:
+            return 0
+        unit = "arcsec" if self.unit == "dms" else self.unit
+        whole = ANGLE[unit] if unit in ANGLE else LENGTH[unit]
+        return ceil(log10(whole / self.size) - MARGIN)
+
+    def value(self, value: float, digits: int, *, turn: bool = False) -> str:
+        """Write a value, given in the unit of the solution.
+
+        Args:
+            value: the value.
+            digits: number of decimals.
+            turn: whether it is an angle of the whole circle, from 0 to less than 2π.
+        """
         if self.unit in ANGLE or self.unit == "dms":
-            return format_angle(value, self.unit, digits)
-        return decimal(value / LENGTH.get(self.unit, 1.0), digits)
+            return (format_turn if turn else format_angle)(value, self.unit, digits)
+        return decimal(value if self.image else value / LENGTH.get(self.unit, 1.0), digits)
+
+    def exact(self, value: float) -> str:
+        """Write a value, given in the unit of the solution, with all its digits."""
+        return exact(value, "" if self.image else self.unit)
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One scalar observation after the adjustment, in the units of the solution."""
+    """One scalar observation after the adjustment, in the units of the solution.
+
+    Image coordinates are those of the files of their camera, where y may point down.
+    """
 
     number: int
     """Number of the row among all rows."""
@@ -61,6 +97,9 @@ class Row:
     """Units in which the row is shown."""
     source: str
     """File and line, if the observation was read from a file."""
+    sign: float = 1.0
+    """Factor of test values and errors that are computed in the axes of the network: −1 for y and
+    y0 of a camera whose files have y down, else 1."""
 
     @property
     def kind_name(self) -> str:
@@ -81,6 +120,17 @@ class Row:
     def own_id(self) -> str:
         """Id; empty where `what` identifies the row without it."""
         return self.id if self.names and self.kind != "image" else ""
+
+    @property
+    def circular(self) -> bool:
+        """Whether the row is an angle of the whole circle."""
+        return bool(self.names) and observation_kind(self.kind).circular
+
+    @property
+    def adjusted(self) -> float:
+        """Observed + v; a direction or azimuth lies in [0, 2π)."""
+        value = self.observed + self.residual
+        return float(within(np.asarray(value))) if self.circular else value
 
     def with_component(self, name: str) -> str:
         """Return a name with the component, if there are several."""
@@ -133,8 +183,21 @@ class ReportRows:
         units = self.units
         if block.kind == "image":
             camera = self.network.photos[self._photos[photo or 0]].camera
-            return image_scale(self.network.cameras[camera].unit)
+            return image_scale(self.network.cameras[camera])
         return scale_of(block.unit, units)
+
+    def signs(self) -> Array:
+        """Return the sign of every row, (n_rows,), as `Row.sign`."""
+        out = np.ones(len(self))
+        cameras = [self.network.cameras[f.camera] for f in self.network.photos.values()]
+        down = np.array([c.y_down_in_files for c in cameras], dtype=bool)
+        for block in self.equations.blocks:
+            if block.kind == "image":
+                own = _numbers(block)[down[block.variables[0][1]]]
+                out[own[:, block.components.index("y")]] = -1.0
+            elif _calibrates(block):
+                out[block.rows] = [row.sign for row in self._of_block(block, range(block.n))]
+        return out
 
     def all(self) -> Iterator[Row]:
         """Iterate over every scalar observation."""
@@ -209,18 +272,28 @@ class ReportRows:
             scale = self.scale(block, photo)
             for c in range(d):
                 row = first + i * d + c
+                component = block.component(i, c)
+                sign = scale.sign(component)
+                if _calibrates(block):
+                    sign = self._camera(int(block.variables[0][1][i])).sign_in_files(component)
                 yield Row(
                     row,
                     ident,
                     block.kind,
                     names,
-                    block.component(i, c),
-                    float(block.observed[i, c]),
-                    float(self._residuals[row]),
+                    component,
+                    sign * float(block.observed[i, c]),
+                    sign * float(self._residuals[row]),
                     float(block.sigma[i, c]),
                     scale,
                     source,
+                    sign,
                 )
+
+    def _camera(self, calibration: int) -> Camera:
+        """Return the camera of a calibration, by number."""
+        name = self.equations.unknowns["calibration"].names[calibration]
+        return camera_of_calibration(self.network, name)
 
 
 def scale_of(unit: Unit, units: Units) -> Scale:
@@ -232,9 +305,16 @@ def scale_of(unit: Unit, units: Units) -> Scale:
     return Scale("", "", 1.0)
 
 
-def image_scale(unit: str) -> Scale:
+def image_scale(camera: Camera) -> Scale:
     """Return the units of image coordinates; for millimetres, σ and v are in micrometres."""
-    return Scale(unit, "um", 1e-3) if unit == "mm" else Scale(unit, unit, 1.0)
+    unit, down = camera.unit, camera.y_down_in_files
+    small, size = ("um", 1e-3) if unit == "mm" else (unit, 1.0)
+    return Scale(unit, small, size, image=True, y_down=down)
+
+
+def exact(value: float, unit: str = "") -> str:
+    """Write a value with all its digits in a unit; −0 is 0."""
+    return write(value + 0.0, unit)
 
 
 def kind_name(kind: str, *, weighted: bool = False) -> str:
@@ -242,6 +322,11 @@ def kind_name(kind: str, *, weighted: bool = False) -> str:
     if kind == "control" and weighted:
         return "weighted coordinates"
     return kind.replace("_", " ")
+
+
+def _calibrates(block: Block) -> bool:
+    """Return whether the rows are given values of calibration parameters."""
+    return block.prior and block.variables[0][0] == "calibration"
 
 
 def _numbers(block: Block) -> Index:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..quality.rejections import Rejected, Snooping
 from ..quality.variance_components import VarianceComponent
+from ..units import decimal
 from .context import Report
 from .layout import listed, paragraph, percent, short, table, title, whole, without_empty
 from .reliability import NAMES, PARTNERS, names_of
@@ -73,9 +74,9 @@ def _rejected(report: Report, found: Snooping, name: str) -> list[str]:
             [
                 *names_of(row),
                 str(r.round or "robust"),
-                f"{r.test:.2f}",
-                f"{short(r.estimated_error / unit)} {row.scale.small}".strip(),
-                *_final(r, unit),
+                decimal(row.sign * r.test, 2),
+                f"{short(row.sign * r.estimated_error / unit)} {row.scale.small}".strip(),
+                *_final(r, unit, row.sign),
             ]
         )
         notes.append(_inseparable(r))
@@ -89,10 +90,11 @@ def _rejected(report: Report, found: Snooping, name: str) -> list[str]:
     return ["", *table(header, rows, left=left, notes=notes), *cut, *paragraph(legend)]
 
 
-def _final(r: Rejected, unit: float) -> list[str]:
+def _final(r: Rejected, unit: float, sign: float) -> list[str]:
     if not isfinite(r.final_error):
         return ["–", "", ""]
-    return [short(r.final_error / unit), short(r.final_sigma / unit), f"{r.final_test:.2f}"]
+    error, sigma = sign * r.final_error / unit, r.final_sigma / unit
+    return [short(error), short(sigma), decimal(sign * r.final_test, 2)]
 
 
 def _inseparable(r: Rejected) -> str:
@@ -138,8 +140,10 @@ def _unresolved(report: Report, found: Snooping, name: str) -> list[str]:
     rows = []
     for u in shown:
         row = report.rows.at([_row(report, u.id, u.component)])[0]
-        error = short(u.estimated_error / row.scale.size)
-        rows.append([*names_of(row), f"{u.test:.2f}", f"{error} {row.scale.small}".strip()])
+        error = short(row.sign * u.estimated_error / row.scale.size)
+        rows.append(
+            [*names_of(row), decimal(row.sign * u.test, 2), f"{error} {row.scale.small}".strip()]
+        )
     header, rows = without_empty([*NAMES, name, "error"], rows)
     out = ["", "  UNRESOLVED: above the critical value, but they stay in"]
     return [

@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 
 from ..frames import GeocentricFrame, LocalFrame
+from ..graph.variables import camera_of_calibration
 from ..quality.causes.search import Cause
-from ..quality.rejections import Snooping
+from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.unit_weight import global_test
+from ..version import __version__
 from .context import Report
+from .lines import line_record
 from .unknowns import small_unknowns
 
 FORMAT = 1
@@ -25,8 +28,11 @@ def summary(report: Report) -> dict[str, Any]:
     frame = network.frame
     kind = "local" if isinstance(frame, LocalFrame) else "topocentric"
     test = global_test(s)
+    run = {name: text for name, text in asdict(report.provenance.run).items() if text}
     return {
         "format": FORMAT,
+        "program": f"factorgraph_adj {__version__}",
+        **({"run": run} if run else {}),
         "name": network.name,
         "frame": "geocentric" if isinstance(frame, GeocentricFrame) else kind,
         "converged": s.converged,
@@ -54,10 +60,11 @@ def summary(report: Report) -> dict[str, Any]:
         ],
         "reliability": _reliability(report),
         "causes": [] if report.causes is None else [_cause(c) for c in report.causes.likelier],
-        **({} if report.snooping is None else {"snooping": _snooping(report.snooping)}),
+        **({} if report.snooping is None else {"snooping": _snooping(report, report.snooping)}),
         **({} if report.components is None else {"variance_components": _components(report)}),
         **({} if report.significance is None else {"parameters": _parameters(report)}),
         **({} if report.singular else _unknown_values(report)),
+        **({"relative": [line_record(x) for x in report.lines]} if report.lines else {}),
     }
 
 
@@ -68,7 +75,7 @@ def _reliability(report: Report) -> dict[str, Any]:
     r = rel.redundancy_numbers
     values, critical = report.tests
     size = np.where(np.isfinite(values), np.abs(values), 0.0)
-    ids, above = report.solution.observations.ids, np.flatnonzero(size > critical)
+    above = np.flatnonzero(size > critical)
     above = above[np.argsort(-size[above], kind="stable")][: report.options.most]
     return {
         "alpha": rel.alpha,
@@ -100,14 +107,14 @@ def _reliability(report: Report) -> dict[str, Any]:
         ],
         "suspects": [
             {
-                "id": ids[i],
-                "component": report.solution.observations[i].component,
-                "test_value": float(values[i]),
-                "redundancy_number": float(r[i]),
-                "estimated_error": float(rel.estimated_errors[i]),
-                "mdb": float(rel.mdb[i]),
+                "id": row.id,
+                "component": row.component,
+                "test_value": row.sign * float(values[row.number]),
+                "redundancy_number": float(r[row.number]),
+                "estimated_error": row.sign * float(rel.estimated_errors[row.number]),
+                "mdb": float(rel.mdb[row.number]),
             }
-            for i in above.tolist()
+            for row in report.rows.at(above.tolist())
         ],
     }
 
@@ -127,7 +134,12 @@ def _cause(c: Cause) -> dict[str, Any]:
     }
 
 
-def _snooping(found: Snooping) -> dict[str, Any]:
+def _snooping(report: Report, found: Snooping) -> dict[str, Any]:
+    def shown(r: Rejected | Unresolved) -> dict[str, Any]:
+        sign, found = report.sign_of(r), asdict(r)
+        turned = ("test", "estimated_error", "final_error", "final_test")
+        return found | {n: sign * found[n] for n in turned if n in found}
+
     return {
         "test": found.test,
         "alpha": found.reliability.alpha,
@@ -135,12 +147,12 @@ def _snooping(found: Snooping) -> dict[str, Any]:
         "reason": found.reason,
         "rounds": [asdict(r) for r in found.rounds],
         "rejected": [
-            asdict(r) | {"inseparable": [{"what": o, "correlation": c} for o, c in r.inseparable]}
+            shown(r) | {"inseparable": [{"what": o, "correlation": c} for o, c in r.inseparable]}
             for r in found.rejected
         ],
         "readmitted": list(found.readmitted),
         "points_set_aside": [asdict(p) | {"rays": list(p.rays)} for p in found.points_set_aside],
-        "unresolved": [asdict(u) for u in found.unresolved],
+        "unresolved": [shown(u) for u in found.unresolved],
     }
 
 
@@ -185,8 +197,10 @@ def _unknown_values(report: Report) -> dict[str, Any]:
     s, network = report.solution, report.network
     return {
         "points": {
-            name: {"xyz": xyz, "sigma": list(report.sigmas[name])}
-            for name, xyz in zip(network.points, s.state["point"].tolist(), strict=True)
+            name: {"xyz": xyz, "sigma": list(report.sigmas[name]), **_geographic(report, i)}
+            for i, (name, xyz) in enumerate(
+                zip(network.points, s.state["point"].tolist(), strict=True)
+            )
         },
         "photos": {name: _pose(report, name) for name in network.photos},
         "calibrations": {name: _calibration(report, name) for name in report.calibrations},
@@ -207,6 +221,18 @@ def _unknown_values(report: Report) -> dict[str, Any]:
     }
 
 
+def _geographic(report: Report, number: int) -> dict[str, Any]:
+    found = report.geographic
+    if found is None:
+        return {}
+    return {
+        "latitude": float(found.latitude[number]),
+        "longitude": float(found.longitude[number]),
+        "height": float(found.height[number]),
+        "sigma_east_north_up": found.sigma[number].tolist(),
+    }
+
+
 def _pose(report: Report, name: str) -> dict[str, Any]:
     pose = report.poses[name]
     return {
@@ -220,9 +246,10 @@ def _pose(report: Report, name: str) -> dict[str, Any]:
 
 def _calibration(report: Report, name: str) -> dict[str, Any]:
     e = report.calibrations[name]
-    camera = report.network.cameras[name.split("@")[0]]
+    camera = camera_of_calibration(report.network, name)
     return {
         "lens": camera.lens.kind,
+        "y_axis": "down" if camera.y_down_in_files else "up",
         "unit": e.unit,
         "parameters": list(e.names),
         "values": e.values.tolist(),
@@ -236,9 +263,11 @@ def _estimate(e: Any) -> dict[str, float]:
 
 
 def finite(value: Any) -> Any:
-    """Return a JSON value with null for numbers that are not finite."""
+    """Return a JSON value with null for numbers that are not finite, and 0 for −0."""
     if isinstance(value, dict):
         return {k: finite(v) for k, v in value.items()}
     if isinstance(value, list):
         return [finite(v) for v in value]
-    return None if isinstance(value, float) and not isfinite(value) else value
+    if isinstance(value, float):
+        return value + 0.0 if isfinite(value) else None
+    return value

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..graph.variables import camera_of_calibration
 from ..io.atomic import write_files
-from ..io.numbers import write
 from ..io.tables import write_columns, write_table
 from ..models.variables import VariableKind
 from ..quality.variance_components import VarianceComponents
@@ -23,9 +23,12 @@ from ..solve.solution import Solution
 from .causes import unit_of
 from .context import Report
 from .coordinates import by_photo
+from .geographic import geographic_columns
+from .lines import lines_table
 from .observation_tables import figures, observations_table, snooping_table
 from .options import Provenance, ReportOptions
 from .precision import figure, photo_columns, point_columns
+from .rows import exact
 from .summary import finite, summary
 from .text import render
 from .unknowns import small_unknowns
@@ -71,6 +74,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
         "points.csv": None,
         "unknowns.csv": None,
         "photos.csv": None,
+        "relative.csv": lines_table(report) or None,
         "snooping.csv": snooping_table(report) or None,
         "variance_components.csv": None,
         "given_values.csv": _given_table(report) if report.given else None,
@@ -93,7 +97,7 @@ def _points_table(report: Report) -> str:
     given = report.network.points
     found = solution.state["point"]
     columns = {"name": list(given)}
-    columns |= {a: [write(v, length) for v in found[:, i].tolist()] for i, a in enumerate("xyz")}
+    columns |= {a: [exact(v, length) for v in found[:, i].tolist()] for i, a in enumerate("xyz")}
     columns["unit"] = [length] * len(given)
     variances = np.maximum(np.einsum("nii->ni", solution.point_covariances), 0.0)
     for i, a in enumerate("xyz"):
@@ -102,6 +106,7 @@ def _points_table(report: Report) -> str:
         i, j = ("xyz".index(a) for a in pair)
         covariance = solution.point_covariances[:, i, j] / report.small**2
         columns[f"covariance_{pair}_{small}2"] = figures(covariance)
+    columns |= geographic_columns(report)
     columns |= point_columns(report)
     none = (nan, nan, nan)
     check = np.array([p.check or none for p in given.values()], dtype=float).reshape(-1, 3)
@@ -117,10 +122,10 @@ def _photos_table(report: Report) -> str:
     names = list(report.network.photos)
     poses = [report.poses[n] for n in names]
     columns = {"name": names, "camera": [f.camera for f in report.network.photos.values()]}
-    columns |= {a: [write(p.position[i], length) for p in poses] for i, a in enumerate("xyz")}
+    columns |= {a: [exact(p.position[i], length) for p in poses] for i, a in enumerate("xyz")}
     columns["unit"] = [length] * len(names)
     about = ("omega", "phi", "kappa")
-    columns |= {a: [write(p.angles[i], angle) for p in poses] for i, a in enumerate(about)}
+    columns |= {a: [exact(p.angles[i], angle) for p in poses] for i, a in enumerate(about)}
     columns["angle_unit"] = [angle] * len(names)
     for i, a in enumerate("xyz"):
         columns[f"sigma_{a}_{small}"] = [figure(p.sigma_position[i] / report.small) for p in poses]
@@ -168,7 +173,7 @@ def _components_table(found: VarianceComponents) -> str:
 def _unknowns(report: Report) -> Iterator[dict[str, str]]:
     """Iterate over calibrations, orientation unknowns and small unknowns, by component."""
     for name in report.calibrations:
-        camera = report.network.cameras[name.split("@")[0]]
+        camera = camera_of_calibration(report.network, name)
         e = report.calibrations[name]
         for i, parameter in enumerate(e.names):
             weighted = isfinite(camera.sigma[i]) and not camera.fixed[i]
@@ -177,7 +182,7 @@ def _unknowns(report: Report) -> Iterator[dict[str, str]]:
                 "kind": "calibration",
                 "name": name,
                 "component": parameter,
-                "value": write(float(e.values[i])),
+                "value": exact(float(e.values[i])),
                 "sigma": figure(float(e.sigmas[i])),
                 "unit": camera.unit,
                 "state": state,
@@ -189,7 +194,7 @@ def _unknowns(report: Report) -> Iterator[dict[str, str]]:
             "kind": "orientation",
             "name": f"{station}/{chosen}",
             "component": "orientation",
-            "value": write(float(found.values[0]), "rad"),
+            "value": exact(float(found.values[0]), "rad"),
             "sigma": figure(float(found.sigmas[0])),
             "unit": "rad",
             "state": "held" if given.fixed[0] else "free",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from math import isfinite
 
 from ..frames import Frame, GeocentricFrame, LocalFrame
@@ -9,11 +10,14 @@ from ..quality.unit_weight import global_test
 from ..solve.solution import Solution
 from ..units import format_angle
 from ..version import __version__
+from .adjusted import observations, weighted_coordinates
 from .causes import causes, given, sentence
 from .context import Report
 from .coordinates import check_points, photos, points
+from .geographic import geographic
 from .layout import WIDTH, paragraph, short, table, title
-from .options import Provenance, ReportOptions
+from .lines import lines
+from .options import Provenance, ReportOptions, Run
 from .precision import centres
 from .reliability import reliability, suspects, weakest
 from .snooping import components, snooping
@@ -29,11 +33,12 @@ def protocol(
 ) -> str:
     """Return the protocol of an adjustment.
 
-    The protocol contains: the network, the number of observations of each kind, datum, iterations
-    and the reason of their end, σ̂0 and its test, redundancy numbers by kind, weakest observations
-    and points, adjusted coordinates, photos, calibrations and other unknowns with their standard
-    deviations and tests, check points, and the largest test values with estimated errors and
-    inseparable observations.
+    The protocol contains: the run, the network, the number of observations of each kind, datum,
+    iterations and the reason of their end, σ̂0 and its test, redundancy numbers by kind, weakest
+    observations and points, adjusted coordinates, corrections of weighted ones, photos,
+    calibrations and other unknowns with their standard deviations and tests, check points, the
+    lines that the options ask for, the adjusted observations station by station, and the largest
+    test values with estimated errors and inseparable observations.
 
     Args:
         solution: the result of `adjust`.
@@ -47,6 +52,8 @@ def render(report: Report) -> str:
     """Return the protocol of a report."""
     precise = (
         points,
+        geographic,
+        weighted_coordinates,
         check_points,
         photos,
         centres,
@@ -54,16 +61,18 @@ def render(report: Report) -> str:
         orientations,
         others,
         overparametrised,
+        lines,
     )
     sections = (
         *(_overview, _observations, _result, causes, snooping, components, reliability, given),
         weakest,
         *(() if report.singular else precise),
+        observations,
         suspects,
     )
     texts = [section(report) for section in sections]
-    lines = [line.rstrip() for text in texts if text for line in [*text, ""]]
-    return "\n".join(lines[:-1]) + "\n"
+    out = [line.rstrip() for text in texts if text for line in [*text, ""]]
+    return "\n".join(out[:-1]) + "\n"
 
 
 def _overview(report: Report) -> list[str]:
@@ -85,7 +94,7 @@ def _overview(report: Report) -> list[str]:
         f"Adjustment of {network.name or 'a network without a name'}",
         "=" * WIDTH,
         *_doubts(report),
-        f"  program        factorgraph_adj {__version__}",
+        *run_lines(report.provenance.run),
         f"  frame          {_frame(network.frame)}",
         f"  points         {len(network.points)}" + (f" ({parts})" if parts else ""),
     ]
@@ -97,6 +106,12 @@ def _overview(report: Report) -> list[str]:
     if network.orientations:
         out += [f"  direction sets {len(network.orientations)}"]
     return out
+
+
+def run_lines(run: Run, *, width: int = 15) -> list[str]:
+    """Return program, file, date and options of a run, with names padded to ``width``."""
+    said = {"program": f"factorgraph_adj {__version__}", **asdict(run)}
+    return [f"  {name:{width}}{text}" for name, text in said.items() if text]
 
 
 def _doubts(report: Report) -> list[str]:

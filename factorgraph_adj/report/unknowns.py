@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from ..graph.variables import camera_of_calibration
 from ..models.variables import UNKNOWNS, Quantity, VariableKind, parameter_kinds
 from ..network.entities import Camera, parameter_name
 from ..quality.systematic import TestedParameter
-from ..units import format_turn
+from ..units import decimal, format_turn
 from .context import Report
 from .layout import paragraph, percent, short, table, title, with_sigma
 
@@ -25,7 +26,7 @@ def calibrations(report: Report) -> list[str]:
     names, few = list(report.calibrations), max(1, report.options.most // 10)
     out: list[str] = []
     for name in names[:few]:
-        camera = report.network.cameras[name.split("@")[0]]
+        camera = camera_of_calibration(report.network, name)
         out += ["", *_calibration(report, name, camera)]
     if len(names) > few:
         out += ["", f"  … {len(names) - few} more calibrations in {report.where('unknowns.csv')}"]
@@ -40,7 +41,7 @@ def _calibration(report: Report, name: str, camera: Camera) -> list[str]:
             t, verdict = _verdict(report.tested("calibration", name, parameter))
             rows.append([parameter, with_sigma(value, sigma), f"{sigma:.2g}", t, verdict])
         elif value != 0.0 or i < 3:
-            rows.append([parameter, f"{value:.8g}", "held", "", ""])
+            rows.append([parameter, f"{value + 0.0:.8g}", "held", "", ""])
     free = [i for i, held in enumerate(camera.fixed) if not held]
     strong = [
         f"{estimate.names[i]}–{estimate.names[j]} {estimate.correlation[i, j]:+.2f}"
@@ -67,7 +68,7 @@ def _verdict(tested: TestedParameter | None) -> tuple[str, str]:
         words = "weighted, differs from what was given" if tested.significant else "weighted"
     else:
         words = "significant" if tested.significant else "not significant"
-    return f"{tested.t:.2f}", words
+    return decimal(tested.t, 2), words
 
 
 def _meaning(report: Report) -> str:
@@ -169,7 +170,7 @@ def others(report: Report) -> list[str]:
     rows, found = [], list(small_unknowns(report))
     for u in found:
         value, sigma = u.value / u.size, u.sigma / u.size
-        shown = f"{value:.5g}" if u.held else with_sigma(value, sigma)
+        shown = f"{value + 0.0:.5g}" if u.held else with_sigma(value, sigma)
         label = f"{u.sign} [{u.unit}]" if u.unit else u.sign
         what = f"{UNKNOWNS[u.kind].title} {u.name}".strip()
         test = _verdict(report.tested(u.kind, u.name, u.component))

@@ -20,6 +20,7 @@ from ..io.numbers import Units, write
 from ..observations import ImagePoint, observation_kind
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.reliability import Reliability
+from ..report import axes
 from ..report.context import Report
 from ..report.options import ReportOptions
 from ..report.rows import Row, Scale, image_scale, scale_of
@@ -119,6 +120,7 @@ class Answers:
             return out
         assert v.sigma is not None and v.w is not None and v.redundancy_numbers is not None
         scale = self._scale(v)
+        sign = np.array([scale.sign(c) for c in v.components])
         return out | {
             "test": figure(v.test),
             "t2": figure(v.t2),
@@ -126,23 +128,26 @@ class Answers:
             "critical": figure(v.critical),
             "controlled": bool(v.controlled),
             "components": list(v.components),
-            "innovation": figures(v.innovation / scale.size),
+            "innovation": figures(sign * v.innovation / scale.size),
             "innovation_sigma": figures(v.sigma / scale.size),
             "small_unit": scale.small,
-            "w": figures(v.w),
+            "w": figures(sign * v.w),
             "redundancy_number": figures(v.redundancy_numbers),
             "gains": [self.gain(g) for g in v.gains],
         }
 
-    def _scale(self, v: Verdict) -> Scale:
+    def _test_value(self, found: Rejected | Unresolved) -> float:
+        return figure(self._scale(found).sign(found.component) * found.test)
+
+    def _scale(self, v: Verdict | Rejected | Unresolved) -> Scale:
         """Return the units of an observation."""
         if v.kind == "image":
             network = self.adjustment.described
-            units = {c.unit for c in network.cameras.values()}
-            if len(units) > 1:  # looking up an image point takes longer than its verdict
+            scales = {image_scale(c) for c in network.cameras.values()}
+            if len(scales) > 1:  # looking up an image point takes longer than its verdict
                 photo = cast(ImagePoint, self.adjustment.observation(v.id)).photo
-                units = {network.cameras[network.photos[photo].camera].unit}
-            return image_scale(units.pop())
+                scales = {image_scale(network.cameras[network.photos[photo].camera])}
+            return scales.pop()
         return scale_of(observation_kind(v.kind).unit, self.units)
 
     def gain(self, g: Gain) -> Answer:
@@ -176,7 +181,8 @@ class Answers:
         return out | {f"sigma_{a}_{small}": figure(s / ANGLE[small]) for a, s in turns}
 
     def calibration(self, name: str, e: CalibrationEstimate) -> Answer:
-        """Return a calibration, in units of the camera."""
+        """Return a calibration in units and axes of the camera's files."""
+        e = axes.calibration(self.adjustment.described, name, e)
         return {
             "name": name,
             "unit": e.unit,
@@ -217,7 +223,7 @@ class Answers:
                 for i, n in enumerate(s.network.points)
             ],
             "photos": [self.photo(n, s.pose(n)) for n in s.network.photos],
-            "calibrations": [self.calibration(n, e) for n, e in report.calibrations.items()],
+            "calibrations": [self.calibration(n, s.calibration(n)) for n in report.calibrations],
         }
 
     def reliability(self, rel: Reliability, most: int) -> Answer:
@@ -259,9 +265,9 @@ class Answers:
         i = row.number
         return _which(row) | {
             "redundancy_number": figure(rel.redundancy_numbers[i]),
-            "w": figure(rel.w[i]),
+            "w": figure(row.sign * rel.w[i]),
             "mdb": figure(rel.mdb[i] / row.scale.size),
-            "estimated_error": figure(rel.estimated_errors[i] / row.scale.size),
+            "estimated_error": figure(row.sign * rel.estimated_errors[i] / row.scale.size),
             "small_unit": row.scale.small,
             "delta_bar": figure(rel.delta_bar[i]),
         }
@@ -273,7 +279,8 @@ class Answers:
             "critical": figure(found.critical),
             "sigma0": figure(found.solution.sigma0),
             "set_aside": [
-                _which(r) | {"round": r.round, "test_value": figure(r.test)} for r in found.rejected
+                _which(r) | {"round": r.round, "test_value": self._test_value(r)}
+                for r in found.rejected
             ],
             "points_set_aside": [
                 {"name": p.name, "rays": list(p.rays), "reason": p.reason}
@@ -281,7 +288,7 @@ class Answers:
             ],
             "readmitted": list(found.readmitted),
             "unresolved": [
-                _which(u) | {"test_value": figure(u.test), "reason": u.reason}
+                _which(u) | {"test_value": self._test_value(u), "reason": u.reason}
                 for u in found.unresolved
             ],
         }
@@ -298,7 +305,7 @@ def _which(row: Row | Rejected | Unresolved) -> Answer:
 
 def figure(value: float) -> float:
     """Return a derived figure with enough digits for further use."""
-    return float(f"{value:.9g}")
+    return float(f"{value:.9g}") + 0.0
 
 
 def figures(values: Sequence[float] | Array) -> list[float]:

@@ -178,25 +178,30 @@ def new_names(fields: Mapping[str, Any]) -> None:
 def completed(context: RecordContext, network: Network) -> RecordContext:
     """Return a context with the image axes of every camera and photo.
 
-    A network that was not read from a project states only the unit of each camera.
+    A network that was not read from a project states no σ of image coordinates.
     """
-    cameras = {n: context.cameras.get(n, ImageAxes(c.unit)) for n, c in network.cameras.items()}
+    cameras = {n: context.cameras.get(n, axes_of(c)) for n, c in network.cameras.items()}
     images = {n: context.images.get(n, cameras[p.camera]) for n, p in network.photos.items()}
     return replace(context, cameras=cameras, images=images)
+
+
+def axes_of(camera: Camera) -> ImageAxes:
+    """Return the axes of a camera's image coordinates in files, without a default of σ."""
+    return ImageAxes(camera.unit, camera.y_down_in_files)
 
 
 def camera(fields: Mapping[str, Any]) -> Camera:
     """Return a camera that arrives.
 
-    Its image axes in files are part of a project and cannot be kept in a journal.
+    A default of σ is part of a project and cannot be kept in a journal.
     """
     camera = camera_of(fields)
-    stated = [n for n in fields if n.startswith("sigma_") or (n, fields[n]) == ("y_axis", "down")]
+    stated = [n for n in fields if n.startswith("sigma_")]
     if stated:
         raise InputError(
             Problem(
-                f"{stated[0]} can only be stated in a project; image coordinates of a camera that "
-                "arrives have y up, and each states its σ or takes that of [sigma.image]",
+                f"{stated[0]} can only be stated in a project; each image coordinate of a camera "
+                "that arrives states its σ or takes that of [sigma.image]",
                 f"camera {camera.name!r}",
             )
         )

@@ -83,7 +83,7 @@ from typing import Any
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..incremental.adjustment import IncrementalAdjustment
 from ..io.atomic import write_files
-from ..io.context import ImageAxes, RecordContext
+from ..io.context import RecordContext
 from ..io.json_records import photo_of, point_of
 from ..io.tables import Row
 from ..io.write_project import network_files
@@ -210,7 +210,7 @@ class Stream:
     def _add(self, row: Row) -> Answer:
         context = self.context
         cameras = requests.each(row, "cameras", requests.camera)
-        axes = {**context.cameras, **{c.name: ImageAxes(c.unit) for c in cameras}}
+        axes = {**context.cameras, **{c.name: requests.axes_of(c) for c in cameras}}
         only = {"camera": next(iter(axes))} if len(axes) == 1 else {}
         photos = requests.each(
             row, "photos", lambda f: photo_of({**only, **f}, context=context, frame=self.frame)

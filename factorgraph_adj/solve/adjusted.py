@@ -40,6 +40,6 @@ def with_values(network: Network, unknowns: Unknowns, state: State) -> Network:
     for kind in parameter_kinds():
         numbers = unknowns[kind.name].number
         for key, parameter in network.parameters.get(kind.name, {}).items():
-            values = unknowns.given(state, kind.name, numbers[parameter_name(key)])
+            values = unknowns.shown(state, kind.name, numbers[parameter_name(key)])
             out.of_kind(kind.name)[key] = replace(parameter, values=tuple(values.tolist()))
     return out

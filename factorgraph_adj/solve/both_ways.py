@@ -28,8 +28,8 @@ WEAK = 1e-6
 are looked at: its σ are then in a ratio of 1000."""
 WAYS = tuple(10.0**-k for k in range(6))
 """Distances at which vᵀPv is computed, relative to the extent of the network."""
-LOWER = 1e-6
-"""Decrease of vᵀPv, relative to 1 + vᵀPv, from which a place counts as better."""
+LOWER, ROUNDING = 1e-6, 1e-9
+"""Decrease of vᵀPv from which a place counts as better, and more of it relative to vᵀPv."""
 EQUAL = 1.0
 """Difference of vᵀPv up to which two places fit equally well: one observation moved by one σ."""
 APART = 3.0
@@ -126,12 +126,13 @@ def _better(run: Run, weakest: Weakest, vtpv: float) -> tuple[State, int] | None
             gain = before - change[weakest.points]
             i = int(np.argmax(gain))
             best.append((float(gain[i]), i, sign * way * extent))
+    enough = LOWER + ROUNDING * vtpv
     for most, i, way in sorted(best, reverse=True)[: len(WAYS)]:
-        if not most > LOWER * (1.0 + vtpv):
+        if not most > enough:
             break
         one = Weakest(weakest.points[[i]], weakest.directions[[i]])
         state = _moved(run.state, one, way)
-        if run.vtpv(state) < vtpv - LOWER * (1.0 + vtpv):
+        if run.vtpv(state) < vtpv - enough:
             return state, int(one.points[0])
     return None
 
@@ -167,7 +168,8 @@ def _other_place(
     run.state = {**here, "point": points}
     other = go_on(ended.iterations)
     there = run.state
-    lower = other.converged and other.vtpv < ended.vtpv - LOWER * (1.0 + ended.vtpv)
+    enough = LOWER + ROUNDING * ended.vtpv
+    lower = other.converged and other.vtpv < ended.vtpv - enough
     equal = other.converged and abs(other.vtpv - ended.vtpv) < EQUAL
     run.state, run.at_solution = (there, run.at_solution) if lower else (here, at_solution)
     kept, left = (there, here) if lower else (here, there)

@@ -13,6 +13,7 @@ from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..rotation import omega_phi_kappa
 from ..types import Array
+from .geographic import geographic
 
 
 class Adjusted(Protocol):
@@ -54,7 +55,10 @@ class Adjusted(Protocol):
 
 
 def points(solution: Adjusted) -> Columns:
-    """Return ``name``, ``x y z``, ``sigma_x …``, and whether each component is ``held_x …``."""
+    """Return ``name``, ``x y z``, ``sigma_x …``, and whether each component is ``held_x …``.
+
+    A frame with an ellipsoid adds ``latitude longitude height``, ``sigma_east …``.
+    """
     table = solution.equations.unknowns["point"]
     out: dict[str, np.ndarray[Any, Any]] = {"name": np.array(table.names, dtype=object)}
     values = solution.state["point"]
@@ -63,6 +67,10 @@ def points(solution: Adjusted) -> Columns:
         out[axis] = values[:, i].copy()
     for i, axis in enumerate("xyz"):
         out[f"sigma_{axis}"] = sigma[:, i]
+    found = geographic(solution.network.frame, values, solution.point_covariances)
+    if found is not None:
+        out |= {"latitude": found.latitude, "longitude": found.longitude, "height": found.height}
+        out |= {f"sigma_{a}": found.sigma[:, i] for i, a in enumerate(("east", "north", "up"))}
     for i, axis in enumerate("xyz"):
         out[f"held_{axis}"] = ~table.free[:, i]
     return Columns("points", out)
@@ -104,7 +112,7 @@ def others(solution: Adjusted) -> Columns:
             continue
         table = unknowns[kind]
         for number, name in enumerate(table.names):
-            values = unknowns.given(solution.state, kind, number)
+            values = unknowns.shown(solution.state, kind, number)
             sigma = np.sqrt(np.diag(solution.variable_covariance((kind, name))))
             names = unknowns.component_names(kind, number)
             held = ~table.free[number, : len(names)]

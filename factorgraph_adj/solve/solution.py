@@ -14,7 +14,7 @@ import numpy as np
 from ..columns import Columns
 from ..errors import InputError, known
 from ..graph.equations import Equations
-from ..graph.variables import State
+from ..graph.variables import State, camera_of_calibration
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..quality.unit_weight import global_test
@@ -186,11 +186,11 @@ class Solution(Shown):
             camera: name of the camera; ``camera@photo`` if every photo has its own calibration.
         """
         e = self._estimate("calibration", camera)
-        unit = self.network.cameras[camera.split("@")[0]].unit
+        unit = camera_of_calibration(self.network, camera).unit
         return CalibrationEstimate(e.names, e.values, e.sigmas, e.correlation, unit)
 
     def orientation(self, station: str, set: str = "1") -> Estimate:
-        """Return the orientation unknown of a set of directions, radians."""
+        """Return the orientation unknown of a set of directions, radians in [0, 2π)."""
         return self._estimate("orientation", f"{station}/{set}")
 
     def refraction(self, group: str = "") -> Estimate:
@@ -220,7 +220,11 @@ class Solution(Shown):
         )
 
     def point_table(self) -> Columns:
-        """Return the adjusted points as columns: coordinates, σ, and what is held; metres."""
+        """Return the adjusted points as columns: coordinates, σ, and what is held; metres.
+
+        In a geocentric or topocentric frame also ``latitude`` and ``longitude`` (radians, north
+        and east positive), ``height`` above the ellipsoid, ``sigma_east sigma_north sigma_up``.
+        """
         return columns.points(self)
 
     def photo_table(self) -> Columns:
@@ -440,7 +444,7 @@ class Solution(Shown):
         safe = np.where(sigmas > 0, sigmas, 1.0)
         return Estimate(
             names,
-            self.equations.unknowns.given(self.state, kind, number),
+            self.equations.unknowns.shown(self.state, kind, number),
             sigmas,
             covariance / np.outer(safe, safe),
         )

@@ -220,10 +220,12 @@ def test_every_point_counts_its_observations():
 
 
 def test_a_small_network_lists_each_observation_once():
-    """All of them stand in the list of test values, with their r."""
+    """All of them stand in the list by stations, with their r and test values."""
     text = protocol(adjust(levelling()))
     assert "Weakest observations" not in text
-    assert len(section(text, "Largest test values")) == 2 + 5 + 2
+    assert len(section(text, "Adjusted observations")) == 2 + 6 + 1
+    assert text.count("-4.1003") == 1
+    assert len(section(text, "Largest test values")) == 1
     assert "Weakest points" in text
 
 

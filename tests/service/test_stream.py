@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -388,17 +389,20 @@ def test_a_photo_arrives_with_its_image_points(tmp_path):
     assert [c["name"] for c in whole["calibrations"]] == ["D3"]
 
 
-def test_a_camera_arrives_with_its_photos_and_y_points_up(tmp_path):
+def test_a_camera_arrives_with_its_photos_and_its_direction_of_y(tmp_path):
     told = Told(Stream(IncrementalAdjustment(small_block())))
     camera = {"name": "new", "unit": "px", "lens": "none", "parameters": {"c": 3000}}
     told(do="add", cameras=[camera], photos=[{"name": "N", "camera": "new"}])
     ray = {"kind": "image", "photo": "N", "point": "P1", "x": 10, "y": -20, "sigma_px": 0.3}
     assert told(ray)["verdict"] == "waiting"
     assert told.inc.observation("N/P1").y == -20
-    (problem,) = told.refused(
-        {"do": "add", "cameras": [{**camera, "name": "other", "y_axis": "down"}]}
-    )
-    assert "y_axis can only be stated in a project" in problem["what"]
+    down = {**camera, "name": "other", "y_axis": "down"}
+    told(do="add", cameras=[down], photos=[{"name": "O", "camera": "other"}])
+    assert told({**ray, "photo": "O"})["verdict"] == "waiting"
+    assert told.inc.observation("O/P1").y == 20
+    assert told.inc.network().cameras["other"].y_down_in_files
+    (problem,) = told.refused({"do": "add", "cameras": [{**camera, "name": "X", "sigma_px": 1}]})
+    assert "sigma_px can only be stated in a project" in problem["what"]
 
 
 def test_image_coordinates_of_a_project_stand_as_its_files_say(tmp_path):
@@ -648,3 +652,24 @@ def test_a_network_that_is_no_project_takes_units_from_its_cameras():
     assert set(own.context.images) == set(network.photos)
     answer = Told(own)(do="estimate", point="P1")
     assert answer["x"] == pytest.approx(100 * own.adjustment.estimate("P1")[0])
+
+
+def test_verdicts_have_y_as_the_files_have_it():
+    """A reading 0.1 mm too low on the photo is told with the sign of its files."""
+    found = []
+    for sign in (1, -1):
+        network = small_block()
+        network.cameras["D3"] = replace(network.cameras["D3"], y_down_in_files=sign < 0)
+        left = next(network.image_points())
+        told = Told(
+            Stream(IncrementalAdjustment(fga.without(network, [f"{left.photo}/{left.point}"])))
+        )
+        ray = {"kind": "image", "photo": left.photo, "point": left.point, "sigma_mm": 0.004}
+        verdict = told(ray | {"x": left.x, "y": sign * (left.y - 0.1)})
+        found.append((verdict["innovation"], verdict["w"]))
+        y0 = told(do="estimate", camera="D3")["parameters"]["y0"]
+        assert y0 == pytest.approx(sign * told.inc.calibration("D3")["y0"])
+    (v, w), (v_down, w_down) = found
+    assert (v_down[0], w_down[0]) == pytest.approx((v[0], w[0]), rel=1e-6)
+    assert (v_down[1], w_down[1]) == pytest.approx((-v[1], -w[1]), rel=1e-6)
+    assert v[1] > 50, "computed − observed, µm"

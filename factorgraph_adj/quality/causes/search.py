@@ -70,6 +70,8 @@ class Cause:
     """Ids of the observations that share it."""
     rank: int = 0
     """Place among causes that explain as much: what one set-up makes comes first."""
+    given: GivenValue | None = None
+    """The held value that is wrong; None for other causes."""
 
     def __str__(self) -> str:
         """Return the cause, its size and its test, in millimetres and milligons."""
@@ -194,7 +196,7 @@ def _of_given(v: GivenValue) -> Cause:
     components = v.components if len(v.components) > 1 else ()
     what = f"the given {', '.join(v.components)}"
     where = f"of {UNKNOWNS[v.kind].noun} {v.name!r}"
-    return _cause(what, where, components, v.sizes, v.together, ())
+    return replace(_cause(what, where, components, v.sizes, v.together, ()), given=v)
 
 
 def _cause(

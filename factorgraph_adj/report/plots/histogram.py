@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import norm
 
+from ...io.numbers import Units
 from ...quality.reliability import Reliability
 from ...types import Array
+from ..rows import ReportRows
 from ..set_aside import SetAside
 from .style import BLACK, SKY, VERMILLION, beside, drawn, headline, new_figure, nothing
 
@@ -46,7 +48,7 @@ def plot_w(rel: Reliability, *, aside: SetAside | None = None) -> Figure:
         InputError: matplotlib is not installed.
     """
     name = rel.solution.network.name or "network"
-    w = rel.w[rel.controlled]
+    w = w_in_files(rel)[rel.controlled]
     n = len(w)
     if not n:
         return nothing(name, NO_TESTS)
@@ -94,6 +96,17 @@ def plot_w(rel: Reliability, *, aside: SetAside | None = None) -> Figure:
             )
     beside(figure, axes, lines)
     return figure
+
+
+def rows_of(rel: Reliability) -> ReportRows:
+    """Return the rows of an adjustment as reports show them."""
+    solution = rel.solution
+    return ReportRows(solution.equations, solution.observations.residuals, Units())
+
+
+def w_in_files(rel: Reliability) -> Array:
+    """Return w (n,) in the axes of files, as tables have it."""
+    return np.asarray(rows_of(rel).signs() * rel.w)
 
 
 def histogram_edges(n: int, critical: float) -> Array:

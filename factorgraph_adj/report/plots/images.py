@@ -76,8 +76,8 @@ def plot_photo_residuals(
         names: number of marked points that are named, worst first.
 
     Returns:
-        A figure, axes in image units, x right, y up; if the photo has no image coordinates, it
-        shows a message.
+        A figure, axes in image units, x right, y up, with y numbered as in the files of the
+        camera; if the photo has no image coordinates, it shows a message.
 
     Raises:
         InputError: the photo is unknown, the reliability is of another solution, the factor is

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import beta, norm
 
-from ...io.numbers import Units
 from ...quality.reliability import Reliability
 from ...types import Array, Index
-from ..rows import ReportRows, Row
+from ..rows import Row
 from ..set_aside import SetAside
-from .histogram import NO_TESTS, W, critical_lines
+from .histogram import NO_TESTS, W, critical_lines, rows_of, w_in_files
 from .style import (
     BLACK,
     BLUE,
@@ -66,8 +65,9 @@ def plot_qq(rel: Reliability, *, most: int = 8, aside: SetAside | None = None) -
     n = len(rows)
     if not n:
         return nothing(name, NO_TESTS)
-    rows = rows[np.argsort(rel.w[rows], kind="stable")]
-    w, crit = rel.w[rows], rel.critical_w
+    every = w_in_files(rel)
+    rows = rows[np.argsort(every[rows], kind="stable")]
+    w, crit = every[rows], rel.critical_w
     i = np.arange(1, n + 1)
     x = norm.ppf((i - 0.5) / n)
     figure = new_figure(8.0, 6.0)
@@ -117,7 +117,7 @@ def plot_qq(rel: Reliability, *, most: int = 8, aside: SetAside | None = None) -
     if aside is not None:
         lines.append(f"{aside.count} set aside: not shown")
     beside(figure, axes, lines)
-    names = [_name(row) for row in _rows(rel).at(rows[suspects].tolist())]
+    names = [_name(row) for row in rows_of(rel).at(rows[suspects].tolist())]
     _name_tails(figure, axes, np.stack([x, w], 1)[suspects], names)
     return figure
 
@@ -173,11 +173,6 @@ def _name(row: Row) -> str:
     return f"{row.own_id}: {name}" if row.own_id else name
 
 
-def _rows(rel: Reliability) -> ReportRows:
-    solution = rel.solution
-    return ReportRows(solution.equations, solution.observations.residuals, Units())
-
-
 def _groups(rel: Reliability) -> list[tuple[str, Index]]:
     """Return the groups: kind (and camera) with component, and the rows."""
     component = np.array(
@@ -190,7 +185,7 @@ def _groups(rel: Reliability) -> list[tuple[str, Index]]:
         dtype=object,
     )
     out = []
-    for group in _rows(rel).groups():
+    for group in rows_of(rel).groups():
         for name in dict.fromkeys(component[group.rows].tolist()):
             own = group.rows[component[group.rows] == name]
             out.append((f"{group.label} {name}".strip(), own))

@@ -74,7 +74,7 @@ def size_of(corners: tuple[Array, Array]) -> tuple[float, float]:
 
 def set_format(axes: Axes, own: ImageRows, corners: tuple[Array, Array], photo: str) -> str:
     """Set limits to an area, mark the principal point; return the unit."""
-    from matplotlib.ticker import MaxNLocator
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     low, high = corners
     margin = 0.06 * max(float(np.max(high - low)), 1e-9)
@@ -86,10 +86,14 @@ def set_format(axes: Axes, own: ImageRows, corners: tuple[Array, Array], photo: 
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(6))
     axes.ticklabel_format(useOffset=False, style="plain")
+    network = own.solution.network
+    camera = network.cameras[network.photos[photo].camera]
+    if camera.y_down_in_files:
+        # The picture has its top above; the numbers beside it are those of the files.
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{0.0 - y:g}"))
     _, x0, y0 = own.principal_point(photo).tolist()
     axes.plot([x0], [y0], "+", color=BLACK, ms=9.0, mew=0.8, zorder=2, gid="principal point")
-    network = own.solution.network
-    return network.cameras[network.photos[photo].camera].unit
+    return camera.unit
 
 
 def factor_for(parts: list[ImageRows], corners: tuple[Array, Array]) -> float:
@@ -149,7 +153,7 @@ def draw_key(
     """Draw the scale of the vectors."""
     network = own.solution.network
     camera = network.photos[list(network.photos)[own.photo[0]]].camera
-    scale = image_scale(network.cameras[camera].unit)
+    scale = image_scale(network.cameras[camera])
     size = readable(0.14 * float(np.max(np.maximum(corners[1] - corners[0], 1e-9))) / factor)
     label = f"{size / scale.size:.6g} {scale.small.replace('um', 'µm')} ({multiple(factor)})"
     scale_key(axes, size * factor, label, above=above)
