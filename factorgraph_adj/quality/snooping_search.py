@@ -22,6 +22,7 @@ from ..solve.solution import Solution
 from ..types import Array
 from .candidates import Choice, Outlier, Units, choose
 from .causes.matches import Match, matches
+from .causes.photos import photos
 from .causes.search import Causes, causes
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
 from .prediction import Prediction, Predictor
@@ -375,8 +376,8 @@ class SnoopingSearch:
         """Return what the observations set aside may be instead; a solution looks once."""
         if self._matched is None or self._matched[0] is not self.solution:
             ids = self.ids_aside()
-            found = matches(self.equations, self.solution, ids, self.alpha)
-            self._matched = self.solution, found
+            arguments = self.equations, self.solution, ids, self.alpha
+            self._matched = self.solution, (*matches(*arguments), *photos(*arguments))
         return self._matched[1]
 
     def ids_aside(self) -> list[str]:
