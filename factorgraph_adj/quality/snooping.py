@@ -89,7 +89,7 @@ def snoop(
         raise InputError([Problem(p) for p in problems])
     if isinstance(start, Solution) and not start.converged:
         start = None  # nothing leads back from where it ended
-    options = {"datum": datum, "variance": variance}
+    options: dict[str, Any] = {"datum": datum, "variance": variance}
     first: Solution | None = None
     if robust is None:
         first = adjust(network, start=start, **options)

@@ -23,10 +23,11 @@ from ...approximate.resection import resect
 from ...errors import AdjustmentError
 from ...graph.blocks import Block
 from ...graph.equations import Equations
-from ...network.network import Network
+from ...network.network import DatumChoice, Network
+from ...network.selection import without
 from ...solve.batch import adjust
 from ...solve.solution import Solution
-from ...types import Array, Index
+from ...types import Array, Index, Mask
 from ..distributions import chi2_quantile
 from ..innovations import Innovations
 from .matches import Match
@@ -88,6 +89,8 @@ class _Oriented:
     """What would be wrong; empty: nothing."""
     rotation: Array
     """world_R_camera, (3, 3)."""
+    position: Array
+    """Projection centre, (3,) metres."""
     share: float
     """Share of the rays that fit."""
     t2: float
@@ -106,7 +109,11 @@ def photos(
         alpha: probability with which a ray that is right does not fit.
     """
     critical = chi2_quantile(1.0 - alpha, 2)
-    for rays in _suspect(equations, clean, ids):
+    suspect = _suspect(equations, clean, ids)
+    if suspect:
+        clean = _without(equations, clean, suspect, ids)
+        suspect = _suspect(equations, clean, ids)
+    for rays in suspect:
         as_is = _oriented(clean, rays, "", rays.block.observed, critical)
         if as_is is not None and as_is.share >= FIT:
             continue  # only the orientation was wrong
@@ -122,7 +129,7 @@ def photos(
         same = [o for o in fit if o.t2 < best.t2 + SAME]
         cause = _told_apart(same, clean.network.photos[rays.photo].rotation)
         where = f"of photo {rays.photo!r}"
-        yield Match(cause, where, rays.ids, _misfit(equations, clean, rays), best.t2)
+        yield Match(cause, where, rays.ids, _misfit(equations, clean, rays, best), best.t2)
 
 
 def _told_apart(same: Sequence[_Oriented], given: Array | None) -> str:
@@ -138,19 +145,77 @@ def _angle(a: Array, b: Array) -> float:
     return float(np.arccos(np.clip(0.5 * (np.trace(a.T @ b) - 1.0), -1.0, 1.0)))
 
 
-def _suspect(equations: Equations, clean: Solution, ids: Sequence[str]) -> Iterator[_Rays]:
-    """Iterate over photos of which most rays were set aside."""
+def _without(
+    equations: Equations, clean: Solution, suspect: Sequence[_Rays], ids: Sequence[str]
+) -> Solution:
+    """Return the solution without any ray of some photos; the clean one where there is none.
+
+    Rays of a mirrored photo that fit by chance have stayed in, and bend the points that they touch,
+    so that good rays were set aside. Those come back; points that the other photos do not determine
+    are left out.
+    """
+    unknowns = equations.unknowns
+    photos = np.array([unknowns["pose"].number[rays.photo] for rays in suspect])
+    aside, n = _aside(equations, ids), len(unknowns["point"].names)
+    bent, counted = np.zeros(n, dtype=bool), np.zeros(n)
+    gone: list[str] = []
+    for block, lost in _images(equations, aside):
+        by = dict(block.variables)
+        bent[by["point"][~lost & np.isin(by["pose"], photos)]] = True
+    for block, lost in _images(equations, aside):
+        by = dict(block.variables)
+        own = np.isin(by["pose"], photos)
+        leave = own | (lost & ~bent[by["point"]])
+        counted += np.bincount(by["point"][~leave], minlength=n)
+        gone += [block.ids[int(i)] for i in np.flatnonzero(leave)]
+    images = {
+        block.ids[int(i)] for block, lost in _images(equations, aside) for i in lost.nonzero()[0]
+    }
+    gone += [i for i in ids if i not in images]
+    others = {p for o in equations.network.observations.values() for p in o.points()}
+    free: list[bool] = np.all(unknowns["point"].free, axis=1).tolist()
+    few = [p for p, k, f in zip(unknowns["point"].names, counted, free, strict=True) if f and k < 2]
+    few = [p for p in few if p not in others]
+    datum: DatumChoice = "given" if clean.datum is None else "free"
+    network = without(equations.network, list(dict.fromkeys(gone)), points=few)
+    for rays in suspect:  # without a ray, a photo that is not held is not determined
+        network.photos[rays.photo] = replace(
+            network.photos[rays.photo],
+            position=(0.0, 0.0, 0.0),
+            rotation=np.eye(3),
+            fixed=(True,) * 6,
+            sigma_position=None,
+            sigma_attitude=None,
+        )
+    with suppress(AdjustmentError):
+        found = adjust(network, datum=datum, start=clean)
+        if found.converged:
+            return found
+    return clean
+
+
+def _aside(equations: Equations, ids: Sequence[str]) -> Mask:
+    """Return which rows belong to observations, (n_rows,)."""
+    out: Mask = np.zeros(equations.n_rows, dtype=bool)
+    out[np.concatenate([np.zeros(0, dtype=np.intp), *equations.find(ids)])] = True
+    return out
+
+
+def _images(equations: Equations, rows: Mask) -> Iterator[tuple[Block, Mask]]:
+    """Iterate over blocks of image coordinates, and which of their rays some rows belong to."""
+    for block in equations.blocks:
+        if block.lens is not None:
+            lost: Mask = rows[block.rows]
+            yield block, lost[:: block.dimension]
+
+
+def _suspect(equations: Equations, clean: Solution, ids: Sequence[str]) -> list[_Rays]:
+    """Return the photos of which most rays were set aside, those that lost most first."""
     state = Innovations(equations, clean).state
     known = np.isfinite(state["point"]).all(axis=1)
-    found = [rows for rows in equations.find(ids) if len(rows)]
-    aside = np.zeros(equations.n_rows, dtype=bool)
-    aside[np.concatenate([np.zeros(0, dtype=np.intp), *found])] = True
     every: list[_Rays] = []
-    for block in equations.blocks:
-        if block.lens is None:
-            continue
+    for block, gone in _images(equations, _aside(equations, ids)):
         by = dict(block.variables)
-        gone = aside[block.rows].reshape(-1, block.dimension)[:, 0]
         n = len(equations.unknowns["pose"].names)
         share = np.bincount(by["pose"], gone, n) / np.maximum(np.bincount(by["pose"], None, n), 1)
         for photo in np.flatnonzero(share >= GONE).tolist():
@@ -158,7 +223,7 @@ def _suspect(equations: Equations, clean: Solution, ids: Sequence[str]) -> Itera
             calibration = state["calibration"][by["calibration"][own]]
             if len(own) >= LEAST and np.isfinite(calibration[:, :3]).all():
                 every.append(_rays(equations, block, own, float(share[photo]), calibration[0]))
-    yield from sorted(every, key=lambda r: -r.lost)[:MOST]
+    return sorted(every, key=lambda r: -r.lost)[:MOST]
 
 
 def _rays(
@@ -178,9 +243,13 @@ def _rays(
     )
 
 
-def _misfit(equations: Equations, clean: Solution, rays: _Rays) -> float:
-    """Return the square sum of the rays as they are, in the clean solution."""
+def _misfit(equations: Equations, clean: Solution, rays: _Rays, best: _Oriented) -> float:
+    """Return the square sum of the rays as they are, from where the photo was taken."""
     state = Innovations(equations, clean).state
+    number = equations.unknowns["pose"].number[rays.photo]
+    poses = state["pose"].copy()
+    poses[number] = np.concatenate([best.rotation.ravel(), best.position])
+    state = {**state, "pose": poses}
     v = rays.block.evaluate(equations.network.frame, state, jacobians=False).residual
     return float(np.sum(np.square(v / rays.block.sigma)))
 
@@ -200,7 +269,7 @@ def _oriented(
     for name, at in zip(rays.points, xyz, strict=True):
         sigma = clean.standard_deviations(name)
         held = "".join(a for a, s in zip("xyz", sigma, strict=True) if not s > 0.0)
-        network.add_point(name, at, fixed=held, sigma=np.where(sigma > 0.0, sigma, np.inf))
+        network.add_point(name, at, fixed=held, sigma=[s if s > 0.0 else np.inf for s in sigma])
     k = len(calibration)
     network.cameras[rays.camera] = replace(
         clean.network.cameras[rays.camera],
@@ -216,6 +285,6 @@ def _oriented(
         (block,) = (b for b in solution.equations.blocks if b.lens is not None)
         v = solution.equations.residuals(solution.state)[block.rows].reshape(-1, 2)
         share = float(np.mean(np.sum(v * v, axis=1) <= critical))
-        rotation = np.asarray(solution.pose(rays.photo).rotation)
-        return _Oriented(cause, rotation, share, solution.vtpv)
+        there = solution.pose(rays.photo)
+        return _Oriented(cause, there.rotation, there.position, share, solution.vtpv)
     return None
