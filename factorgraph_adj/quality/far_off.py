@@ -26,7 +26,8 @@ def astray(search: SnoopingSearch, found: Snooping) -> bool:
 
     A single reading that is far off, with which everything else fits, is one gross error. What
     fits as something else, as a whole, is an exchange. It is otherwise if readings that are far
-    off stay, or if several that share a point were set aside.
+    off stay, or if several that share a point were set aside. Image points do not count: a block
+    of photos has no minimum near poor approximate values.
 
     Args:
         search: the search, at its end.
@@ -37,7 +38,7 @@ def astray(search: SnoopingSearch, found: Snooping) -> bool:
     if not stays and len(gone) < 2:
         return False
     ends = _ends(search)
-    if any(ident in ends for ident in stays):
+    if not stays.isdisjoint(ends):
         return True
     explained = {ident for match in search.matches() for ident in match.ids}
     points = Counter(end for ident in gone - explained if ident in ends for end in ends[ident])

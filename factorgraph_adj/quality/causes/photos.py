@@ -127,7 +127,7 @@ def photos(
             continue
         best = min(fit, key=lambda o: o.t2)
         same = [o for o in fit if o.t2 < best.t2 + SAME]
-        cause = _told_apart(same, clean.network.photos[rays.photo].rotation)
+        cause = _told_apart(same, equations.network.photos[rays.photo].rotation)
         where = f"of photo {rays.photo!r}"
         yield Match(cause, where, rays.ids, _misfit(equations, clean, rays, best), best.t2)
 
@@ -196,7 +196,7 @@ def _without(
 
 def _aside(equations: Equations, ids: Sequence[str]) -> Mask:
     """Return which rows belong to observations, (n_rows,)."""
-    out: Mask = np.zeros(equations.n_rows, dtype=bool)
+    out = np.zeros(equations.n_rows, dtype=bool)
     out[np.concatenate([np.zeros(0, dtype=np.intp), *equations.find(ids)])] = True
     return out
 
@@ -205,14 +205,13 @@ def _images(equations: Equations, rows: Mask) -> Iterator[tuple[Block, Mask]]:
     """Iterate over blocks of image coordinates, and which of their rays some rows belong to."""
     for block in equations.blocks:
         if block.lens is not None:
-            lost: Mask = rows[block.rows]
-            yield block, lost[:: block.dimension]
+            yield block, rows[block.rows][:: block.dimension]
 
 
 def _suspect(equations: Equations, clean: Solution, ids: Sequence[str]) -> list[_Rays]:
     """Return the photos of which most rays were set aside, those that lost most first."""
     state = Innovations(equations, clean).state
-    known = np.isfinite(state["point"]).all(axis=1)
+    known = np.all(np.isfinite(state["point"]), axis=1)
     every: list[_Rays] = []
     for block, gone in _images(equations, _aside(equations, ids)):
         by = dict(block.variables)

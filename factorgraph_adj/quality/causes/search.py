@@ -31,6 +31,8 @@ MOST = 50
 """Largest number of places at which a cause is tested in full: those that may explain most."""
 SAME = 11.0
 """Difference of T² below which two causes cannot be told apart."""
+CHANCE = 0.01
+"""Largest probability with which good readings make any of the tested causes likelier."""
 SHARED = 2
 """Smallest number of observations that share a cause; an error of one is tested as its own."""
 
@@ -116,8 +118,13 @@ class Causes(Shown):
 
     @property
     def likelier(self) -> tuple[Cause, ...]:
-        """Exchanges, and causes that explain more than any single observation."""
-        return tuple(c for c in self.found if not c.sizes or c.evidence > self.single)
+        """Exchanges, and causes that explain more than any single observation.
+
+        Those only that good readings make as likely as this, at any of the places tested, with a
+        probability below `CHANCE`.
+        """
+        least = max(self.single, float(np.log(max(self.tested, 1) / CHANCE)))
+        return tuple(c for c in self.found if not c.sizes or c.evidence > least)
 
 
 def evidence(t2: float, dof: int) -> float:

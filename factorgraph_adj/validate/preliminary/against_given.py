@@ -166,8 +166,10 @@ def _axes(equations: Equations) -> Iterator[Finding]:
         rows = given[held[ends[0][given]] & held[ends[1][given]]]
         if len(rows) < LEAST:
             continue
-        points = equations.unknowns["point"].values
-        d = points[ends[1][rows]] - points[ends[0][rows]]
+        points = np.nan_to_num(equations.unknowns["point"].values)  # heights may be unknown
+        start = points[ends[0][rows]]
+        enu = equations.network.frame.basis(start, np.zeros((len(rows), 2))).enu
+        d = np.einsum("nij,nj->ni", enu, points[ends[1][rows]] - start)
         azimuth = np.arctan2(d[:, 0], d[:, 1])
         reading = block.observed[rows, 0]
         group = by["orientation"][rows]
