@@ -27,6 +27,9 @@ MOST = 100
 """Largest number of sights for which other targets are looked for, those that fit worst."""
 TRIED = 5
 """Number of other targets that are tried for a sight: those that fit best."""
+WEAK = 1e4
+"""Largest ratio of the variance of a prediction to that of the reading: a point that the clean
+solution hardly determines fits everything."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +142,7 @@ class _Search:
             left = (part.computed - part.observed)[None, :] + change.reshape(n, -1)
             size = np.square(left / sigma[rows]).sum(axis=1)
             best = np.argsort(size)[:TRIED]
-            for b in best[np.isfinite(size[best])].tolist():
+            for b in best[size[best] < WEAK * self.critical * len(rows)].tolist():
                 try:
                     changed = [replace(self.every[i], target=names[b]) for i in own]  # type: ignore[call-arg]
                 except InputError:  # the station itself

@@ -82,7 +82,7 @@ class _Rays:
 
 
 @dataclass(frozen=True)
-class _Oriented:
+class Oriented:
     """A photo oriented from some image coordinates."""
 
     cause: str
@@ -127,12 +127,12 @@ def photos(
             continue
         best = min(fit, key=lambda o: o.t2)
         same = [o for o in fit if o.t2 < best.t2 + SAME]
-        cause = _told_apart(same, equations.network.photos[rays.photo].rotation)
+        cause = told_apart(same, equations.network.photos[rays.photo].rotation)
         where = f"of photo {rays.photo!r}"
         yield Match(cause, where, rays.ids, _misfit(equations, clean, rays, best), best.t2)
 
 
-def _told_apart(same: Sequence[_Oriented], given: Array | None) -> str:
+def told_apart(same: Sequence[Oriented], given: Array | None) -> str:
     """Return which of several axes that fit it is: those with the attitude that was given."""
     if len({o.cause for o in same}) > 1 and given is not None and np.isfinite(given).all():
         same = [o for o in same if _angle(o.rotation, given) < TURNED] or same
@@ -242,7 +242,7 @@ def _rays(
     )
 
 
-def _misfit(equations: Equations, clean: Solution, rays: _Rays, best: _Oriented) -> float:
+def _misfit(equations: Equations, clean: Solution, rays: _Rays, best: Oriented) -> float:
     """Return the square sum of the rays as they are, from where the photo was taken."""
     state = Innovations(equations, clean).state
     number = equations.unknowns["pose"].number[rays.photo]
@@ -255,7 +255,7 @@ def _misfit(equations: Equations, clean: Solution, rays: _Rays, best: _Oriented)
 
 def _oriented(
     clean: Solution, rays: _Rays, cause: str, xy: Array, critical: float
-) -> _Oriented | None:
+) -> Oriented | None:
     """Return the photo, oriented from image coordinates; none: it has no orientation."""
     lens = rays.block.lens
     assert lens is not None
@@ -285,5 +285,5 @@ def _oriented(
         v = solution.equations.residuals(solution.state)[block.rows].reshape(-1, 2)
         share = float(np.mean(np.sum(v * v, axis=1) <= critical))
         there = solution.pose(rays.photo)
-        return _Oriented(cause, there.rotation, there.position, share, solution.vtpv)
+        return Oriented(cause, there.rotation, there.position, share, solution.vtpv)
     return None

@@ -8,7 +8,7 @@ bend an adjustment too far for its linear model.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -45,6 +45,11 @@ _UNIT: dict[Size, tuple[float, str]] = {
 }
 
 
+def _figure(value: float) -> str:
+    """Return a number with three significant digits, or as a whole number below a million."""
+    return f"{value:.0f}" if 100.0 <= abs(value) < 1e6 else f"{value:.3g}"
+
+
 @dataclass(frozen=True, eq=False)
 class Cause:
     """A cause that explains misfits."""
@@ -75,14 +80,35 @@ class Cause:
 
     def __str__(self) -> str:
         """Return the cause, its size and its test, in millimetres and milligons."""
-        sizes = [
-            f"{c} {e / _UNIT[s][0]:.3g} ± {d / _UNIT[s][0]:.2g} {_UNIT[s][1]}".strip()
-            for c, s, e, d in zip(
-                self.components or ("",), self.sizes, self.error, self.sigma, strict=False
-            )
-        ]
-        text = f"{self.cause} {self.where}: " + ", ".join([*sizes, f"T² {self.t2:.4g}"])
-        return f"{text} ({self.dof} dof, critical {self.critical:.1f})" if self.sizes else text
+        return self.said(_UNIT.__getitem__, _figure)
+
+    def said(
+        self,
+        unit: Callable[[Size], tuple[float, str]],
+        figure: Callable[[float], str],
+        *,
+        space: str = " ",
+    ) -> str:
+        """Return the cause, its size and its test as a sentence without a stop.
+
+        Args:
+            unit: returns the unit of a size, SI, and its name.
+            figure: writes a number.
+            space: what divides numbers and units.
+        """
+        sizes = []
+        named = zip(self.components or ("",), self.sizes, self.error, self.sigma, strict=False)
+        for name, size, error, sigma in named:
+            if np.isfinite(error):
+                one, symbol = unit(size)
+                parts = (name, figure(error / one), "±", figure(sigma / one), symbol)
+                sizes.append(space.join(p for p in parts if p))
+        test = f"T² {figure(self.t2)}"
+        if self.sizes:
+            test += f", {self.dof} degree{'s' * (self.dof != 1)} of freedom, critical "
+            test += f"{self.critical:.1f}"
+        text = f"{self.cause} {self.where}"
+        return (f"{text}: {', '.join(sizes)}" if sizes else text) + f" ({test})"
 
     @property
     def evidence(self) -> float:
