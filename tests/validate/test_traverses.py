@@ -19,7 +19,8 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from factorgraph_adj.validate.preliminary.finding import Finding
-from factorgraph_adj.validate.preliminary.traverses import Survey, Traverse, traverses
+from factorgraph_adj.validate.preliminary.legs import Survey
+from factorgraph_adj.validate.preliminary.traverses import Traverse, traverses
 
 SIGMA_ANGLE, SIGMA_DISTANCE = 1.5e-5, 0.003
 """Standard deviations: radians (1 mgon), metres."""
