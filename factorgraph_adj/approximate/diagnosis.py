@@ -10,8 +10,12 @@ from ..types import Array, Index, Mask
 from .intersection import doubtful
 from .progress import Progress
 from .rays import ImageRays, posed
+from .resection import FITS, MANY, misses, resect
 from .spheres import positions_in_space
 from .survey import Sighted
+
+NEARLY_ALL = 0.8
+"""Smallest share of the known points of a photo that fit if its image is mirrored."""
 
 NOTHING_KNOWN = (
     "nothing to start from: no point has coordinates and no photo a pose; give coordinates of "
@@ -61,14 +65,32 @@ def _why_no_pose(progress: Progress, rays: ImageRays, photo: int) -> str:
     seen = rays.point[rays.photo == photo]
     n = int(np.count_nonzero(progress.complete[seen]))
     if n >= 4:
-        return (
+        why = (
             f"{n} of its {len(seen)} image points belong to known points, but no pose in front of "
-            "them fits: check names, coordinates and calibration, or give its orientation"
+            "them fits"
         )
+        if _fits_mirrored(progress, rays, photo):
+            return (
+                f"{why}, while one of its mirror image does: x and y of its image coordinates are "
+                "exchanged, or one of them has the wrong direction"
+            )
+        return f"{why}: check names, coordinates and calibration, or give its orientation"
     return (
         f"only {n} of its {len(seen)} image points belong to points that are known or could be "
         "reached; a resection needs 4, or 2 with a given projection centre or attitude"
     )
+
+
+def _fits_mirrored(progress: Progress, rays: ImageRays, photo: int) -> bool:
+    """Return whether nearly all known points of a photo fit the mirror image."""
+    rows = np.flatnonzero((rays.photo == photo) & progress.complete[rays.point])
+    x = progress.horizon.from_plan(progress.plan[rays.point[rows]])
+    t = rays.tangent[rows] * [1.0, -1.0]
+    pose = resect(x, t)
+    if len(rows) < MANY or pose is None:
+        return False
+    fits = misses(pose[0][None], pose[1][None], x, t)[0] < FITS
+    return int(fits.sum()) > NEARLY_ALL * len(rows)
 
 
 class _Joined:

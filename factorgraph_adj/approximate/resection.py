@@ -94,7 +94,7 @@ def turn_and_shift(camera: Array, world: Array) -> tuple[Array, Array]:
     return r, mw - np.einsum("kij,kj->ki", r, mc)
 
 
-def _miss(r: Array, x0: Array, x: Array, t: Array) -> Array:
+def misses(r: Array, x0: Array, x: Array, t: Array) -> Array:
     """Return the miss of tangents (k, n); infinite for points behind the camera."""
     p = np.einsum("kij,kni->knj", r, x[None] - x0[:, None])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -174,18 +174,18 @@ def resect(x: Array, t: Array) -> tuple[Array, Array] | None:
     if not len(r):
         return None
     scored = np.arange(len(x)) if len(x) <= SCORED else rng.choice(len(x), SCORED, replace=False)
-    miss = np.minimum(_miss(r, x0, x[scored], t[scored]), 10 * FITS).mean(axis=1)
+    miss = np.minimum(misses(r, x0, x[scored], t[scored]), 10 * FITS).mean(axis=1)
     best = np.argsort(miss)[:4].tolist()
     poses: list[tuple[Array, Array]] = []
-    misses: list[Array] = []
+    missed: list[Array] = []
     for k in best:
         poses.append(_refine(r[k], x0[k], x, t))
         turned, centre = poses[-1]
-        misses.append(np.minimum(_miss(turned[None], centre[None], x, t)[0], 10 * FITS))
-        if len(x) >= MANY and misses[-1].mean() < FITS / 10:
+        missed.append(np.minimum(misses(turned[None], centre[None], x, t)[0], 10 * FITS))
+        if len(x) >= MANY and missed[-1].mean() < FITS / 10:
             break
-    winner = int(np.argmin([m.mean() for m in misses]))
-    support = int(np.count_nonzero(misses[winner] < FITS))
+    winner = int(np.argmin([m.mean() for m in missed]))
+    support = int(np.count_nonzero(missed[winner] < FITS))
     if support < max(4, len(x) // 2):
         return None
     return poses[winner][0], poses[winner][1] + middle

@@ -101,6 +101,7 @@ def robust_adjust(
     scale: Literal["a-priori", "median"] = "a-priori",
     datum: DatumChoice | None = None,
     start: Solution | Start | None = None,
+    from_start: bool = False,
     tolerance: float = 0.01,
     max_iterations: int = 50,
     progress: RobustProgress | None = None,
@@ -114,6 +115,8 @@ def robust_adjust(
             median |t| is larger; ``median``: s = 1.4826 median |t|.
         datum: as for `adjust`.
         start: as for `adjust`.
+        from_start: whether the first misfits are those of the start values; otherwise those of a
+            plain adjustment, which readings that are far off may bend, if it has a minimum.
         tolerance: largest change of a γ at which the weights have converged.
         max_iterations: maximum number of adjustments; then the result has ``converged`` false.
         progress: called after each adjustment; an exception in it ends the estimation.
@@ -127,7 +130,7 @@ def robust_adjust(
         raise InputError(f"unknown estimator {estimator!r}; valid: {', '.join(ESTIMATORS)}")
     if scale not in ("a-priori", "median"):
         raise InputError(f"unknown scale {scale!r}; valid: a-priori, median")
-    solution = _first(network, datum, start)
+    solution = _first(network, datum, start, from_start=from_start)
     size = _spread(reliability(solution))
     known = scale == "a-priori"
     gamma = np.ones(len(size))
@@ -151,17 +154,24 @@ def robust_adjust(
     return Robust(solution, estimator, gamma, t, s, max_iterations, False, reason)
 
 
-def _first(network: Network, datum: DatumChoice | None, start: Solution | Start | None) -> Solution:
+def _first(
+    network: Network,
+    datum: DatumChoice | None,
+    start: Solution | Start | None,
+    *,
+    from_start: bool,
+) -> Solution:
     """Return where the estimation begins: the plain adjustment, or the start values.
 
     Readings that are far off bend a plain adjustment until it has no minimum, or none where all is
     determined. At the start values they are far off all the same, and the others are not.
     """
     choice = network.datum if datum is None else datum
-    # A network that does not determine its unknowns is a DatumError here.
-    solution = adjust(network, datum=datum, start=start)
-    if solution.converged or choice == "free":
-        return solution
+    if not from_start or choice == "free":
+        # A network that does not determine its unknowns is a DatumError here.
+        solution = adjust(network, datum=datum, start=start)
+        if solution.converged or choice == "free":
+            return solution
     equations = compile_network(network)
     begin = start_of(equations, choice, start)
     return standing(equations, begin, None, reason=AT_START, doubt=AT_START)

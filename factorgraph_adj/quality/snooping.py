@@ -10,13 +10,17 @@ observation is set aside with all its components, by their largest test value.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Literal
 
-from ..errors import InputError, Problem
+from ..errors import AdjustmentError, InputError, Problem
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..solve.start import Start
+from ..types import Array
+from .far_off import approximate_values, astray, simpler
 from .levels import ALPHA, POWER
 from .rejections import Round, Snooping, Test
 from .robust import ESTIMATORS, Estimator, robust_adjust
@@ -55,7 +59,8 @@ def snoop(
             round, see `candidates`; 1: only the largest of each round.
         robust: M-estimator for networks with many gross errors; the outliers of its adjustment
             are set aside before the first round. Without one, Huber's is used where the network
-            as it is has no minimum.
+            as it is has no minimum, or where readings are so far off that they may have led the
+            search astray (`far_off`): then it is made again from the approximate values.
         max_rounds: maximum number of rounds.
         datum: as for `adjust`.
         variance: as for `adjust`.
@@ -84,24 +89,70 @@ def snoop(
         raise InputError([Problem(p) for p in problems])
     if isinstance(start, Solution) and not start.converged:
         start = None  # nothing leads back from where it ended
-    solution, values = None, None
+    options: dict[str, Any] = {"datum": datum, "variance": variance}
+    first: Solution | None = None
     if robust is None:
-        solution = adjust(network, datum=datum, variance=variance, start=start)
-    if solution is None or not solution.converged:
-        scale: Literal["a-priori", "median"] = "a-priori" if test == "baarda" else "median"
-        estimator: Estimator = robust or "huber"
-        found = robust_adjust(network, estimator=estimator, scale=scale, datum=datum, start=start)
-        solution, values = found.solution, found.test_values / found.scale
-    if sidak:
-        alpha = float(1.0 - (1.0 - alpha) ** (1.0 / solution.equations.n_rows))
-    options = {"datum": datum, "variance": variance}
-    for withdrawing in (True, False):
-        search = SnoopingSearch(solution, test, alpha, power, options, withdrawing=withdrawing)
-        try:
-            if values is not None:
-                search.begin(values, progress)
-            reason = search.run(share, max_rounds, progress)
-        except CannotSettle:
-            continue
-        return search.result(reason)
-    raise AssertionError("a search that adjusts every round anew has nothing to settle")
+        first = adjust(network, start=start, **options)
+    searching = _Searching(network, test, alpha, power, sidak, options, share, max_rounds, progress)
+    if first is not None and first.converged:
+        search, found = searching.run(first)
+        if datum == "free" or network.datum == "free" or not astray(search, found):
+            return found
+        with suppress(AdjustmentError):
+            begin = searching.robust("huber", approximate_values(first), from_start=True)
+            found = simpler(search, found, *searching.run(*begin))
+        return found
+    return searching.run(*searching.robust(robust or "huber", start))[1]
+
+
+@dataclass(frozen=True)
+class _Searching:
+    """What all searches in a network have in common; the fields are arguments of `snoop`."""
+
+    network: Network
+    test: Test
+    alpha: float
+    power: float
+    sidak: bool
+    options: dict[str, Any]
+    share: float
+    max_rounds: int
+    progress: Callable[[Round], None] | None
+
+    def robust(
+        self, estimator: Estimator, start: Solution | Start | None, *, from_start: bool = False
+    ) -> tuple[Solution, Array]:
+        """Return a robust adjustment and its test values for σ0 = 1, (n,)."""
+        found = robust_adjust(
+            self.network,
+            estimator=estimator,
+            scale="a-priori" if self.test == "baarda" else "median",
+            datum=self.options["datum"],
+            start=start,
+            from_start=from_start,
+        )
+        return found.solution, found.test_values / found.scale
+
+    def run(
+        self, solution: Solution, values: Array | None = None
+    ) -> tuple[SnoopingSearch, Snooping]:
+        """Return a search at its end, and its result.
+
+        Args:
+            solution: the adjustment of the whole network.
+            values: test values (n,) of its outliers, which are set aside before the first round.
+        """
+        alpha = self.alpha
+        if self.sidak:
+            alpha = float(1.0 - (1.0 - alpha) ** (1.0 / solution.equations.n_rows))
+        arguments = (solution, self.test, alpha, self.power, self.options)
+        for withdrawing in (True, False):
+            search = SnoopingSearch(*arguments, withdrawing=withdrawing)
+            try:
+                if values is not None:
+                    search.begin(values, self.progress)
+                reason = search.run(self.share, self.max_rounds, self.progress)
+            except CannotSettle:
+                continue
+            return search, search.result(reason)
+        raise AssertionError("a search that adjusts every round anew has nothing to settle")

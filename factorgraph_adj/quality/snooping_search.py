@@ -21,7 +21,8 @@ from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
 from .candidates import Choice, Outlier, Units, choose
-from .causes.matches import matches
+from .causes.matches import Match, matches
+from .causes.photos import photos
 from .causes.search import Causes, causes
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
 from .prediction import Prediction, Predictor
@@ -78,6 +79,7 @@ class SnoopingSearch:
         """Coordinates of each removed point at its removal, (3,) metres."""
         self.rounds: list[Round] = []
         self._predicted: tuple[Solution, Prediction | None] | None = None
+        self._matched: tuple[Solution, tuple[Match, ...]] | None = None
 
     @property
     def solution(self) -> Solution:
@@ -357,7 +359,6 @@ class SnoopingSearch:
 
     def _causes(self) -> Causes | None:
         """Return what may have caused the misfits; none where there are none."""
-        ids = [*self.aside, *(i for p in self.points.values() for i in p.rays)]
         first = self.first
         if first.solution.weights is not None:  # a robust start hides causes that several share
             first = self.reliability  # where nothing is bent, if the whole has no minimum
@@ -367,10 +368,21 @@ class SnoopingSearch:
                     first = reliability(plain, alpha=self.alpha, power=self.power)
         sigma0 = self.solution.sigma0 if self.test == "pope" else 1.0
         largest = float(np.nanmax(np.abs(first.w), initial=0.0))
-        if not ids and not largest > self.present.critical * sigma0:
+        if not self.ids_aside() and not largest > self.present.critical * sigma0:
             return None
-        found = matches(self.equations, self.solution, ids, self.alpha)
-        return causes(first, found, sigma0=sigma0)
+        return causes(first, self.matches(), sigma0=sigma0)
+
+    def matches(self) -> tuple[Match, ...]:
+        """Return what the observations set aside may be instead; a solution looks once."""
+        if self._matched is None or self._matched[0] is not self.solution:
+            ids = self.ids_aside()
+            arguments = self.equations, self.solution, ids, self.alpha
+            self._matched = self.solution, (*matches(*arguments), *photos(*arguments))
+        return self._matched[1]
+
+    def ids_aside(self) -> list[str]:
+        """Return the ids of all observations set aside, with the rays of points."""
+        return [*self.aside, *(i for p in self.points.values() for i in p.rays)]
 
     def _with_final_errors(self) -> tuple[Rejected, ...]:
         prediction = self._prediction()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import isfinite
-
 from ..models.variables import UNKNOWNS
 from ..quality.causes.given import GivenValue
 from ..quality.causes.hypotheses import Size
@@ -51,20 +49,7 @@ def causes(report: Report) -> list[str]:
 
 def sentence(report: Report, cause: Cause) -> str:
     """Return a cause with its size and its test."""
-    text = f"{cause.cause} {cause.where}"
-    sizes = []
-    for name, size, error, sigma in zip(
-        cause.components or ("",), cause.sizes, cause.error, cause.sigma, strict=False
-    ):
-        if isfinite(error):
-            unit, symbol = unit_of(report, size)
-            figures = f"{name} {short(error / unit)} ± {short(sigma / unit)} {symbol}".strip()
-            sizes.append(figures.replace(" ", NO_BREAK))
-    test = f"T² {short(cause.t2)}"
-    if cause.sizes:
-        test += f", {cause.dof} degree{'s' * (cause.dof != 1)} of freedom, critical "
-        test += f"{cause.critical:.1f}"
-    return ": ".join([text, ", ".join(sizes)]) + f" ({test})" if sizes else f"{text} ({test})"
+    return cause.said(lambda size: unit_of(report, size), short, space=NO_BREAK)
 
 
 def _members(cause: Cause) -> str:

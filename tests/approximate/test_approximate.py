@@ -41,6 +41,7 @@ from factorgraph_adj.solve.linear import LinearSystem
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC, GON
 from tests.loaders import aicon, dbat
+from tests.networks.photo_block import block
 from tests.support.places import data_dir
 
 MILLIMETRE = 1e-3
@@ -750,3 +751,24 @@ def test_a_network_that_knows_nothing_asks_for_a_start():
     assert "nothing to start from: no point has coordinates" in problems_of(forgotten)
     forgotten.datum = "free"
     assert "give the orientation of two photos" in problems_of(forgotten)
+
+
+@pytest.mark.parametrize("axes", ["xy exchanged", "y the wrong way"])
+def test_a_mirrored_photo_without_orientation_is_said_to_be_one(axes: str) -> None:
+    network = block(0)
+    for name, photo in network.photos.items():
+        network.photos[name] = replace(photo, position=None, rotation=None)
+    f, p, xy, sigma = network.images.columns()
+    mine = f == network.photo_number["F5"]
+    points = [list(network.points)[i] for i in p[mine].tolist()]
+    other = xy[mine][:, ::-1] if axes == "xy exchanged" else xy[mine] * [1.0, -1.0]
+    network.image_mask(~mine)
+    network.add_image_points("F5", points, other, sigma=sigma[mine])
+    with pytest.raises(ApproximationError, match="one of its mirror image does") as error:
+        adjust(network)
+    assert len(error.value.problems) == 1 and "photo F5" in str(error.value)
+    network.image_mask(np.arange(network.n_image_points) < network.n_image_points - len(points))
+    names = [points[i] for i in np.random.default_rng(1).permutation(len(points))]
+    network.add_image_points("F5", names, xy[mine], sigma=sigma[mine])
+    with pytest.raises(ApproximationError, match="check names, coordinates and calibration"):
+        adjust(network)

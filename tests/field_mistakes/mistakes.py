@@ -63,6 +63,13 @@ def times(row: Row, column: str, by: float, digits: int = 4) -> None:
     row[column] = f"{float(row[column]) * by:.{digits}f}"
 
 
+def exchange_axes(p: Project, photo: str) -> None:
+    """Exchange x and y of a photo."""
+    for row in p.tables["images.csv"]:
+        if row["photo"] == photo:
+            row["x"], row["y"] = row["y"], row["x"]
+
+
 # -- in the field ---------------------------------------------------------------------------------
 
 
@@ -379,7 +386,7 @@ def _(p: Project) -> None:
     "image y axis the other way",
     CHECK,
     DOUBTFUL,
-    "times better with the image y axis the other way; state y_axis, or turn the matrices",
+    "times better with the image y axis the other way: 1, 2, 3; state y_axis",
     facade,
 )
 def _(p: Project) -> None:
@@ -612,3 +619,35 @@ def _(p: Project) -> None:
 )
 def _(p: Project) -> None:
     p.toml += '[files]\npoints = "../../../../etc/passwd"\n'
+
+
+@mistake(
+    "a direction from one station to the next 0.05 gon wrong",
+    CHECK,
+    DOUBTFUL,
+    "the angles of the traverse",
+)
+def _(p: Project) -> None:
+    add(p.rows("direction", station="S1", target="S2")[0], "value", 0.05)
+
+
+@mistake(
+    "x and y of one photo exchanged",
+    SNOOP,
+    DOUBTFUL,
+    "x and y, exchanged, of photo '3'",
+    facade,
+)
+def _(p: Project) -> None:
+    exchange_axes(p, "3")
+
+
+@mistake(
+    "x and y of one photo exchanged, before the adjustment",
+    CHECK,
+    DOUBTFUL,
+    "times better with x and y of the image exchanged: 2",
+    facade,
+)
+def _(p: Project) -> None:
+    exchange_axes(p, "2")

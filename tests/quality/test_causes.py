@@ -11,11 +11,14 @@ from scipy.sparse import csc_array
 import factorgraph_adj as fga
 from factorgraph_adj.quality.causes.columns import explain, whitening
 from factorgraph_adj.quality.causes.given import given_values
+from factorgraph_adj.quality.causes.photos import Oriented, told_apart
 from factorgraph_adj.quality.causes.search import evidence, explanations
+from factorgraph_adj.rotation import exp_rotation
 from tests.benchmarks.causes import adjusted, count, detectable, searched, spoiled
 from tests.networks.arriving import CASES
 from tests.networks.building_site import site
-from tests.support.spoiled import SIZED
+from tests.networks.photo_block import block
+from tests.support.spoiled import EXCHANGES, PHOTOS, SIZED
 
 GIVEN = ("2020-barta-phase_1-2TK", "Caspary", "camcal, model 3", "own cameras", "weighted photos")
 """Networks with held values."""
@@ -109,10 +112,73 @@ def test_a_cause_is_found_with_its_size(cause: str) -> None:
     assert done >= 2
 
 
-@pytest.mark.parametrize("cause", ["exchanged_targets", "confused_point", "reversed_vector"])
+@pytest.mark.parametrize("cause", [*EXCHANGES, *PHOTOS])
 def test_an_exchange_is_found_in_the_clean_solution(cause: str) -> None:
     counted = count(cause, 3)
     assert counted.first == counted.named == counted.cases == 3
+
+
+@pytest.mark.parametrize(
+    ("cause", "seed", "readings"),
+    [("wrong_face", 13, 1), ("confused_point", 8, 3), ("exchanged_targets", 39, 6)],
+)
+def test_readings_that_bend_the_adjustment_are_found_from_the_approximate_values(
+    cause: str, seed: int, readings: int
+) -> None:
+    """Without a second search good readings are set aside in their place, or hardly any fits."""
+    case = spoiled(cause, seed, 0.0)
+    found = fga.snoop(adjusted(case.network, case.readings))
+    wrong = {(case.readings[i].station, case.readings[i].target) for i in case.ids}  # type: ignore[attr-defined]
+    aside = [found.solution.network.observations.get(r.id) for r in found.rejected]
+    assert aside == [None] * readings and not found.unresolved
+    gone = [adjusted(case.network, case.readings).observations[r.id] for r in found.rejected]
+    assert {(o.station, o.target) for o in gone} == wrong  # type: ignore[attr-defined]
+    best = found.causes.found[0]  # type: ignore[union-attr]
+    assert best.cause == case.cause and case.where in best.where
+
+
+def test_of_readings_that_did_not_bend_it_there_is_one_search() -> None:
+    """A single reading that is far off, with which everything else fits."""
+    network, readings, _ = site(3)
+    readings[5] = replace(readings[5], value=readings[5].value + 20.0)  # type: ignore[attr-defined, call-arg]
+    rounds: list[int] = []
+    found = fga.snoop(adjusted(network, readings), progress=lambda r: rounds.append(r.number))
+    assert rounds == sorted(set(rounds)) and 0 not in rounds
+    assert len(found.rejected) >= 1 and not found.unresolved
+
+
+def test_a_photo_that_does_not_fit_for_another_reason_is_not_called_mirrored() -> None:
+    """Names of its points in another order: no axes make them fit."""
+    network = block(4)
+    f, p, xy, sigma = network.images.columns()
+    mine = f == network.photo_number["F3"]
+    names = np.array(list(network.points))[p[mine]]
+    network.image_mask(~mine)
+    network.add_image_points("F3", np.roll(names, 3).tolist(), xy[mine], sigma=sigma[mine])
+    found = fga.snoop(network).causes
+    assert found is not None
+    assert not [c for c in found.found if "photo 'F3'" in c.where and not c.sizes]
+
+
+def test_mirrored_axes_are_told_apart_by_the_attitude_that_was_given() -> None:
+    none, eye = np.zeros(3), np.eye(3)
+    turned = exp_rotation(np.array([0.0, 0.0, 0.5 * np.pi]))
+    fits = [Oriented("x and y, exchanged,", turned, none, 1.0, 40.0)]
+    fits.append(Oriented("the direction of y", eye, none, 1.0, 41.0))
+    assert told_apart(fits, eye) == "the direction of y"
+    assert told_apart(fits, turned) == "x and y, exchanged,"
+    assert told_apart(fits, None).startswith("the axes, mirrored")
+    assert told_apart(fits[:1], None) == "x and y, exchanged,"
+
+
+def test_a_cause_is_one_sentence_in_any_units() -> None:
+    case = spoiled("centring", 1, 0.1)
+    best = searched(adjusted(case.network, case.readings)).found[0]
+    text = str(best)
+    assert text.startswith("the centring of the instrument at ") and "2 degrees of freedom" in text
+    metres = best.said(lambda _: (1.0, "m"), "{:.3f}".format, space="_")
+    assert metres.split(": ")[0] == text.split(": ")[0]
+    assert f"east_{best.error[0]:.3f}_±_{best.sigma[0]:.3f}_m" in metres
 
 
 def test_nothing_is_told_of_good_readings() -> None:

@@ -8,7 +8,6 @@ sight fit then, that is what happened.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -28,6 +27,9 @@ MOST = 100
 """Largest number of sights for which other targets are looked for, those that fit worst."""
 TRIED = 5
 """Number of other targets that are tried for a sight: those that fit best."""
+WEAK = 1e4
+"""Largest ratio of the variance of a prediction to that of the reading: a point that the clean
+solution hardly determines fits everything."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def matches(
     if not aside:
         return ()
     readings = Readings.of(equations, Innovations(equations, clean).state)
-    search = _Search(clean, aside, chi2_quantile(1.0 - alpha, 1))
+    search = _Search(clean, network.observations, aside, chi2_quantile(1.0 - alpha, 1))
     found = [*search.sights(readings), *search.vectors(), *search.faces()]
     return tuple(sorted(_both_ways(found), key=lambda m: m.after - m.before))
 
@@ -72,8 +74,14 @@ def matches(
 class _Search:
     """The search among observations that were set aside."""
 
-    def __init__(self, clean: Solution, aside: Mapping[str, Observation], critical: float) -> None:
-        self.clean, self.aside, self.critical = clean, aside, critical
+    def __init__(
+        self,
+        clean: Solution,
+        every: Mapping[str, Observation],
+        aside: Mapping[str, Observation],
+        critical: float,
+    ) -> None:
+        self.clean, self.every, self.aside, self.critical = clean, every, aside, critical
 
     def _fit(self, changed: Sequence[Observation]) -> float:
         """Return T² of readings, each predicted from the clean solution; NaN: one does not fit."""
@@ -86,7 +94,7 @@ class _Search:
 
     def _as_is(self, ids: Sequence[str]) -> float:
         try:
-            found = predict(self.clean, [replace(self.aside[i], id=None) for i in ids])  # type: ignore[call-arg]
+            found = predict(self.clean, [replace(self.every[i], id=None) for i in ids])  # type: ignore[call-arg]
         except AdjustmentError:
             return np.inf
         return float(found.t2.sum())
@@ -103,9 +111,11 @@ class _Search:
         """Iterate over sights to another point of the list."""
         r = r.of_kinds(*(k for k in SIGHTS if k != "horizontal_angle"))
         ids = [r.equations.id(int(row)) for row in r.row]
-        kinds = set(zip(r.station.tolist(), r.target.tolist(), r.kind.tolist(), strict=True))
-        kinds_of = Counter((station, target) for station, target, _ in kinds)
-        r = r.only(np.array([i in self.aside for i in ids], dtype=bool))
+        aside = np.array([i in self.aside for i in ids], dtype=bool)
+        ends = list(zip(r.station.tolist(), r.target.tolist(), strict=True))
+        touched = {end for end, out in zip(ends, aside.tolist(), strict=True) if out}
+        keep = np.array([end in touched for end in ends], dtype=bool)
+        r, aside = r.only(keep), aside[keep]
         if not len(r.row):
             return
         names = r.equations.unknowns["point"].names
@@ -119,10 +129,12 @@ class _Search:
         for number in worst.tolist():
             station, target = sights[number].tolist()
             rows = np.flatnonzero(group == number)
-            # A single distance or zenith angle fits another point by chance, and a kind of which
-            # all readings have stayed in says that the target was the right one.
-            alone = len(rows) == 1 and r.kind[rows[0]] not in ("direction", "azimuth")
-            if alone or len(set(r.kind[rows].tolist())) < kinds_of[station, target]:
+            # Where all readings of a kind have stayed in, either the target was the right one, or
+            # they fit by chance: then all readings of the sight fit the other target.
+            if set(r.kind[rows[aside[rows]]].tolist()) == set(r.kind[rows].tolist()):
+                rows = rows[aside[rows]]
+            # A single distance or zenith angle fits another point by chance.
+            if len(rows) == 1 and r.kind[rows[0]] not in ("direction", "azimuth"):
                 continue
             own = [r.equations.id(int(row)) for row in r.row[rows]]
             part, every = r.only(rows), np.tile(rows, n)
@@ -130,9 +142,9 @@ class _Search:
             left = (part.computed - part.observed)[None, :] + change.reshape(n, -1)
             size = np.square(left / sigma[rows]).sum(axis=1)
             best = np.argsort(size)[:TRIED]
-            for b in best[np.isfinite(size[best])].tolist():
+            for b in best[size[best] < WEAK * self.critical * len(rows)].tolist():
                 try:
-                    changed = [replace(self.aside[i], target=names[b]) for i in own]  # type: ignore[call-arg]
+                    changed = [replace(self.every[i], target=names[b]) for i in own]  # type: ignore[call-arg]
                 except InputError:  # the station itself
                     continue
                 seen = f"{names[target]!r} seen from {names[station]!r}"

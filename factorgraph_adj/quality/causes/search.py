@@ -8,7 +8,7 @@ bend an adjustment too far for its linear model.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -31,6 +31,8 @@ MOST = 50
 """Largest number of places at which a cause is tested in full: those that may explain most."""
 SAME = 11.0
 """Difference of T² below which two causes cannot be told apart."""
+CHANCE = 0.01
+"""Largest probability with which good readings make any of the tested causes likelier."""
 SHARED = 2
 """Smallest number of observations that share a cause; an error of one is tested as its own."""
 
@@ -41,6 +43,11 @@ _UNIT: dict[Size, tuple[float, str]] = {
     "image": (1.0, ""),
     "number": (1.0, ""),
 }
+
+
+def _figure(value: float) -> str:
+    """Return a number with three significant digits, or as a whole number below a million."""
+    return f"{value:.0f}" if 100.0 <= abs(value) < 1e6 else f"{value:.3g}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +82,35 @@ class Cause:
 
     def __str__(self) -> str:
         """Return the cause, its size and its test, in millimetres and milligons."""
-        sizes = [
-            f"{c} {e / _UNIT[s][0]:.3g} ± {d / _UNIT[s][0]:.2g} {_UNIT[s][1]}".strip()
-            for c, s, e, d in zip(
-                self.components or ("",), self.sizes, self.error, self.sigma, strict=False
-            )
-        ]
-        text = f"{self.cause} {self.where}: " + ", ".join([*sizes, f"T² {self.t2:.4g}"])
-        return f"{text} ({self.dof} dof, critical {self.critical:.1f})" if self.sizes else text
+        return self.said(_UNIT.__getitem__, _figure)
+
+    def said(
+        self,
+        unit: Callable[[Size], tuple[float, str]],
+        figure: Callable[[float], str],
+        *,
+        space: str = " ",
+    ) -> str:
+        """Return the cause, its size and its test as a sentence without a stop.
+
+        Args:
+            unit: returns the unit of a size, SI, and its name.
+            figure: writes a number.
+            space: what divides numbers and units.
+        """
+        sizes = []
+        named = zip(self.components or ("",), self.sizes, self.error, self.sigma, strict=False)
+        for name, size, error, sigma in named:
+            if np.isfinite(error):
+                one, symbol = unit(size)
+                parts = (name, figure(error / one), "±", figure(sigma / one), symbol)
+                sizes.append(space.join(p for p in parts if p))
+        test = f"T² {figure(self.t2)}"
+        if self.sizes:
+            test += f", {self.dof} degree{'s' * (self.dof != 1)} of freedom, critical "
+            test += f"{self.critical:.1f}"
+        text = f"{self.cause} {self.where}"
+        return (f"{text}: {', '.join(sizes)}" if sizes else text) + f" ({test})"
 
     @property
     def evidence(self) -> float:
@@ -118,8 +146,13 @@ class Causes(Shown):
 
     @property
     def likelier(self) -> tuple[Cause, ...]:
-        """Exchanges, and causes that explain more than any single observation."""
-        return tuple(c for c in self.found if not c.sizes or c.evidence > self.single)
+        """Exchanges, and causes that explain more than any single observation.
+
+        Those only that good readings make as likely as this, at any of the places tested, with a
+        probability below `CHANCE`.
+        """
+        least = max(self.single, float(np.log(max(self.tested, 1) / CHANCE)))
+        return tuple(c for c in self.found if not c.sizes or c.evidence > least)
 
 
 def evidence(t2: float, dof: int) -> float:

@@ -12,7 +12,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, known
 from ...frames import LocalFrame
 from ...graph.blocks import Block
 from ...graph.equations import Equations
@@ -28,6 +28,15 @@ LEAST = 4
 FAR = 100_000.0
 """Distance from the origin of a curved local frame, metres, beyond which it is told: the error of
 the sphere that stands for the Earth is more than 1e-4 of the curvature there."""
+Y_DOWN = "with the image y axis the other way"
+EXCHANGED = "with x and y of the image exchanged"
+TRANSPOSED = "with transposed rotation matrices"
+REMEDIES: Mapping[str, str] = {
+    Y_DOWN: "state y_axis; of some photos alone, change the sign of y",
+    EXCHANGED: "exchange the columns x and y",
+    TRANSPOSED: "turn the matrices",
+}
+"""What may be wrong with photos, and what to do."""
 LENGTHS: Mapping[str, float] = {
     "feet": 0.3048,
     "US survey feet": 1200.0 / 3937.0,
@@ -167,8 +176,10 @@ def _axes(equations: Equations) -> Iterator[Finding]:
         rows = given[held[ends[0][given]] & held[ends[1][given]]]
         if len(rows) < LEAST:
             continue
-        points = equations.unknowns["point"].values
-        d = points[ends[1][rows]] - points[ends[0][rows]]
+        points = np.nan_to_num(equations.unknowns["point"].values)  # heights may be unknown
+        start = points[ends[0][rows]]
+        enu = equations.network.frame.basis(start, np.zeros((len(rows), 2))).enu
+        d = np.einsum("nij,nj->ni", enu, points[ends[1][rows]] - start)
         azimuth = np.arctan2(d[:, 0], d[:, 1])
         reading = direction_in_face_one(block.observed[rows, 0], block.constants["face"][rows])
         group = by["orientation"][rows]
@@ -225,25 +236,36 @@ def _photos(equations: Equations) -> Iterator[Finding]:
         xy = block.observed[rows]
         down = np.array([1.0, -1.0])
 
-        def misfit(r: Array, seen: Array) -> float:
-            """Return the median distance of directions; camera axes x right, y down, z ahead."""
+        def misfit(r: Array, seen: Array) -> Array:
+            """Return the distances of directions (n,); camera axes x right, y down, z ahead."""
             q = np.einsum("nji,nj->ni", r, xyz)  # noqa: B023
             ray = np.column_stack([seen * down, c])  # noqa: B023
             q = q / np.linalg.norm(q, axis=1, keepdims=True)
             ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
-            return float(np.median(np.linalg.norm(q - ray, axis=1)))
+            return np.asarray(np.linalg.norm(q - ray, axis=1))
 
         turned = np.swapaxes(rotation, 1, 2)
-        otherwise = {
-            "with the image y axis the other way": misfit(rotation, xy * down),
-            "with x and y of the image exchanged": misfit(rotation, xy[:, ::-1]),
-            "with transposed rotation matrices": misfit(turned, xy),
-        }
         now = misfit(rotation, xy)
-        best = min(otherwise, key=lambda k: otherwise[k])
-        if otherwise[best] * BETTER < now:
-            yield Finding(
-                f"the rays of {len(np.unique(photo[rows]))} photos with given orientation fit "
-                f"{now / max(otherwise[best], 1e-12):.0f} times better {best}",
-                "state y_axis, or turn the matrices",
-            )
+        otherwise = {
+            Y_DOWN: misfit(rotation, xy * down),
+            EXCHANGED: misfit(rotation, xy[:, ::-1]),
+            TRANSPOSED: misfit(turned, xy),
+        }
+        better: dict[str, list[tuple[int, float]]] = {how: [] for how in otherwise}
+        order = np.argsort(photo[rows], kind="stable")
+        numbers, first = np.unique(photo[rows][order], return_index=True)
+        for number, own in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
+            left = {how: _median(found[own]) for how, found in otherwise.items()}
+            best = min(left, key=lambda how: left[how])
+            if len(own) >= LEAST and left[best] * BETTER < _median(now[own]):
+                better[best].append((number, _median(now[own]) / max(left[best], 1e-12)))
+        names = equations.unknowns["pose"].names
+        for how, found in better.items():
+            if found:
+                every = "s" if len(found) > 1 else ""
+                times = float(np.median([t for _, t in found]))
+                yield Finding(
+                    f"the rays of {len(found)} photo{every} with given orientation fit "
+                    f"{times:.0f} times better {how}: {known([names[i] for i, _ in found])}",
+                    REMEDIES[how],
+                )

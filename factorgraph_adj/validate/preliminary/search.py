@@ -10,6 +10,7 @@ from .closures import closures
 from .finding import Finding
 from .heights import heights
 from .repeated import repeated
+from .traverses import traverses
 
 
 def mistaken(network: Network) -> tuple[Finding, ...]:
@@ -23,9 +24,9 @@ def mistaken(network: Network) -> tuple[Finding, ...]:
 def preliminary(network: Network) -> tuple[Finding, ...]:
     """Check the readings of a network without adjusting it.
 
-    The two faces of targets, where readings were reduced; levelled loops and loops of GNSS
-    vectors, distances measured several times, height differences forth and back; readings that
-    are there twice; heights of instruments within a set-up; units, signs, frames, axes and
+    The two faces of targets, where readings were reduced; levelled loops, loops of GNSS vectors,
+    and traverses; distances measured several times, height differences forth and back; readings
+    that are there twice; heights of instruments within a set-up; units, signs, frames, axes and
     rotations against given coordinates. Nothing is changed.
 
     Args:
@@ -40,5 +41,6 @@ def preliminary(network: Network) -> tuple[Finding, ...]:
         *repeated(network),
         *heights(network),
         *closures(equations),
+        *traverses(network),
         *against_given(equations),
     )

@@ -1,0 +1,289 @@
+"""Photos whose image coordinates fit with other axes: looked up in a clean solution.
+
+With x and y exchanged, or one of them the wrong way, an image is a mirror image, and no exterior
+orientation makes it fit. So most rays of the photo are set aside. Its points are known from the
+other photos: the photo is oriented anew, by resection, from the coordinates as they are and as they
+would be with other axes, and the ray of each point is compared with the point and its σ.
+
+All these axes mirror the image, and differ by a turn about the optical axis, which the orientation
+absorbs. What tells them apart is the principal point and the attitude from which the adjustment
+began; without either, they are named together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...approximate.rays import tangents
+from ...approximate.resection import resect
+from ...errors import AdjustmentError
+from ...graph.blocks import Block
+from ...graph.equations import Equations
+from ...network.network import DatumChoice, Network
+from ...network.selection import without
+from ...solve.batch import adjust
+from ...solve.solution import Solution
+from ...types import Array, Index, Mask
+from ..distributions import chi2_quantile
+from ..innovations import Innovations
+from .matches import Match
+from .search import SAME
+
+MOST = 20
+"""Largest number of photos that are tested, those with the most rays set aside."""
+LEAST = 6
+"""Smallest number of rays to known points from which a photo is oriented anew."""
+GONE = 0.5
+"""Smallest share of its rays set aside with which a photo is tested."""
+FIT = 0.9
+"""Smallest share of its rays that fit with the right axes; the others may be gross errors."""
+TURNED = np.pi / 4
+"""Largest angle between two attitudes that a turn of the axes by a right angle does not explain."""
+
+EXCHANGED = "x and y, exchanged,"
+ALONG_X, ALONG_Y = "the direction of x", "the direction of y"
+MIRRORED = "the axes, mirrored (x and y exchanged, or one the wrong way),"
+
+Axes = Callable[[Array, Array], Array]
+"""Coordinates with other axes, from coordinates (n, 2) and the principal point (2,)."""
+OTHER: tuple[tuple[str, Axes], ...] = (
+    (EXCHANGED, lambda xy, _: xy[:, ::-1]),
+    (EXCHANGED, lambda xy, _: -xy[:, ::-1]),  # with rows that count down
+    (ALONG_Y, lambda xy, _: xy * [1.0, -1.0]),
+    (ALONG_Y, lambda xy, at: xy * [1.0, -1.0] + at * [0.0, 2.0]),  # counted from the other edge
+    (ALONG_X, lambda xy, _: xy * [-1.0, 1.0]),
+    (ALONG_X, lambda xy, at: xy * [-1.0, 1.0] + at * [2.0, 0.0]),
+)
+"""Causes, and what they make of coordinates that are right; each undoes itself."""
+
+
+@dataclass(frozen=True)
+class _Rays:
+    """Rays of one photo to points that the clean solution knows."""
+
+    photo: str
+    """Name of the photo."""
+    block: Block
+    """Its image coordinates, (n, 2)."""
+    ids: tuple[str, ...]
+    """Ids of the rays."""
+    points: tuple[str, ...]
+    """Names of the points."""
+    camera: str
+    """Name of the camera."""
+    calibration: Array
+    """Calibration, (k,)."""
+    lost: float
+    """Share of its rays set aside."""
+
+
+@dataclass(frozen=True)
+class Oriented:
+    """A photo oriented from some image coordinates."""
+
+    cause: str
+    """What would be wrong; empty: nothing."""
+    rotation: Array
+    """world_R_camera, (3, 3)."""
+    position: Array
+    """Projection centre, (3,) metres."""
+    share: float
+    """Share of the rays that fit."""
+    t2: float
+    """Square sum of the residuals of points and rays."""
+
+
+def photos(
+    equations: Equations, clean: Solution, ids: Sequence[str], alpha: float
+) -> Iterator[Match]:
+    """Iterate over photos that fit with other axes.
+
+    Args:
+        equations: the network with the observations that were set aside.
+        clean: the solution without them.
+        ids: their ids.
+        alpha: probability with which a ray that is right does not fit.
+    """
+    critical = chi2_quantile(1.0 - alpha, 2)
+    suspect = _suspect(equations, clean, ids)
+    if suspect:
+        clean = _without(equations, clean, suspect, ids)
+        suspect = _suspect(equations, clean, ids)
+    for rays in suspect:
+        as_is = _oriented(clean, rays, "", rays.block.observed, critical)
+        if as_is is not None and as_is.share >= FIT:
+            continue  # only the orientation was wrong
+        at = rays.calibration[1:3]
+        tried = [
+            _oriented(clean, rays, cause, axes(rays.block.observed, at), critical)
+            for cause, axes in OTHER
+        ]
+        fit = [o for o in tried if o is not None and o.share >= FIT]
+        if not fit:
+            continue
+        best = min(fit, key=lambda o: o.t2)
+        same = [o for o in fit if o.t2 < best.t2 + SAME]
+        cause = told_apart(same, equations.network.photos[rays.photo].rotation)
+        where = f"of photo {rays.photo!r}"
+        yield Match(cause, where, rays.ids, _misfit(equations, clean, rays, best), best.t2)
+
+
+def told_apart(same: Sequence[Oriented], given: Array | None) -> str:
+    """Return which of several axes that fit it is: those with the attitude that was given."""
+    if len({o.cause for o in same}) > 1 and given is not None and np.isfinite(given).all():
+        same = [o for o in same if _angle(o.rotation, given) < TURNED] or same
+    causes = {o.cause for o in same}
+    return causes.pop() if len(causes) == 1 else MIRRORED
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Return the angle of the rotation from one attitude to another, radians."""
+    return float(np.arccos(np.clip(0.5 * (np.trace(a.T @ b) - 1.0), -1.0, 1.0)))
+
+
+def _without(
+    equations: Equations, clean: Solution, suspect: Sequence[_Rays], ids: Sequence[str]
+) -> Solution:
+    """Return the solution without any ray of some photos; the clean one where there is none.
+
+    Rays of a mirrored photo that fit by chance have stayed in, and bend the points that they touch,
+    so that good rays were set aside. Those come back; points that the other photos do not determine
+    are left out.
+    """
+    unknowns = equations.unknowns
+    photos = np.array([unknowns["pose"].number[rays.photo] for rays in suspect])
+    aside, n = _aside(equations, ids), len(unknowns["point"].names)
+    bent, counted = np.zeros(n, dtype=bool), np.zeros(n)
+    gone: list[str] = []
+    for block, lost in _images(equations, aside):
+        by = dict(block.variables)
+        bent[by["point"][~lost & np.isin(by["pose"], photos)]] = True
+    for block, lost in _images(equations, aside):
+        by = dict(block.variables)
+        own = np.isin(by["pose"], photos)
+        leave = own | (lost & ~bent[by["point"]])
+        counted += np.bincount(by["point"][~leave], minlength=n)
+        gone += [block.ids[int(i)] for i in np.flatnonzero(leave)]
+    images = {
+        block.ids[int(i)] for block, lost in _images(equations, aside) for i in lost.nonzero()[0]
+    }
+    gone += [i for i in ids if i not in images]
+    others = {p for o in equations.network.observations.values() for p in o.points()}
+    free: list[bool] = np.all(unknowns["point"].free, axis=1).tolist()
+    few = [p for p, k, f in zip(unknowns["point"].names, counted, free, strict=True) if f and k < 2]
+    few = [p for p in few if p not in others]
+    datum: DatumChoice = "given" if clean.datum is None else "free"
+    network = without(equations.network, list(dict.fromkeys(gone)), points=few)
+    for rays in suspect:  # without a ray, a photo that is not held is not determined
+        network.photos[rays.photo] = replace(
+            network.photos[rays.photo],
+            position=(0.0, 0.0, 0.0),
+            rotation=np.eye(3),
+            fixed=(True,) * 6,
+            sigma_position=None,
+            sigma_attitude=None,
+        )
+    with suppress(AdjustmentError):
+        found = adjust(network, datum=datum, start=clean)
+        if found.converged:
+            return found
+    return clean
+
+
+def _aside(equations: Equations, ids: Sequence[str]) -> Mask:
+    """Return which rows belong to observations, (n_rows,)."""
+    out = np.zeros(equations.n_rows, dtype=bool)
+    out[np.concatenate([np.zeros(0, dtype=np.intp), *equations.find(ids)])] = True
+    return out
+
+
+def _images(equations: Equations, rows: Mask) -> Iterator[tuple[Block, Mask]]:
+    """Iterate over blocks of image coordinates, and which of their rays some rows belong to."""
+    for block in equations.blocks:
+        if block.lens is not None:
+            yield block, rows[block.rows][:: block.dimension]
+
+
+def _suspect(equations: Equations, clean: Solution, ids: Sequence[str]) -> list[_Rays]:
+    """Return the photos of which most rays were set aside, those that lost most first."""
+    state = Innovations(equations, clean).state
+    known = np.all(np.isfinite(state["point"]), axis=1)
+    every: list[_Rays] = []
+    for block, gone in _images(equations, _aside(equations, ids)):
+        by = dict(block.variables)
+        n = len(equations.unknowns["pose"].names)
+        share = np.bincount(by["pose"], gone, n) / np.maximum(np.bincount(by["pose"], None, n), 1)
+        for photo in np.flatnonzero(share >= GONE).tolist():
+            own = np.flatnonzero((by["pose"] == photo) & known[by["point"]])
+            calibration = state["calibration"][by["calibration"][own]]
+            if len(own) >= LEAST and np.isfinite(calibration[:, :3]).all():
+                every.append(_rays(equations, block, own, float(share[photo]), calibration[0]))
+    return sorted(every, key=lambda r: -r.lost)[:MOST]
+
+
+def _rays(
+    equations: Equations, block: Block, own: Index, share: float, calibration: Array
+) -> _Rays:
+    by = {kind: index[own] for kind, index in block.variables}
+    photo = equations.unknowns["pose"].names[int(by["pose"][0])]
+    names = equations.unknowns["point"].names
+    return _Rays(
+        photo,
+        block.select(own),
+        tuple(block.ids[int(i)] for i in own),
+        tuple(names[int(p)] for p in by["point"]),
+        equations.network.photos[photo].camera,
+        calibration,
+        share,
+    )
+
+
+def _misfit(equations: Equations, clean: Solution, rays: _Rays, best: Oriented) -> float:
+    """Return the square sum of the rays as they are, from where the photo was taken."""
+    state = Innovations(equations, clean).state
+    number = equations.unknowns["pose"].number[rays.photo]
+    poses = state["pose"].copy()
+    poses[number] = np.concatenate([best.rotation.ravel(), best.position])
+    state = {**state, "pose": poses}
+    v = rays.block.evaluate(equations.network.frame, state, jacobians=False).residual
+    return float(np.sum(np.square(v / rays.block.sigma)))
+
+
+def _oriented(
+    clean: Solution, rays: _Rays, cause: str, xy: Array, critical: float
+) -> Oriented | None:
+    """Return the photo, oriented from image coordinates; none: it has no orientation."""
+    lens = rays.block.lens
+    assert lens is not None
+    xyz = np.array([clean.point(p) for p in rays.points])
+    calibration = rays.calibration[: len(lens.names)]
+    pose = resect(xyz, tangents(lens, xy, calibration[None, :]))
+    if pose is None:
+        return None
+    network = Network(frame=clean.network.frame)
+    for name, at in zip(rays.points, xyz, strict=True):
+        sigma = clean.standard_deviations(name)
+        held = "".join(a for a, s in zip("xyz", sigma, strict=True) if not s > 0.0)
+        network.add_point(name, at, fixed=held, sigma=[s if s > 0.0 else np.inf for s in sigma])
+    k = len(calibration)
+    network.cameras[rays.camera] = replace(
+        clean.network.cameras[rays.camera],
+        values=tuple(calibration.tolist()),
+        fixed=(True,) * k,
+        sigma=(np.inf,) * k,
+        per_photo=False,
+    )
+    network.add_photo(rays.photo, rays.camera, position=tuple(pose[1].tolist()), rotation=pose[0])
+    network.add_image_points(rays.photo, rays.points, xy, sigma=rays.block.sigma)
+    with suppress(AdjustmentError):
+        solution = adjust(network)
+        (block,) = (b for b in solution.equations.blocks if b.lens is not None)
+        v = solution.equations.residuals(solution.state)[block.rows].reshape(-1, 2)
+        share = float(np.mean(np.sum(v * v, axis=1) <= critical))
+        there = solution.pose(rays.photo)
+        return Oriented(cause, there.rotation, there.position, share, solution.vtpv)
+    return None
