@@ -38,7 +38,7 @@ from .given import Given
 from .ledger import Ledger
 from .rows import GONE
 from .units import Unit
-from .verdicts import OUTCOMES, Outcome, Verdict
+from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Verdict
 
 _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
 _TOLD = ("suspect", "rejected")
@@ -188,12 +188,13 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
     ledger, _ = ledger.appended(items, "journal")
     numbers = [int(i) + 1 for i in ids if i.isdecimal()]
     ledger = replace(ledger, next=max([ledger.next, *numbers]))
+    causes = {i: cause for cause, ids in line.get("causes", {}).items() for i in ids}
     for outcome in OUTCOMES:
         told = line.get(outcome, ())
         if missing := ledger.missing(told):
             what = f"observation {missing[0]!r} is not known here: a line before is missing"
             raise InputError(Problem(what, where))
-        ledger = _moved(ledger, ledger.find(told), outcome, told)
+        ledger = _moved(ledger, ledger.find(told), outcome, told, causes)
     for record in line.get("images", ()):
         ledger = _replay_images(ledger, record, where)
     if line.get("unweighted"):
@@ -205,14 +206,20 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
 
 
 def _moved(
-    ledger: Ledger, rows: Index, outcome: Outcome, told: Mapping[str, Any] | Sequence[str]
+    ledger: Ledger,
+    rows: Index,
+    outcome: Outcome,
+    told: Mapping[str, Any] | Sequence[str],
+    causes: Mapping[str, str],
 ) -> Ledger:
-    """Return the ledger where rows have an outcome, with the figures of their verdicts."""
+    """Return the ledger where rows have an outcome, with the figures and causes of verdicts."""
     verdicts: dict[str, Verdict] = {}
     figures_of = told if isinstance(told, Mapping) else {}
     for unit in ledger.units(rows) if figures_of else ():
         for i, o in zip(unit.ids, unit.observations, strict=True):
-            verdicts[i] = _verdict(i, o, unit.points, outcome, figures_of.get(i, {}))
+            found = _verdict(i, o, unit.points, outcome, figures_of.get(i, {}))
+            cause = causes.get(i, "")
+            verdicts[i] = replace(found, cause=cause) if cause in TOLD_CAUSES else found
     return ledger.moved(rows, outcome, "journal", verdicts)
 
 
@@ -244,8 +251,10 @@ def _replay_images(ledger: Ledger, record: Mapping[str, Any], where: str) -> Led
         rows = np.array([row_of[k] for k in keys], dtype=np.intp)
     if record["outcome"] == "gone":
         return ledger.moved(rows, None, "journal")
-    told = {ledger.ids_of(rows[[i]])[0]: f for i, f in enumerate(record.get("figures", ()))}
-    return _moved(ledger, rows, record["outcome"], told or ())
+    ids = ledger.ids_of(rows)
+    told = dict(zip(ids, record.get("figures", ()), strict=False))
+    causes = dict.fromkeys(ids, record.get("cause", ""))
+    return _moved(ledger, rows, record["outcome"], told or (), causes)
 
 
 def _verdict(
