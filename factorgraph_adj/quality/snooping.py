@@ -12,9 +12,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
-from ..errors import InputError, Problem
+from ..errors import AdjustmentError, InputError, Problem
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
+from ..solve.extra import Extra, ExtraFactors
 from ..solve.solution import Solution
 from ..solve.start import Start
 from .levels import ALPHA, POWER
@@ -36,6 +37,7 @@ def snoop(
     datum: DatumChoice | None = None,
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
     start: Solution | Start | None = None,
+    extra_factors: ExtraFactors = (),
     progress: Callable[[Round], None] | None = None,
 ) -> Snooping:
     """Find gross errors by iterated tests.
@@ -60,12 +62,15 @@ def snoop(
         datum: as for `adjust`.
         variance: as for `adjust`.
         start: an earlier solution of the network to start from, if it has converged.
+        extra_factors: as for `adjust`. A factor is tested with all its rows (T²), and is set aside
+            as a whole; not with a robust estimator.
         progress: called after each round; an exception in it ends the search.
 
     Raises:
-        InputError: unknown choices, probabilities or shares outside (0, 1]; errors of `adjust`.
+        InputError: unknown choices, probabilities or shares outside (0, 1]; factors with a robust
+            estimator; errors of `adjust`.
         DatumError, ApproximationError: as `adjust`, for the whole network.
-        AdjustmentError: as `reliability`.
+        AdjustmentError: as `reliability`; the network has no minimum with factors.
     """
     problems = []
     if test not in ("baarda", "pope"):
@@ -80,13 +85,21 @@ def snoop(
         problems.append(f"share must lie between 0 and 1, not {share}")
     if max_rounds < 1:
         problems.append(f"max_rounds must be 1 or more, not {max_rounds}")
+    extra = Extra.of(extra_factors)
+    if extra.factors and robust is not None:
+        problems.append("there is no robust estimator with factors: leave robust out")
     if problems:
         raise InputError([Problem(p) for p in problems])
     if isinstance(start, Solution) and not start.converged:
         start = None  # nothing leads back from where it ended
     solution, values = None, None
     if robust is None:
-        solution = adjust(network, datum=datum, variance=variance, start=start)
+        solution = adjust(network, datum=datum, variance=variance, start=start, extra_factors=extra)
+        if extra.factors and not solution.converged:
+            raise AdjustmentError(
+                f"the network has no minimum with its factors: {solution.reason}; find the gross "
+                "errors without extra_factors first"
+            )
     if solution is None or not solution.converged:
         scale: Literal["a-priori", "median"] = "a-priori" if test == "baarda" else "median"
         estimator: Estimator = robust or "huber"

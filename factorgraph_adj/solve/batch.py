@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
-import gtsam
 import numpy as np
 
 from ..errors import InputError
@@ -15,7 +13,7 @@ from ..network.network import DatumChoice, Network
 from ..types import Array
 from .datum import FreeDatum
 from .determine import refuse_unnoticed
-from .extra import NOTHING_MORE, Extra
+from .extra import NOTHING_MORE, Extra, ExtraFactors
 from .extrapolation import NONE_TAKEN
 from .free_network import carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
@@ -47,7 +45,7 @@ def adjust(
     weights: Array | None = None,
     tolerance: float = TOLERANCE,
     max_iterations: int = MOST_ITERATIONS,
-    extra_factors: Sequence[gtsam.NonlinearFactor] = (),
+    extra_factors: ExtraFactors = (),
     progress: Progress | None = None,
 ) -> Solution:
     """Adjust a network by least squares: minimise vᵀPv over all unknowns.
@@ -65,8 +63,9 @@ def adjust(
         tolerance: bound on the last step of every unknown, relative to its own σ.
         max_iterations: largest number of iterations; a solution that needs more is returned as
             not converged.
-        extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`; they take
-            part in solution and covariance.
+        extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`, in a list or
+            by name; they take part in solution and covariance, and have test values in
+            `Reliability.factors`.
         progress: called after each iteration; an exception in it ends the adjustment.
 
     Returns:
@@ -93,7 +92,7 @@ def adjust(
         weights=weights,
         tolerance=tolerance,
         max_iterations=max_iterations,
-        extra=Extra(tuple(extra_factors)),
+        extra=Extra.of(extra_factors),
         progress=progress,
         astray=True,
     )
