@@ -55,8 +55,7 @@ class KeyMap:
         table = self.unknowns[kind]
         number = table.number.get(name)
         if number is None:
-            meant = similar(name, table.names)
-            raise InputError(f"unknown {kind} {name!r}; known: {known(table.names)}{meant}")
+            raise InputError(f"unknown {kind} {name!r}; known: {known(table.names, meant=name)}")
         if table.offset[number] < 0:
             raise InputError(
                 Problem("is held altogether: a constant without a key", f"{kind} {name!r}")

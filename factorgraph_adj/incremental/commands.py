@@ -151,9 +151,9 @@ def discard(state: State, ids: str | Iterable[str]) -> State:
         InputError: every id that is not a suspect.
     """
     ledger, wanted = state.ledger, ids_in(ids)
-    suspects = ledger.having("suspect")
+    every = ledger.ids_of(ledger.having("suspect"))
     problems = [
-        Problem(f"is no suspect; suspects: {known(ledger.ids_of(suspects))}", f"observation {i!r}")
+        Problem(f"is no suspect; suspects: {known(every, meant=i)}", f"observation {i!r}")
         for i in wanted
         if ledger.status(i) != "suspect"
     ]

@@ -11,7 +11,7 @@ from dataclasses import fields
 from functools import lru_cache
 from itertools import product
 
-from ..errors import similar
+from ..errors import known, similar
 from ..models.variables import Quantity
 from ..observations import KINDS, observation_kind
 from ..units import ANGLE, LENGTH
@@ -156,14 +156,13 @@ def unknown_field(name: str, valid: Iterable[str]) -> str | None:
     units = sorted({n.rpartition("_")[2] for n in names if n.rpartition("_")[0] == stem and stem})
     if stem and len(units) > 1:
         order = [u for u in (*LENGTH, *ANGLE, "px", *(f"{u}2" for u in LENGTH)) if u in units]
-        return f"unknown unit {unit!r} in {name!r}; valid: {', '.join(order)}"
+        return f"unknown unit {unit!r} in {name!r}; valid: {known(order, meant=unit, most=40)}"
     if meant := similar(name, names):
         return f"unknown column {name!r}{meant}"
     stems = {n.rpartition("_")[0] for n in names if n.rpartition("_")[2] in (*LENGTH, *ANGLE)}
     short = sorted({n for n in names if n.rpartition("_")[0] not in stems})
-    return (
-        f"unknown column {name!r}; known: {', '.join([*short, *sorted(s + '_…' for s in stems)])}"
-    )
+    every = [*short, *sorted(s + "_…" for s in stems)]
+    return f"unknown column {name!r}; known: {known(every, most=40)}"
 
 
 def offer(kind: str) -> str:

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from ..errors import InputError, Problem, known, similar
+from ..errors import InputError, Problem, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds, unknown_kind
@@ -56,7 +56,9 @@ class Network(Shown):
     ) -> None:
         """Start an empty network."""
         if datum not in ("given", "free"):
-            raise InputError(f"unknown datum {datum!r}; valid: given, free")
+            raise InputError(
+                f"unknown datum {datum!r}; valid: {known(('given', 'free'), meant=datum)}"
+            )
         self.name = name
         self.frame: Frame = LocalFrame() if frame is None else frame
         self.datum: DatumChoice = datum
@@ -474,7 +476,7 @@ class Network(Shown):
 
     def _known(self, name: str, names: Mapping[Any, object], what: str, where: str) -> None:
         if name not in names:
-            text = f"unknown {what} {name!r}; known: {known(names)}{similar(name, names)}"
+            text = f"unknown {what} {name!r}; known: {known(names, meant=name)}"
             raise InputError(Problem(text, where))
 
     def headline(self) -> str:

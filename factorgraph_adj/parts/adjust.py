@@ -12,7 +12,7 @@ from uuid import uuid4
 import numpy as np
 
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known
-from ..solve.batch import MOST_WEIGHINGS
+from ..solve.batch import MOST_WEIGHINGS, VARIANCES
 from ..solve.damping import Damping
 from ..solve.iterate import Ended, Progress
 from ..solve.normal import POOR
@@ -77,7 +77,9 @@ def adjust_parts(
             junctions are not determined by all parts together.
     """
     if variance not in ("a-priori", "a-posteriori"):
-        raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
+        raise InputError(
+            f"unknown variance {variance!r}; valid: {known(VARIANCES, meant=variance)}"
+        )
     if client is not None:
         check_client(client)
     temporary = Scratch() if folder is None else None

@@ -114,7 +114,9 @@ def _names(solution: Solution, points: Sequence[str] | None) -> tuple[str, ...]:
     if wrong:
         raise InputError(
             [
-                Problem(f"unknown point {n!r}; known: {known(table.names)}", "datum points")
+                Problem(
+                    f"unknown point {n!r}; known: {known(table.names, meant=n)}", "datum points"
+                )
                 for n in wrong
             ]
         )

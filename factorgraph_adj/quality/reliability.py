@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from ..columns import Columns
-from ..errors import AdjustmentError, InputError, known, similar
+from ..errors import AdjustmentError, InputError, known
 from ..shown import FIRST, Rows, Shown
 from ..solve.leverage import Leverages, STransform, leverages, point_leverages
 from ..solve.singular import SingularError
@@ -165,9 +165,7 @@ class Reliability(Shown):
         """
         by_name = {f.name: f for f in self.factors}
         if name not in by_name:
-            raise InputError(
-                f"unknown factor {name!r}; known: {known(by_name)}{similar(name, by_name)}"
-            )
+            raise InputError(f"unknown factor {name!r}; known: {known(by_name, meant=name)}")
         return by_name[name]
 
     @cached_property

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal
 
-from ..errors import AdjustmentError, InputError, Problem
+from ..errors import AdjustmentError, InputError, Problem, known
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
 from ..solve.extra import Extra, ExtraFactors
@@ -74,9 +74,9 @@ def snoop(
     """
     problems = []
     if test not in ("baarda", "pope"):
-        problems.append(f"unknown test {test!r}; valid: baarda, pope")
+        problems.append(f"unknown test {test!r}; valid: {known(('baarda', 'pope'), meant=test)}")
     if robust is not None and robust not in ESTIMATORS:
-        problems.append(f"unknown estimator {robust!r}; valid: {', '.join(ESTIMATORS)}")
+        problems.append(f"unknown estimator {robust!r}; valid: {known(ESTIMATORS, meant=robust)}")
     if not 0 < alpha < power < 1:
         problems.append(
             f"alpha and power must lie between 0 and 1, alpha below power: {alpha}, {power}"

@@ -142,7 +142,7 @@ class VarianceComponents(Shown):
         """Return the component of a group."""
         found = {c.name: c for c in self.components}
         if name not in found:
-            raise InputError(f"unknown group {name!r}; known: {known(found)}")
+            raise InputError(f"unknown group {name!r}; known: {known(found, meant=name)}")
         return found[name]
 
     @cached_property

@@ -185,12 +185,13 @@ class Stream:
         do = fields["do"]
         command = COMMANDS.get(do) if isinstance(do, str) else None
         if command is None:
-            what = f"unknown command {requests.shown(do)}; valid: {', '.join(COMMANDS)}"
+            valid = known(COMMANDS, meant=do, most=40)
+            what = f"unknown command {requests.shown(do)}; valid: {valid}"
             raise InputError(Problem(what, "do"))
         row = Row(fields, str(do), [])
         for name in row.fields:
             if name not in ("do", "remark", *command.fields):
-                takes = ", ".join(command.fields) or "no further fields"
+                takes = known(command.fields, meant=name) if command.fields else "no further fields"
                 row.wrong(f"unknown field {requests.shown(name)}; it takes: {takes}")
         if not command.fields:
             requests.fine(row)

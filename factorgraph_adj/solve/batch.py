@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, known
 from ..graph.equations import Equations, compile_network
 from ..network.network import DatumChoice, Network
 from ..types import Array
@@ -34,6 +34,9 @@ MOST_ITERATIONS = 100
 MOST_WEIGHINGS = 10
 """Largest number of times that weights are computed: they depend on the lengths of sights, which
 hardly change with the unknowns."""
+
+VARIANCES = ("a-priori", "a-posteriori")
+"""Valid scales of covariances: 1, or σ̂0²."""
 
 
 def adjust(
@@ -80,9 +83,13 @@ def adjust(
     """
     choice = network.datum if datum is None else datum
     if choice not in ("given", "free"):
-        raise InputError(f"unknown datum {choice!r}; valid: given, free")
+        raise InputError(
+            f"unknown datum {choice!r}; valid: {known(('given', 'free'), meant=choice)}"
+        )
     if variance not in ("a-priori", "a-posteriori"):
-        raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
+        raise InputError(
+            f"unknown variance {variance!r}; valid: {known(VARIANCES, meant=variance)}"
+        )
     equations = compile_network(network)
     return adjust_from(
         equations,

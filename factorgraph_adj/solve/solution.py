@@ -419,7 +419,7 @@ class Solution(Shown):
         table = self.equations.unknowns[kind]
         if name not in table.number:
             raise InputError(
-                f"unknown {UNKNOWNS[kind].title} {name!r}; known: {known(table.names)}"
+                f"unknown {UNKNOWNS[kind].title} {name!r}; known: {known(table.names, meant=name)}"
             )
         return table.number[name]
 
