@@ -102,8 +102,8 @@ class IncrementalAdjustment:
         """Rebuild the state from a journal, and go on with it.
 
         A torn last line, of an arrival in hand when the process ended, is left out; ``resumed``
-        says so. The network, what waits, suspects and rejected observations are as they were;
-        estimates are at rest. Why something waits is told anew when it is looked at again.
+        says so. The network, what waits and why, suspects and rejected observations are as they
+        were; estimates are at rest.
 
         Raises:
             InputError: no journal, or a damaged line before the last.

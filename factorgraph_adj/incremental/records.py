@@ -3,8 +3,9 @@
 The first line has the options and the network at the start as the files of a project. Every other
 line is one change that counts: what was asked (``do``), new points, photos and cameras, the
 observations that are new or changed, the ids that became ``gone``, ``accepted``, ``waiting``,
-``suspect`` or ``rejected``, and why (``causes``). Image points stand in ``images``, those of a
-photo with the same outcome together. Reading back needs no test again.
+``suspect`` or ``rejected``, and why (``causes``); what is said of what waits (``lacks``). Image
+points stand in ``images``, those of a photo with the same outcome together. Reading back needs no
+test again.
 """
 
 from __future__ import annotations
@@ -105,7 +106,21 @@ def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
     more = {"observations": defined, "images": images, "causes": causes}
     more["found"] = {kind: dict(values) for kind, values in after.filled.items()}
     more["unweighted"] = list(after.unweighted)
+    more["lacks"] = _lacks(before, after)
     return out | {name: found for name, found in more.items() if found}
+
+
+def _lacks(before: Ledger, after: Ledger) -> list[list[str]]:
+    """Return why variables (kind, name, why) and observations (id, why) wait, where that is new.
+
+    The reason is empty where it is none any more.
+    """
+    was, now = before.lacks, after.lacks
+    if was is now:
+        return []
+    changed = {key: why for key, why in now.items() if was.get(key) != why}
+    changed |= dict.fromkeys(was.keys() - now.keys(), "")
+    return [[*((key,) if isinstance(key, str) else key), why] for key, why in changed.items()]
 
 
 def _images(after: Ledger, changed: Index, first: int) -> list[dict[str, Any]]:
@@ -202,7 +217,9 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
     for kind, values in line.get("found", {}).items():
         found = {n: np.array(v, dtype=float) for n, v in values.items()}
         ledger = ledger.with_values(kind, found)
-    return ledger.recorded()[0]
+    changed = {tuple(key) if len(key) > 1 else key[0]: why for *key, why in line.get("lacks", ())}
+    kept = {key: why for key, why in ({**ledger.lacks, **changed}).items() if why}
+    return replace(ledger, lacks=kept).recorded()[0]
 
 
 def _moved(
