@@ -93,6 +93,8 @@ def known(names: Iterable[object], *, meant: object = "", most: int = 12) -> str
 def similar(name: str, names: Collection[str]) -> str:
     """Return ``"; did you mean 'x'?"`` with the name that is most similar; empty if none is.
 
+    Units are not asked for: ``grad`` is like ``rad``, and means ``gon``.
+
     >>> similar("d1", ["D1", "D2"])
     "; did you mean 'D1'?"
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from .errors import InputError, known
+from .errors import InputError
 
 ANGLE: dict[str, float] = {
     "rad": 1.0,
@@ -34,16 +34,14 @@ _DMS = re.compile(r"^\s*([+-])?\s*(\d+)[\s:°d-]+(\d+)[\s:'′m-]+(\d+(?:\.\d*)?
 def angle_unit(unit: str) -> float:
     """Return the radians in one ``unit`` of angle; InputError lists the valid ones."""
     if unit not in ANGLE:
-        raise InputError(
-            f"unknown unit of angle {unit!r}; valid: {known([*ANGLE, 'dms'], meant=unit)}"
-        )
+        raise InputError(f"unknown unit of angle {unit!r}; valid: {', '.join(ANGLE)}, dms")
     return ANGLE[unit]
 
 
 def length_unit(unit: str) -> float:
     """Return the metres in one ``unit`` of length; InputError lists the valid ones."""
     if unit not in LENGTH:
-        raise InputError(f"unknown unit of length {unit!r}; valid: {known(LENGTH, meant=unit)}")
+        raise InputError(f"unknown unit of length {unit!r}; valid: {', '.join(LENGTH)}")
     return LENGTH[unit]
 
 

@@ -156,7 +156,7 @@ def unknown_field(name: str, valid: Iterable[str]) -> str | None:
     units = sorted({n.rpartition("_")[2] for n in names if n.rpartition("_")[0] == stem and stem})
     if stem and len(units) > 1:
         order = [u for u in (*LENGTH, *ANGLE, "px", *(f"{u}2" for u in LENGTH)) if u in units]
-        return f"unknown unit {unit!r} in {name!r}; valid: {known(order, meant=unit, most=40)}"
+        return f"unknown unit {unit!r} in {name!r}; valid: {', '.join(order)}"
     if meant := similar(name, names):
         return f"unknown column {name!r}{meant}"
     stems = {n.rpartition("_")[0] for n in names if n.rpartition("_")[2] in (*LENGTH, *ANGLE)}
