@@ -23,7 +23,7 @@ class Graph:
     """The factor graph of a network at its start values."""
 
     graph: gtsam.NonlinearFactorGraph
-    """A ``gtsam.CustomFactor`` for each observation and weighted unknown, in the order of the
+    """A factor written in Python for each observation and weighted unknown, in the order of the
     equations; one for each correlated group; at the end a factor with a constrained noise model
     for each variable of which only some components are held. Unwhitened residuals are computed −
     observed, in SI or image units. The graph is a copy: changing it changes no adjustment."""

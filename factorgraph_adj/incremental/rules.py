@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Real
+from typing import get_args
 
 from ..errors import InputError, Problem, known
 from ..network.network import DatumChoice
 from .verdicts import Outcome, Policy
 
 POLICIES = ("accept", "flag", "reject")
-DATUMS = ("given", "free")
+DATUMS = get_args(DatumChoice)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -55,10 +55,8 @@ class Network(Shown):
         self, name: str = "", *, frame: Frame | None = None, datum: DatumChoice = "given"
     ) -> None:
         """Start an empty network."""
-        if datum not in ("given", "free"):
-            raise InputError(
-                f"unknown datum {datum!r}; valid: {known(('given', 'free'), meant=datum)}"
-            )
+        if datum not in (valid := get_args(DatumChoice)):
+            raise InputError(f"unknown datum {datum!r}; valid: {known(valid, meant=datum)}")
         self.name = name
         self.frame: Frame = LocalFrame() if frame is None else frame
         self.datum: DatumChoice = datum
@@ -476,8 +474,8 @@ class Network(Shown):
 
     def _known(self, name: str, names: Mapping[Any, object], what: str, where: str) -> None:
         if name not in names:
-            text = f"unknown {what} {name!r}; known: {known(names, meant=name)}"
-            raise InputError(Problem(text, where))
+            there = known(names, meant=name)
+            raise InputError(Problem(f"unknown {what} {name!r}; known: {there}", where))
 
     def headline(self) -> str:
         """Say what the network has."""

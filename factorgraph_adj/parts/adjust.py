@@ -76,7 +76,7 @@ def adjust_parts(
         DatumError: unknowns of a part are not determined by the part and its junctions, or the
             junctions are not determined by all parts together.
     """
-    if variance not in ("a-priori", "a-posteriori"):
+    if variance not in VARIANCES:
         raise InputError(
             f"unknown variance {variance!r}; valid: {known(VARIANCES, meant=variance)}"
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -82,11 +82,9 @@ def adjust(
             has datum defects and no free network is asked for.
     """
     choice = network.datum if datum is None else datum
-    if choice not in ("given", "free"):
-        raise InputError(
-            f"unknown datum {choice!r}; valid: {known(('given', 'free'), meant=choice)}"
-        )
-    if variance not in ("a-priori", "a-posteriori"):
+    if choice not in (valid := get_args(DatumChoice)):
+        raise InputError(f"unknown datum {choice!r}; valid: {known(valid, meant=choice)}")
+    if variance not in VARIANCES:
         raise InputError(
             f"unknown variance {variance!r}; valid: {known(VARIANCES, meant=variance)}"
         )
