@@ -39,7 +39,9 @@ class Columns(Shown):
             InputError: no such column.
         """
         if name not in self.columns:
-            raise InputError(f"unknown column {name!r}; known: {known(self.columns, most=30)}")
+            raise InputError(
+                f"unknown column {name!r}; known: {known(self.columns, most=30, meant=name)}"
+            )
         return self.columns[name]
 
     def __iter__(self) -> Iterator[str]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, known
 from .types import Array
 
 
@@ -85,5 +85,7 @@ ELLIPSOIDS: dict[str, Ellipsoid] = {
 def ellipsoid(name: str) -> Ellipsoid:
     """Return the ellipsoid called ``name``; InputError lists the known ones."""
     if name not in ELLIPSOIDS:
-        raise InputError(f"unknown ellipsoid {name!r}; known: {', '.join(ELLIPSOIDS)}")
+        raise InputError(
+            f"unknown ellipsoid {name!r}; known: {known(ELLIPSOIDS, meant=name, most=40)}"
+        )
     return ELLIPSOIDS[name]

@@ -92,22 +92,32 @@ class ApproximationError(AdjustmentError):
         super().__init__("\n".join(str(p) for p in self.problems))
 
 
-def known(names: Iterable[str], *, most: int = 12) -> str:
-    """List valid names for an error message, cut to ``most``.
+def known(names: Iterable[object], *, meant: object = "", most: int = 12) -> str:
+    """List valid names for an error message, cut to ``most``; ask for the one that was meant.
 
     >>> known(["a", "b", "c"], most=2)
     'a, b, … (3 in all)'
+    >>> known(["given", "free"], meant="fre")
+    "given, free; did you mean 'free'?"
+
+    Args:
+        names: the valid names.
+        meant: the wrong name, see `similar`; none: nothing is asked.
+        most: number of names that are listed at most.
     """
     listed = [str(n) for n in names]
     if not listed:
         return "none"
+    asked = similar(meant, listed) if isinstance(meant, str) else ""
     if len(listed) <= most:
-        return ", ".join(listed)
-    return ", ".join(listed[:most]) + f", … ({len(listed)} in all)"
+        return ", ".join(listed) + asked
+    return ", ".join(listed[:most]) + f", … ({len(listed)} in all)" + asked
 
 
 def similar(name: str, names: Collection[str]) -> str:
     """Return ``"; did you mean 'x'?"`` with the name that is most similar; empty if none is.
+
+    Units are not asked for: ``grad`` is like ``rad``, and means ``gon``.
 
     >>> similar("d1", ["D1", "D2"])
     "; did you mean 'D1'?"

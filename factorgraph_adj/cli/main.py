@@ -19,6 +19,7 @@ from .adjust import add_adjust
 from .check import add_check
 from .exit_codes import BAD_INPUT, FAULT, FINE, INTERRUPTED
 from .messages import complain
+from .parser import Parser
 from .plan import add_plan
 from .stream import add_stream
 
@@ -97,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser: argparse.ArgumentParser = Parser(
         prog="factorgraph-adj",
         description="Combined adjustment of terrestrial and photogrammetric observations.",
         epilog="exit codes: 0 fine; 1 not converged, global test failed, or gross errors left; "

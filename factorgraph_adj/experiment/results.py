@@ -64,7 +64,7 @@ class Results(Shown):
             InputError: the figure, factor or level is unknown.
         """
         if figure not in self.figures:
-            what = f"unknown figure {figure!r}; known: {known(self.figures)}"
+            what = f"unknown figure {figure!r}; known: {known(self.figures, meant=figure)}"
             raise InputError(what)
         self._check(levels)
         want = encoded(levels)
@@ -80,12 +80,12 @@ class Results(Shown):
         problems = []
         for name, level in levels.items():
             if name not in self.factors:
-                what = f"unknown factor {name!r}; known: {known(self.factors)}"
+                what = f"unknown factor {name!r}; known: {known(self.factors, meant=name)}"
                 problems.append(Problem(what))
                 continue
             there = {written(row.levels[name]): row.levels[name] for row in self.rows}
             if encoded({"": level}) not in [encoded({"": other}) for other in there.values()]:
-                what = f"unknown level {level!r}; known: {known(there)}"
+                what = f"unknown level {level!r}; known: {known(there, meant=level)}"
                 problems.append(Problem(what, f"factor {name!r}"))
         if problems:
             raise InputError(problems)

@@ -129,10 +129,12 @@ class Summary(Shown):
         every = [row for row in self.rows if row.figure == figure]
         if not every:
             names = dict.fromkeys(row.figure for row in self.rows)
-            raise InputError(f"unknown figure {figure!r}; known: {known(names)}")
+            raise InputError(f"unknown figure {figure!r}; known: {known(names, meant=figure)}")
         unknown = [name for name in levels if name not in self.factors]
         if unknown:
-            raise InputError(f"unknown factor {unknown[0]!r}; known: {known(self.factors)}")
+            raise InputError(
+                f"unknown factor {unknown[0]!r}; known: {known(self.factors, meant=unknown[0])}"
+            )
         want = encoded(levels)
         found = [row for row in every if encoded({n: row.levels[n] for n in levels}) == want]
         if len(found) != 1:

@@ -23,8 +23,10 @@ class Graph:
     """The factor graph of a network at its start values."""
 
     graph: gtsam.NonlinearFactorGraph
-    """One factor for each observation and weighted unknown, in the order of the equations; one
-    for each correlated group; one hard constraint for each partly held variable."""
+    """A factor written in Python for each observation and weighted unknown, in the order of the
+    equations; one for each correlated group; at the end a factor with a constrained noise model
+    for each variable of which only some components are held. Unwhitened residuals are computed −
+    observed, in SI or image units. The graph is a copy: changing it changes no adjustment."""
     values: gtsam.Values
     """Start values of the variables."""
     keys: KeyMap
@@ -41,9 +43,10 @@ class Graph:
 def build_graph(network: Network | Equations, *, state: State | None = None) -> Graph:
     """Return the factor graph of a network.
 
-    The error of the graph is ½ vᵀPv. The factors are Python callbacks of the models, so iterate
-    in Python with ``graph.linearize(values)``: GTSAM's own optimisers copy all values for every
-    callback. `adjust` uses the same models on whole arrays and needs no graph.
+    The error of the graph is ½ vᵀPv, with the weights of the start values and without robust
+    weights; it has no datum of a free network. The factors are Python callbacks of the models, so
+    iterate in Python with ``graph.linearize(values)``: GTSAM's own optimisers copy all values for
+    every callback. `adjust` uses the same models on whole arrays and needs no graph.
 
     Args:
         network: the network, or its observation equations.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 
 import gtsam
 import numpy as np
@@ -12,17 +12,25 @@ from ..models.variables import VariableKind
 from ..types import Array, Index
 from .equations import Equations
 from .keys import KeyMap, from_gtsam, insert
-from .variables import State
+from .variables import State, Unknowns
 
 _NOISE = 1e-12
 """Eigenvalues of a scaled information matrix that are smaller than this fraction of the largest
 eigenvalue are rounding errors."""
 
 
+def name_of(number: int, factor: gtsam.NonlinearFactor) -> str:
+    """Return the name of a factor that the user has not named, by its number from 1."""
+    return f"factor {number} ({type(factor).__name__})"
+
+
 def linearise_extra(
-    factors: Iterable[gtsam.NonlinearFactor], equations: Equations, state: State
-) -> list[tuple[Index, Array, Array]]:
-    """Linearise factors at ``state``.
+    factors: Mapping[str, gtsam.NonlinearFactor],
+    equations: Equations,
+    state: State,
+    keyed: Unknowns | None = None,
+) -> list[tuple[str, Index, Array, Array]]:
+    """Linearise factors, by their names, at ``state``.
 
     The factors take the values that `factorgraph_adj.graph.keys.values_of` gives: poses as
     Pose3, everything else as vectors. A robust noise model enters with the weights that its
@@ -30,8 +38,13 @@ def linearise_extra(
     marginalised priors) enters by a square root of its information, whose rows serve as
     residuals.
 
+    Keys number the unknowns of one network. In another network, with fewer points for instance,
+    the same key may belong to another unknown: ``keyed`` are the unknowns that the keys of the
+    factors belong to, which are found in ``equations`` by their names; none: those of
+    ``equations``.
+
     Returns:
-        For each factor the columns (k,) of its variables among the unknowns, its whitened
+        For each factor its name, the columns (k,) of its variables among the unknowns, its whitened
         partials A (m, k), zero for held components, and its whitened residuals r (m,). The
         linear model is r + A dx; |r|² = twice the error is the factor's part of vᵀPv. Inactive
         factors have no entry.
@@ -40,13 +53,13 @@ def linearise_extra(
         InputError: a key is unknown in the network, or its variable is held or of another type;
             a factor is a hard constraint, not finite, or has no square root.
     """
-    keys = KeyMap(equations.unknowns)
+    unknowns = equations.unknowns
+    keys = KeyMap(unknowns if keyed is None else keyed)
     out = []
-    for number, factor in enumerate(factors, start=1):
-        where = f"factor {number} ({type(factor).__name__})"
-        variables = _variables(factor, keys, where)
+    for where, factor in factors.items():
         values = gtsam.Values()
-        insert(values, equations.unknowns, state, variables)
+        for key, variable in _variables(factor, keys, unknowns, where).items():
+            insert(values, unknowns, state, [variable], [key])
         try:
             linear = factor.linearize(values)
         except RuntimeError as error:
@@ -57,19 +70,23 @@ def linearise_extra(
             continue
         a, r = _square_root(linear, where)
         # A linear factor may keep its keys in another order than the factor itself.
-        variables = [keys.variable(k) for k in list(linear.keys())]
-        out.append((*_columns(equations, state, variables, a, where), r))
+        found = _variables(factor, keys, unknowns, where)
+        variables = [found[k] for k in list(linear.keys())]
+        out.append((where, *_columns(equations, state, variables, a, where), r))
     return out
 
 
 def _variables(
-    factor: gtsam.NonlinearFactor, keys: KeyMap, where: str
-) -> list[tuple[VariableKind, int]]:
-    """Return kind and number of the variables of a factor, each once."""
-    problems, found = [], []
+    factor: gtsam.NonlinearFactor, keys: KeyMap, unknowns: Unknowns, where: str
+) -> dict[int, tuple[VariableKind, int]]:
+    """Return kind and number among unknowns of each key of a factor."""
+    problems, found = [], {}
     for key in dict.fromkeys(factor.keys()):
         try:
-            found.append(keys.variable(key))
+            found[key] = keys.variable(key)
+            if keys.unknowns is not unknowns:
+                here = KeyMap(unknowns).key(keys.kind(key), keys.name(key))
+                found[key] = KeyMap(unknowns).variable(here)
         except InputError as error:
             problems += [Problem(p.what, where) for p in error.problems]
     if problems:

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Sequence
 import gtsam
 import numpy as np
 
-from ..errors import AdjustmentError, InputError, Problem, known
+from ..errors import AdjustmentError, InputError, Problem, known, similar
 from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
 from ..rotation import log_rotation, right_jacobian_inverse
 from ..types import Array
@@ -50,11 +50,12 @@ class KeyMap:
             InputError: the network has no such variable, or the variable is completely held.
         """
         if kind not in UNKNOWNS:
-            raise InputError(f"unknown kind of variable {kind!r}; valid: {', '.join(UNKNOWNS)}")
+            valid = f"valid: {', '.join(UNKNOWNS)}{similar(kind, UNKNOWNS)}"
+            raise InputError(f"unknown kind of variable {kind!r}; {valid}")
         table = self.unknowns[kind]
         number = table.number.get(name)
         if number is None:
-            raise InputError(f"unknown {kind} {name!r}; known: {known(table.names)}")
+            raise InputError(f"unknown {kind} {name!r}; known: {known(table.names, meant=name)}")
         if table.offset[number] < 0:
             raise InputError(
                 Problem("is held altogether: a constant without a key", f"{kind} {name!r}")
@@ -112,10 +113,19 @@ def insert(
     unknowns: Unknowns,
     state: State,
     variables: Iterable[tuple[VariableKind, int]],
+    keys: Sequence[int] | None = None,
 ) -> None:
-    """Put variables of ``state`` into ``values``: poses as Pose3, all others as vectors."""
-    for kind, number in variables:
-        key = KeyMap.of(kind, number)
+    """Put variables of ``state`` into ``values``: poses as Pose3, all others as vectors.
+
+    Args:
+        values: the values.
+        unknowns: the unknowns of ``state``.
+        state: values of all variables.
+        variables: kind and number of each variable.
+        keys: the key of each variable; none: its own.
+    """
+    for place, (kind, number) in enumerate(variables):
+        key = KeyMap.of(kind, number) if keys is None else keys[place]
         if is_pose(kind):
             row = state[kind][number]
             values.insert(key, gtsam.Pose3(gtsam.Rot3(row[:9].reshape(3, 3)), row[9:]))

@@ -88,6 +88,8 @@ class IncrementalAdjustment:
         self._rules = Rules(policy, alpha, accuracy, chosen)
         self._journal: Journal | None = None
         self._solution: tuple[State, Solution] | None = None
+        self.latest = Arrival()
+        """What the latest command came to; after `snoop`, the verdicts on what came back."""
         own = network.copy()
         own.datum = chosen
         self._state = begin(Ledger.of(own), self._rules, start)
@@ -100,8 +102,8 @@ class IncrementalAdjustment:
         """Rebuild the state from a journal, and go on with it.
 
         A torn last line, of an arrival in hand when the process ended, is left out; ``resumed``
-        says so. The network, what waits, suspects and rejected observations are as they were;
-        estimates are at rest. Why something waits is told anew when it is looked at again.
+        says so. The network, what waits and why, suspects and rejected observations are as they
+        were; estimates are at rest.
 
         Raises:
             InputError: no journal, or a damaged line before the last.
@@ -113,6 +115,7 @@ class IncrementalAdjustment:
             network.datum = options["datum"]
             out._rules = Rules(**options)
             out.resumed, out._solution, out._journal = torn, None, None
+            out.latest = Arrival()
             out._state = replayed(network, entries, out._rules, str(journal))
         except BaseException:
             opened.close()
@@ -138,7 +141,7 @@ class IncrementalAdjustment:
         if self._journal is not None:
             changed = records.difference(self._state.ledger, state.ledger)
             self._journal.append({"do": do, **(fields or {}), **changed})
-        self._state = state.recorded()
+        self._state, self.latest = state.recorded(), arrival
         return arrival
 
     def add(
@@ -173,7 +176,8 @@ class IncrementalAdjustment:
     def remove(self, ids: str | Iterable[str]) -> Arrival:
         """Take observations out, wherever they are: in the graph, waiting, suspect or rejected.
 
-        What they alone determined waits again, with all observations of it.
+        What they alone determined waits again, with all observations of it. Suspects and rejected
+        observations that fit by now come back, see `factorgraph_adj.incremental.coming_back`.
 
         Args:
             ids: ids; ``photo/point`` for image points; names such as ``"point P1 x"`` for weighted
@@ -211,6 +215,8 @@ class IncrementalAdjustment:
     def accept(self, ids: str | Iterable[str]) -> Arrival:
         """Put suspects, or rejected observations, in after all.
 
+        Others that fit by now come back, as after `remove`.
+
         Raises:
             InputError: every id that is neither; nothing has changed then.
         """
@@ -230,16 +236,18 @@ class IncrementalAdjustment:
         Args:
             options: as those of `factorgraph_adj.snoop`.
 
-        What it takes out is then among ``rejected``; only what is returned has its figures.
+        What it takes out is then among ``rejected``; only what is returned has its figures. What
+        fits without it comes back, as after `remove`: ``latest`` has the verdicts, while the
+        solution that is returned is the one without these.
 
         Raises:
             InputError: nothing is in the graph.
         """
         chosen = {"alpha": self.alpha, **options}
         there = self.network(), self.solution()
-        after, arrival, found = commands.snooped(self._state, *there, self._rules, chosen)
+        after, self.latest, found = commands.snooped(self._state, *there, self._rules, chosen)
         if after is not self._state:
-            self._changed("snoop", (after, arrival))
+            self._changed("snoop", (after, self.latest))
         return found
 
     def settle(self) -> None:

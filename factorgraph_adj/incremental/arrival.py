@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,7 +48,9 @@ class Waiting:
     """What is missing until it can enter."""
 
 
-def arrival_of(before: State, after: State, told: Told, given: Iterable[str]) -> Arrival:
+def arrival_of(
+    before: State, after: State, told: Told, given: Iterable[str], command: str
+) -> Arrival:
     """Return what observations came to.
 
     Args:
@@ -56,6 +58,7 @@ def arrival_of(before: State, after: State, told: Told, given: Iterable[str]) ->
         after: the state after.
         told: verdicts on the tested observations.
         given: ids of the observations that were given.
+        command: the command, for verdicts on what came back.
     """
     ledger, then = after.ledger, before.ledger
     ids = dict.fromkeys(given)
@@ -63,7 +66,7 @@ def arrival_of(before: State, after: State, told: Told, given: Iterable[str]) ->
     every = told | {v.id: v for v in _verdicts_of_waiting(after, late)}
     verdicts = [every[i] for i in ids if i in every]
     others = then.find(i for i in told if i not in ids)
-    out = [CODE["waiting"], CODE["suspect"]]
+    out = [CODE["waiting"], CODE["suspect"], CODE["rejected"]]
     waited = then.ids_of(others[np.isin(then.rows.status[others], out)])
     rows = ledger.find(waited)
     changed = ledger.rows.status[rows] != CODE["waiting"]
@@ -72,6 +75,9 @@ def arrival_of(before: State, after: State, told: Told, given: Iterable[str]) ->
     inside = ledger.ids_of(rows[changed & ~still])
     both = set(inside).intersection(waited).difference(ids)
     entered = [v for i, v in told.items() if i in both]
+    left_out = set(then.ids_of(others[np.isin(then.rows.status[others], out[1:])]))
+    back = f"came back after {command}()"
+    entered = [replace(v, cause=back) if v.id in left_out else v for v in entered]
     # Rows of the state before have kept their numbers.
     was = then.having("accepted")
     left = then.ids_of(was[ledger.rows.status[was] != CODE["accepted"]])

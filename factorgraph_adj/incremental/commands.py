@@ -20,6 +20,7 @@ from ..types import Index
 from .arrival import Arrival, arrival_of
 from .beginning import settled
 from .candidates import Candidates, known_in
+from .coming_back import looked_again, measured_again
 from .cutting import in_pieces
 from .flow import State, Task, Told, absorb
 from .given import Given, ids_in, listed
@@ -30,6 +31,7 @@ from .rows import CODE
 from .rules import Rules
 from .system import System
 from .taking_out import take_out
+from .verdicts import DISCARDED, SNOOPED
 
 MOST_WEIGHT = 1e12
 """Largest factor by which a weight may be multiplied; its inverse is the smallest."""
@@ -58,7 +60,7 @@ def add(state: State, given: Given, rules: Rules) -> tuple[State, Arrival]:
     new += [("pose", f.name) for f in photos]
     new += [("calibration", c.name) for c in cameras]
     after = _with_weighted(after, new, rules)
-    return after, arrival_of(state, after, told, ledger.ids_of(rows))
+    return after, arrival_of(state, after, told, ledger.ids_of(rows), "add")
 
 
 def remove(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State, Arrival]:
@@ -69,7 +71,8 @@ def remove(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State,
     """
     weights = weighted_unknowns(state.ledger.network)
     after, told = _without(state, known_ids(state, ids_in(ids), weights), rules)
-    return after, arrival_of(state, after, told, ())
+    after, told = looked_again(after, told, rules)
+    return after, arrival_of(state, after, told, (), "remove")
 
 
 def put_in_place(
@@ -86,8 +89,9 @@ def put_in_place(
     ledger, rows = out.state.ledger.taken([named(observation, ident)])
     tasks = [Task(rows, asked=True), *out.tasks]
     begun = replace(out.state, ledger=ledger)
-    after, told = absorb(begun, tasks, rules, start=out.start, left=True)
-    return after, arrival_of(state, after, told, [ident])
+    after, told = absorb(begun, tasks, rules, start=out.start)
+    after, told = looked_again(after, told, rules)
+    return after, arrival_of(state, after, told, [ident], "replace")
 
 
 def reweight(
@@ -112,8 +116,9 @@ def reweight(
     fixed = again[before.rows.status[rows] == CODE["accepted"]]
     tasks = [Task(again, fixed, asked=True), *out.tasks]
     begun = replace(out.state, ledger=ledger)
-    after, told = absorb(begun, tasks, rules, start=out.start, left=True)
-    return after, arrival_of(state, after, told, every)
+    after, told = absorb(begun, tasks, rules, start=out.start)
+    after, told = looked_again(after, told, rules)
+    return after, arrival_of(state, after, told, every, "reweight")
 
 
 def accept(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State, Arrival]:
@@ -135,7 +140,8 @@ def accept(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State,
         raise InputError(problems)
     ledger = ledger.moved(rows, "waiting", "accepted by hand")
     after, told = absorb(replace(state, ledger=ledger), [Task(rows, rows, asked=True)], rules)
-    return after, arrival_of(state, after, told, ledger.ids_of(rows))
+    after, told = looked_again(after, told, rules)
+    return after, arrival_of(state, after, told, ledger.ids_of(rows), "accept")
 
 
 def discard(state: State, ids: str | Iterable[str]) -> State:
@@ -145,30 +151,41 @@ def discard(state: State, ids: str | Iterable[str]) -> State:
         InputError: every id that is not a suspect.
     """
     ledger, wanted = state.ledger, ids_in(ids)
-    suspects = ledger.having("suspect")
+    every = ledger.ids_of(ledger.having("suspect"))
     problems = [
-        Problem(f"is no suspect; suspects: {known(ledger.ids_of(suspects))}", f"observation {i!r}")
+        Problem(f"is no suspect; suspects: {known(every, meant=i)}", f"observation {i!r}")
         for i in wanted
         if ledger.status(i) != "suspect"
     ]
     if problems:
         raise InputError(problems)
-    told = {v.id: replace(v, verdict="rejected") for v in ledger.verdicts("suspect")}
-    ledger = ledger.moved(ledger.find(wanted), "rejected", "discarded", told)
+    told = {
+        v.id: replace(v, verdict="rejected", cause=DISCARDED) for v in ledger.verdicts("suspect")
+    }
+    ledger = ledger.moved(ledger.find(wanted), "rejected", DISCARDED, told)
     return replace(state, ledger=ledger)
 
 
-def reject(state: State, ids: Sequence[str], rules: Rules, cause: str) -> tuple[State, Arrival]:
-    """Take observations out and keep them as rejected; weighted unknowns lose their weights."""
+def reject(state: State, ids: Sequence[str], rules: Rules, limit: float) -> tuple[State, Arrival]:
+    """Reject what data snooping found; weighted unknowns lose their weights.
+
+    Args:
+        state: the state.
+        ids: ids of observations, and names of weighted unknowns.
+        rules: the options.
+        limit: limit of |w| in that search.
+    """
     ledger = state.ledger
     rows = ledger.find(ids)
     every, units = ledger.ids_of(rows), ledger.units(rows)
     weights = ledger.missing(ids)
-    after, told = _without(state, [*every, *weights], rules, cause=cause)
+    after, told = _without(state, [*every, *weights], rules, cause=SNOOPED)
     taken, again = after.ledger.taken([u.item for u in units])
-    verdicts = {v.id: v for u in units for v in untested(u, "rejected")}
-    after = replace(after, ledger=taken.moved(again, "rejected", cause, verdicts))
-    return after, arrival_of(state, after, told, ())
+    told_of = (v for u in units for v in untested(u, "rejected", cause=SNOOPED))
+    verdicts = {v.id: replace(v, critical=limit**2) for v in told_of}
+    after = replace(after, ledger=taken.moved(again, "rejected", SNOOPED, verdicts))
+    after, told = looked_again(after, told, rules, but=every, limit=limit)
+    return after, arrival_of(state, after, told, (), "snoop")
 
 
 def snooped(
@@ -188,7 +205,8 @@ def snooped(
     ids += [i for p in found.points_set_aside for i in p.rays]
     if not ids:
         return state, Arrival(), found
-    return *reject(state, list(dict.fromkeys(ids)), rules, "snooping"), found
+    limit = found.critical * (found.solution.sigma0 if found.test == "pope" else 1.0)
+    return *reject(state, list(dict.fromkeys(ids)), rules, limit), found
 
 
 def settle(state: State, rules: Rules) -> tuple[State, Arrival]:
@@ -204,7 +222,7 @@ def settle(state: State, rules: Rules) -> tuple[State, Arrival]:
             after = settled(after, rules)
         if len(after.ledger.having("waiting")) == len(waiting):
             break
-    return after, arrival_of(state, after, told, ())
+    return after, arrival_of(state, after, told, (), "settle")
 
 
 # -- helpers --------------------------------------------------------------------------------------
@@ -233,7 +251,7 @@ def _without(
 ) -> tuple[State, Told]:
     """Take observations out, and look at what is left to be looked at."""
     out = take_out(state, ids, rules, cause)
-    return absorb(out.state, out.tasks, rules, start=out.start, left=True)
+    return absorb(out.state, out.tasks, rules, start=out.start)
 
 
 def _with_weighted(state: State, new: Sequence[Variable], rules: Rules) -> State:
@@ -256,12 +274,6 @@ def _with_weighted(state: State, new: Sequence[Variable], rules: Rules) -> State
 
 def _measured_again(ledger: Ledger, chosen: Index) -> list[Problem]:
     """Return rejected image points that have been measured again since."""
-    rows, problems = ledger.rows, []
-    for row in rows.images(chosen).tolist():
-        others = rows.measured(int(rows.photo[row]), rows.point[[row]])
-        others = others[others != row]
-        if (rows.status[others] != rows.status[row]).any():
-            what = "the point has been measured in this photo again since"
-            (name,) = rows.ids(ledger.names, row)
-            problems.append(Problem(what, f"observation {name!r}"))
-    return problems
+    what = "the point has been measured in this photo again since"
+    again = ledger.ids_of(measured_again(ledger, chosen))
+    return [Problem(what, f"observation {name!r}") for name in again]

@@ -101,7 +101,6 @@ def absorb(
     rules: Rules,
     *,
     start: Solution | None = None,
-    left: bool = False,
 ) -> tuple[State, Told]:
     """Look at observations until nothing changes.
 
@@ -110,22 +109,20 @@ def absorb(
         tasks: what is to be looked at first.
         rules: the options.
         start: where everything was, if that has been; approximate values are found otherwise.
-        left: whether something has been taken out before.
 
     Raises:
         InputError: names observations whose geometry has no answer.
     """
-    return _Loop(state, list(tasks), rules, start, left).run()
+    return _Loop(state, list(tasks), rules, start).run()
 
 
 class _Loop:
     """One run of the loop."""
 
     def __init__(
-        self, state: State, tasks: list[Task], rules: Rules, start: Solution | None, left: bool
+        self, state: State, tasks: list[Task], rules: Rules, start: Solution | None
     ) -> None:
         self.state, self.tasks, self.rules, self.start = state, tasks, rules, start
-        self.left = left
         self.told: Told = {}
         self.given = {i for t in tasks for i in state.ledger.ids_of(t.rows)}
         self.fixed: Index = np.concatenate([NO_ROWS, *(t.fixed for t in tasks)])
@@ -176,17 +173,14 @@ class _Loop:
         self.state = replace(self.state, system=found)
 
     def _fitting_by_now(self, before: System | None) -> Index:
-        """Return suspects that may fit now that a base is new, or something has left.
+        """Return suspects that may fit now that a base is new.
 
-        What has left may have been what determined their unknowns, so that all of them are looked
-        at. Beside a new section only those are of which it has everything.
+        Beside a new section only those are looked at of which it has everything.
         """
         ledger, system = self.state.ledger, self.state.system
         if self.rules.policy != "flag" or (system is not None and system.doubt):
             return NO_ROWS
         suspects = np.setdiff1d(ledger.having("suspect"), ledger.find(self.told))
-        if self.left:
-            return suspects
         if system is None or before is None or system.base is before.base:
             return NO_ROWS
         return Candidates(ledger, known_in(replace(system, section=None)), suspects).ready

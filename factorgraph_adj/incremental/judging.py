@@ -161,10 +161,19 @@ def accepted(
         yield from _tested(unit, "accepted", figures, i, alpha, given, added)
 
 
-def untested(unit: Unit, outcome: Outcome, lacks: str = "") -> list[Verdict]:
+def untested(unit: Unit, outcome: Outcome, lacks: str = "", cause: str = "") -> list[Verdict]:
     """Return the verdicts on a unit that was not tested."""
     return [
-        Verdict(i, o.kind, o.label(), outcome, o.component_names(), lacks=lacks, points=unit.points)
+        Verdict(
+            i,
+            o.kind,
+            o.label(),
+            outcome,
+            o.component_names(),
+            lacks=lacks,
+            points=unit.points,
+            cause=cause,
+        )
         for i, o in zip(unit.ids, unit.observations, strict=True)
     ]
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import InputError, Problem, known, similar
+from ..errors import InputError, Problem, known
 from ..network.entities import Photo, Point
 from ..solve.estimates import PoseEstimate
 from ..solve.solution import Solution
@@ -80,8 +80,8 @@ def _require(state: State, name: str, kind: Literal["point", "pose"] = "point") 
     described: Mapping[str, Point | Photo]
     noun, described = ("point", network.points) if kind == "point" else ("photo", network.photos)
     if name not in described:
-        text = f"unknown {noun} {name!r}; known: {known(described)}"
-        raise InputError(text + similar(name, described))
+        text = f"unknown {noun} {name!r}; known: {known(described, meant=name)}"
+        raise InputError(text)
     if (system is None or not system.known(kind, name)) and not all(described[name].fixed):
         lacks = state.ledger.lacks.get((kind, name), "no observation has determined it yet")
         raise InputError(Problem(f"is not determined: {lacks}", f"{noun} {name!r}"))

@@ -3,8 +3,9 @@
 The first line has the options and the network at the start as the files of a project. Every other
 line is one change that counts: what was asked (``do``), new points, photos and cameras, the
 observations that are new or changed, the ids that became ``gone``, ``accepted``, ``waiting``,
-``suspect`` or ``rejected``, and why (``causes``). Image points stand in ``images``, those of a
-photo with the same outcome together. Reading back needs no test again.
+``suspect`` or ``rejected``, and why (``causes``); what is said of what waits (``lacks``). Image
+points stand in ``images``, those of a photo with the same outcome together. Reading back needs no
+test again.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from .given import Given
 from .ledger import Ledger
 from .rows import GONE
 from .units import Unit
-from .verdicts import OUTCOMES, Outcome, Verdict
+from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Verdict
 
 _FIGURES = ("innovation", "sigma", "w", "redundancy_numbers")
 _TOLD = ("suspect", "rejected")
@@ -105,7 +106,21 @@ def difference(before: Ledger, after: Ledger) -> dict[str, Any]:
     more = {"observations": defined, "images": images, "causes": causes}
     more["found"] = {kind: dict(values) for kind, values in after.filled.items()}
     more["unweighted"] = list(after.unweighted)
+    more["lacks"] = _lacks(before, after)
     return out | {name: found for name, found in more.items() if found}
+
+
+def _lacks(before: Ledger, after: Ledger) -> list[list[str]]:
+    """Return why variables (kind, name, why) and observations (id, why) wait, where that is new.
+
+    The reason is empty where it is none any more.
+    """
+    was, now = before.lacks, after.lacks
+    if was is now:
+        return []
+    changed = {key: why for key, why in now.items() if was.get(key) != why}
+    changed |= dict.fromkeys(was.keys() - now.keys(), "")
+    return [[*((key,) if isinstance(key, str) else key), why] for key, why in changed.items()]
 
 
 def _images(after: Ledger, changed: Index, first: int) -> list[dict[str, Any]]:
@@ -188,12 +203,13 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
     ledger, _ = ledger.appended(items, "journal")
     numbers = [int(i) + 1 for i in ids if i.isdecimal()]
     ledger = replace(ledger, next=max([ledger.next, *numbers]))
+    causes = {i: cause for cause, ids in line.get("causes", {}).items() for i in ids}
     for outcome in OUTCOMES:
         told = line.get(outcome, ())
         if missing := ledger.missing(told):
             what = f"observation {missing[0]!r} is not known here: a line before is missing"
             raise InputError(Problem(what, where))
-        ledger = _moved(ledger, ledger.find(told), outcome, told)
+        ledger = _moved(ledger, ledger.find(told), outcome, told, causes)
     for record in line.get("images", ()):
         ledger = _replay_images(ledger, record, where)
     if line.get("unweighted"):
@@ -201,18 +217,26 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
     for kind, values in line.get("found", {}).items():
         found = {n: np.array(v, dtype=float) for n, v in values.items()}
         ledger = ledger.with_values(kind, found)
-    return ledger.recorded()[0]
+    changed = {tuple(key) if len(key) > 1 else key[0]: why for *key, why in line.get("lacks", ())}
+    kept = {key: why for key, why in ({**ledger.lacks, **changed}).items() if why}
+    return replace(ledger, lacks=kept).recorded()[0]
 
 
 def _moved(
-    ledger: Ledger, rows: Index, outcome: Outcome, told: Mapping[str, Any] | Sequence[str]
+    ledger: Ledger,
+    rows: Index,
+    outcome: Outcome,
+    told: Mapping[str, Any] | Sequence[str],
+    causes: Mapping[str, str],
 ) -> Ledger:
-    """Return the ledger where rows have an outcome, with the figures of their verdicts."""
+    """Return the ledger where rows have an outcome, with the figures and causes of verdicts."""
     verdicts: dict[str, Verdict] = {}
     figures_of = told if isinstance(told, Mapping) else {}
     for unit in ledger.units(rows) if figures_of else ():
         for i, o in zip(unit.ids, unit.observations, strict=True):
-            verdicts[i] = _verdict(i, o, unit.points, outcome, figures_of.get(i, {}))
+            found = _verdict(i, o, unit.points, outcome, figures_of.get(i, {}))
+            cause = causes.get(i, "")
+            verdicts[i] = replace(found, cause=cause) if cause in TOLD_CAUSES else found
     return ledger.moved(rows, outcome, "journal", verdicts)
 
 
@@ -244,8 +268,10 @@ def _replay_images(ledger: Ledger, record: Mapping[str, Any], where: str) -> Led
         rows = np.array([row_of[k] for k in keys], dtype=np.intp)
     if record["outcome"] == "gone":
         return ledger.moved(rows, None, "journal")
-    told = {ledger.ids_of(rows[[i]])[0]: f for i, f in enumerate(record.get("figures", ()))}
-    return _moved(ledger, rows, record["outcome"], told or ())
+    ids = ledger.ids_of(rows)
+    told = dict(zip(ids, record.get("figures", ()), strict=False))
+    causes = dict.fromkeys(ids, record.get("cause", ""))
+    return _moved(ledger, rows, record["outcome"], told or (), causes)
 
 
 def _verdict(

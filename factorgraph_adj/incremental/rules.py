@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from numbers import Real
+from typing import get_args
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..network.network import DatumChoice
 from .verdicts import Outcome, Policy
 
 POLICIES = ("accept", "flag", "reject")
-DATUMS = ("given", "free")
+DATUMS = get_args(DatumChoice)
 
 
 @dataclass(frozen=True)
@@ -30,14 +31,16 @@ class Rules:
         """Refuse options that make no sense, all together."""
         problems = []
         if self.policy not in POLICIES:
-            valid = ", ".join(POLICIES)
+            valid = known(POLICIES, meant=self.policy)
             problems.append(Problem(f"unknown policy {self.policy!r}; valid: {valid}"))
         if not isinstance(self.alpha, Real) or not 0 < self.alpha < 1:
             problems.append(Problem(f"alpha must be between 0 and 1, not {self.alpha!r}"))
         if not isinstance(self.accuracy, Real) or not 0 < self.accuracy <= 0.1:
             problems.append(Problem(f"accuracy must be in (0, 0.1], not {self.accuracy!r}"))
         if self.datum not in DATUMS:
-            problems.append(Problem(f"unknown datum {self.datum!r}; valid: {', '.join(DATUMS)}"))
+            problems.append(
+                Problem(f"unknown datum {self.datum!r}; valid: {known(DATUMS, meant=self.datum)}")
+            )
         if problems:
             raise InputError(problems)
 

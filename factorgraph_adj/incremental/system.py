@@ -271,7 +271,8 @@ class System:
     def vtpv(self) -> float:
         """VᵀPv of the linear forms."""
         rest = 0.0 if self.section is None else self.section.vtpv
-        return self.base.vtpv + self.update.vtpv + rest
+        found = self.base.vtpv + self.update.vtpv + rest
+        return max(found, 0.0)  # a sum of squares, but for the rounding of what has left
 
     @property
     def redundancy(self) -> int:

@@ -21,6 +21,7 @@ from .ledger import Ledger
 from .rebasing import Draft, Failure, with_doubt
 from .rules import Rules
 from .system import System
+from .verdicts import REST
 
 
 class Out(NamedTuple):
@@ -54,11 +55,11 @@ def take_out(state: State, ids: Sequence[str], rules: Rules, cause: str = "remov
     }
     firsts = [ledger.rows.ids(ledger.names, r)[0] for r in inside.tolist()]
     ledger = ledger.moved(rows, None, cause)
-    ledger, rest = ledger.appended([u.item for u in rests.values()], "rest of a group")
+    ledger, rest = ledger.appended([u.item for u in rests.values()], REST)
     fixed = rest[np.isin(list(rests), inside)]
     out = rest[np.isin(list(rests), state.ledger.having("rejected"))]
-    told = {v.id: v for u in ledger.units(out) for v in untested(u, "rejected")}
-    ledger = ledger.moved(out, "rejected", "rest of a group", told)
+    told = {v.id: v for u in ledger.units(out) for v in untested(u, "rejected", cause=REST)}
+    ledger = ledger.moved(out, "rejected", REST, told)
     rest = np.setdiff1d(rest, out)
     ledger = ledger.without_weights(weights).without_lacks(rows)
     start, again, system = None, NO_ROWS, state.system

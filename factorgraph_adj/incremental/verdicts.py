@@ -12,6 +12,14 @@ from ..types import Array
 Policy: TypeAlias = Literal["accept", "flag", "reject"]
 """What becomes of an observation whose test value is beyond the critical value."""
 Outcome: TypeAlias = Literal["accepted", "suspect", "rejected", "waiting"]
+SNOOPED = "snooping"
+"""Cause of what data snooping threw out."""
+REST = "rest of a group"
+"""Cause of what a correlated group left behind when one of its members was taken out."""
+DISCARDED = "discarded"
+"""Cause of what was rejected by hand: it does not come back by itself."""
+TOLD_CAUSES = (DISCARDED, SNOOPED, REST)
+"""Causes that the verdicts on observations that were left out tell."""
 OUTCOMES: tuple[Outcome, ...] = ("accepted", "waiting", "suspect", "rejected")
 """Every outcome, in the order in which a line of the journal lists them."""
 
@@ -58,13 +66,16 @@ class Verdict:
     dof: int = 0
     """Degrees of freedom of T²."""
     critical: float = np.nan
-    """Critical value of T²."""
+    """Critical value of T²; of what data snooping threw out, the square of its limit of |w|."""
     entered: bool = False
-    """Whether it had been waiting."""
+    """Whether it had been waiting, or left out."""
     lacks: str = ""
     """What it waits for."""
     points: tuple[str, ...] = ()
     """Points that it touches."""
+    cause: str = ""
+    """Why it is out, or in, where no test on its arrival says it: ``discarded``, ``snooping`` or
+    ``rest of a group``, or ``came back after snoop()`` or another command."""
     gains: tuple[Gain, ...] = ()
     """What it adds to its points; empty for observations that are left out, and in free networks
     (there the standard deviations belong to all datum points together)."""

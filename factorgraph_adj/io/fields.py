@@ -11,7 +11,7 @@ from dataclasses import fields
 from functools import lru_cache
 from itertools import product
 
-from ..errors import similar
+from ..errors import known, similar
 from ..models.variables import Quantity
 from ..observations import KINDS, observation_kind
 from ..units import ANGLE, LENGTH
@@ -168,9 +168,8 @@ def unknown_field(name: str, valid: Iterable[str]) -> str | None:
         return f"unknown column {name!r}{meant}"
     stems = {n.rpartition("_")[0] for n in names if n.rpartition("_")[2] in (*LENGTH, *ANGLE)}
     short = sorted({n for n in names if n.rpartition("_")[0] not in stems})
-    return (
-        f"unknown column {name!r}; known: {', '.join([*short, *sorted(s + '_…' for s in stems)])}"
-    )
+    every = [*short, *sorted(s + "_…" for s in stems)]
+    return f"unknown column {name!r}; known: {known(every, most=40)}"
 
 
 def offer(kind: str) -> str:

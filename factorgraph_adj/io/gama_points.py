@@ -84,7 +84,8 @@ class GamaPoints:
                 continue
             if text not in COMPONENTS:
                 self.source.add(
-                    element, f"{attribute}={text!r} is unknown; valid: {', '.join(COMPONENTS)}"
+                    element,
+                    f"{attribute}={text!r} is unknown; valid: {known(COMPONENTS, meant=text)}",
                 )
                 continue
             for letter in text:
@@ -104,7 +105,8 @@ class GamaPoints:
         if point is None:
             self.source.add(
                 element,
-                f"<{element.tag}> names the unknown point {name!r}; known: {known(self._points)}",
+                f"<{element.tag}> names the unknown point {name!r}; known: "
+                f"{known(self._points, meant=name)}",
             )
             return
         missing = [

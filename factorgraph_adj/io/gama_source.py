@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from .xml_tree import Element, read_xml
 
 _SIGHT = ("from", "to", "val", "stdev", "from_dh", "to_dh", "extern")
@@ -80,11 +80,11 @@ class GamaSource:
             for name in element.attributes:
                 if name not in attributes:
                     self.add(element, f"<{element.tag}> has no attribute {name!r}; valid: "
-                             + (", ".join(attributes) or "none"))  # fmt: skip
+                             + known(attributes, meant=name, most=40))  # fmt: skip
             for child in element.children:
                 if child.tag not in children:
                     self.add(child, f"<{child.tag}> cannot stand in <{element.tag}>; valid: "
-                             + (", ".join(children) or "none"))  # fmt: skip
+                             + known(children, meant=child.tag, most=40))  # fmt: skip
 
     def place(self, element: Element) -> str:
         """Return file and line."""
@@ -150,7 +150,9 @@ class GamaSource:
         text = element.attributes.get(attribute, default)
         if text in valid:
             return text
-        self.add(element, f"{attribute}={text!r} is unknown; valid: {', '.join(valid)}")
+        self.add(
+            element, f"{attribute}={text!r} is unknown; valid: {known(valid, meant=text, most=40)}"
+        )
         return default
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..observations import (
     KINDS,
     AnyObservation,
@@ -134,7 +134,9 @@ def _correlated_of(
     row = Row(fields, source, problems, CORRELATED)
     for name in row.fields:
         if name not in _CORRELATED_KEYS:
-            row.wrong(f"unknown field {name!r}; known: {', '.join(_CORRELATED_KEYS)}")
+            row.wrong(
+                f"unknown field {name!r}; known: {known(_CORRELATED_KEYS, meant=name, most=40)}"
+            )
     covariance = _matrix(row)
     given = row.take("observations", required=True)
     if given is not None and not isinstance(given, list):

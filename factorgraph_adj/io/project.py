@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from ..ellipsoid import ELLIPSOIDS
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ..models.lens import Lens
 from ..models.registry import LENSES
@@ -120,7 +120,7 @@ def load_project(
     top = Row(document, path.name, problems)
     for key in document:
         if key not in KEYS:
-            top.wrong(f"unknown key {key!r}; known: {', '.join(KEYS)}")
+            top.wrong(f"unknown key {key!r}; known: {known(KEYS, meant=key, most=40)}")
     units = _units(_table(document, "units", path.name, problems))
     datum = top.choice("datum", ("given", "free"), "given")
     network = Network(
@@ -198,10 +198,10 @@ def _table(document: dict[str, Any], key: str, file: str, problems: list[Problem
     return Row(value, file, problems, f"[{key}]")
 
 
-def _only(row: Row, known: tuple[str, ...]) -> None:
+def _only(row: Row, keys: tuple[str, ...]) -> None:
     for name in row.fields:
-        if name not in known:
-            row.wrong(f"unknown key {name!r}; known: {', '.join(known)}")
+        if name not in keys:
+            row.wrong(f"unknown key {name!r}; known: {known(keys, meant=name, most=40)}")
 
 
 def _units(row: Row) -> Units:
@@ -387,7 +387,7 @@ def _sigma_defaults(
     whole = _table(document, "sigma", file, problems)
     for kind, given in whole.fields.items():
         if kind not in KINDS:
-            whole.wrong(f"unknown kind {kind!r}; valid: {', '.join(KINDS)}")
+            whole.wrong(f"unknown kind {kind!r}; valid: {known(KINDS, meant=kind, most=40)}")
             continue
         if not isinstance(given, dict):
             whole.wrong(f"{kind} must be a table [sigma.{kind}]")

@@ -187,7 +187,7 @@ class ObservationsReader:
             if not name:
                 what = f"{kind} is missing"
             else:
-                what = f"unknown {kind} {name!r}; known: {known(names[kind])}"
+                what = f"unknown {kind} {name!r}; known: {known(names[kind], meant=name)}"
             if len(lines) > 1:
                 what += f" (also in lines {known(map(str, lines[1:]))})"
             self.problems.append(Problem(what, table.where(lines[0])))
@@ -268,7 +268,8 @@ class _Covariances:
         unknown = [n for n in self.members[cluster] if n not in by_id]
         members = [by_id[n] for n in self.members[cluster] if n in by_id]
         if unknown:
-            what = f"unknown id {', '.join(map(repr, unknown))}; known: {known(by_id)}"
+            there = known(by_id, meant=unknown[0])
+            what = f"unknown id {', '.join(map(repr, unknown))}; known: {there}"
             self.problems.append(Problem(what, where))
             return list(members)
         place: dict[tuple[str, str], int] = {}
@@ -281,7 +282,8 @@ class _Covariances:
             for name, component in (a, b):
                 if (name, component) not in place:
                     bad = True
-                    valid = ", ".join(c or "(empty)" for c in _components(by_id[name]))
+                    every = [c or "(empty)" for c in _components(by_id[name])]
+                    valid = known(every, meant=component)
                     what = f"unknown component {component!r} of {name!r}; valid: {valid}"
                     at = f"{self.table.where(line)}: cluster {cluster!r}"
                     self.problems.append(Problem(what, at))

@@ -19,7 +19,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..models.variables import Quantity
 from ..observations import KINDS, ImagePoint, Observation
 from ..stochastic import COMBINATIONS, Combine, StandardDeviation
@@ -77,7 +77,7 @@ def observation(
     kind = row.text("kind", required=True)
     row.of = label(record) if kind is not None else ""
     if kind is not None and kind not in KINDS:
-        row.wrong(f"unknown kind {kind!r}; valid: {', '.join(KINDS)}")
+        row.wrong(f"unknown kind {kind!r}; valid: {known(KINDS, meant=kind, most=40)}")
     if row.failed or kind is None:
         raise InputError(problems)
     cls = KINDS[kind].observation
@@ -88,16 +88,16 @@ def observation(
         _take_image(row, context, arguments)
     else:
         _take_values(row, kind, context, arguments)
-    known = known_fields(kind)
+    own = known_fields(kind)
     for name in row.left():
-        if name in known and not row.failed:
+        if name in own and not row.failed:
             row.wrong(f"{name} has no use here")
-        elif name in known:
+        elif name in own:
             continue  # the field that it belongs to was wrong
         elif unknown_field(name, known_fields()) is None:
             row.wrong(f"{name} does not apply to {kind}; it takes: {offer(kind)}")
         else:
-            row.wrong(str(unknown_field(name, known)))
+            row.wrong(str(unknown_field(name, own)))
     found = None
     try:
         # After a problem, a stand-in shows further problems that the class finds.

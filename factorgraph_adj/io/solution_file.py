@@ -74,7 +74,7 @@ def save_solution(solution: Solution, path: str | Path) -> None:
         "extrapolated": asdict(solution.extrapolated),
         "drifting": solution.drifting,
         "defects": len(solution.defects),
-        "extra": len(solution.extra.rows),
+        "extra": [e.name for e in solution.extra.rows],
     }
     arrays: dict[str, Any] = {"constraint": solution.constraint}
     arrays |= {f"state/{kind}": x for kind, x in solution.state.items()}
@@ -140,8 +140,8 @@ def _solution(header: dict[str, Any], entries: Mapping[str, Any]) -> Solution:
     equations = _with_sigmas(compile_network(network), entries["sigmas"], weights)
     state = _state(equations, entries, "state")
     rows = tuple(
-        ExtraRows(*(entries[f"extra/{i}/{name}"] for name in ("columns", "a", "residual")))
-        for i in range(header["extra"])
+        ExtraRows(name=name, **{w: entries[f"extra/{i}/{w}"] for w in ("columns", "a", "residual")})
+        for i, name in enumerate(header["extra"])
     )
     datum = None
     if "datum/motions" in entries:

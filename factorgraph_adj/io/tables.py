@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from . import numbers
 
 TRUE, FALSE = ("yes", "true", "1"), ("no", "false", "0", "")
@@ -195,7 +195,7 @@ class Row:
         value = self.text(name, default=default)
         valid = tuple(choices)
         if value not in valid:
-            self.wrong(f"unknown {name} {value!r}; valid: {', '.join(valid)}")
+            self.wrong(f"unknown {name} {value!r}; valid: {known(valid, meant=value, most=40)}")
             return default
         return value
 

@@ -256,7 +256,7 @@ def unknown_kind(name: str) -> UnknownKind:
     """Return the record of a kind; InputError if no kind has this name."""
     found = UNKNOWNS.get(name)
     if found is None:
-        raise InputError(f"unknown kind of unknowns {name!r}; valid: {known(UNKNOWNS)}")
+        raise InputError(f"unknown kind of unknowns {name!r}; valid: {known(UNKNOWNS, meant=name)}")
     return found
 
 

@@ -73,7 +73,7 @@ def checked_camera(
         raise InputError(
             Problem(
                 f"unknown calibration parameter {', '.join(unknown)} of lens model "
-                f"{lens.kind!r}; known: {', '.join(names)}",
+                f"{lens.kind!r}; known: {known(names, meant=unknown[0], most=40)}",
                 where,
             )
         )
@@ -214,7 +214,10 @@ def checked_image_points(
     if len(measured) != len(points):
         raise InputError(Problem(f"{len(points)} points but {len(measured)} rows", where))
     problems = [
-        Problem(f"unknown point {p!r}; known: {known(known_points)}", f"image point {photo}/{p}")
+        Problem(
+            f"unknown point {p!r}; known: {known(known_points, meant=p)}",
+            f"image point {photo}/{p}",
+        )
         for p in points
         if p not in known_points
     ]

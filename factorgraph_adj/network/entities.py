@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, similar
 from ..models.lens import Lens
 from ..models.variables import UnknownKind
 from ..types import Array, Index, Mask
@@ -290,7 +290,11 @@ def _refuse_unknown(given: Iterable[str], names: Sequence[str], what: str, where
     wrong = sorted(set(given) - set(names))
     if wrong:
         raise InputError(
-            Problem(f"{what} must name some of {', '.join(names)}, not {', '.join(wrong)}", where)
+            Problem(
+                f"{what} must name some of {', '.join(names)}, not {', '.join(wrong)}"
+                f"{similar(wrong[0], names)}",
+                where,
+            )
         )
 
 

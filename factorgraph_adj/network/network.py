@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ..errors import InputError, Problem, known, similar
+from ..errors import InputError, Problem, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds, unknown_kind
@@ -56,8 +56,8 @@ class Network(Shown):
         self, name: str = "", *, frame: Frame | None = None, datum: DatumChoice = "given"
     ) -> None:
         """Start an empty network."""
-        if datum not in ("given", "free"):
-            raise InputError(f"unknown datum {datum!r}; valid: given, free")
+        if datum not in (valid := get_args(DatumChoice)):
+            raise InputError(f"unknown datum {datum!r}; valid: {known(valid, meant=datum)}")
         self.name = name
         self.frame: Frame = LocalFrame() if frame is None else frame
         self.datum: DatumChoice = datum
@@ -478,8 +478,8 @@ class Network(Shown):
 
     def _known(self, name: str, names: Mapping[Any, object], what: str, where: str) -> None:
         if name not in names:
-            text = f"unknown {what} {name!r}; known: {known(names)}{similar(name, names)}"
-            raise InputError(Problem(text, where))
+            there = known(names, meant=name)
+            raise InputError(Problem(f"unknown {what} {name!r}; known: {there}", where))
 
     def headline(self) -> str:
         """Say what the network has."""

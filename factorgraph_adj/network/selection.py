@@ -44,7 +44,7 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
     ids, points = ([x] if isinstance(x, str) else x for x in (ids, points))
     wanted, lost = list(dict.fromkeys(ids)), dict.fromkeys(points)
     problems = [
-        Problem(f"unknown point; known: {known(network.points)}", f"point {p!r}")
+        Problem(f"unknown point; known: {known(network.points, meant=p)}", f"point {p!r}")
         for p in lost
         if p not in network.points
     ]
@@ -60,10 +60,11 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
     ]
     rest = [i for i in wanted if i not in gone and i not in in_images]
     weights = weighted_unknowns(network) if rest else {}
+    every = [*network.observations, *weights]
+    rays = "; image points are photo/point" if network.n_image_points else ""
     problems += [
         Problem(
-            f"unknown observation; known: {known([*network.observations, *weights])}"
-            + (", image points as photo/point" if network.n_image_points else ""),
+            f"unknown observation{rays}; known: {known(every, meant=i)}",
             f"observation {i!r}",
         )
         for i in rest

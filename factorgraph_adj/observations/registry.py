@@ -143,7 +143,9 @@ class ObservationKind:
             found.append("its variables are missing")
         for kind, attribute in self.variables:
             if kind not in UNKNOWNS:
-                found.append(f"unknown kind of unknowns {kind!r}; valid: {known(UNKNOWNS)}")
+                found.append(
+                    f"unknown kind of unknowns {kind!r}; valid: {known(UNKNOWNS, meant=kind)}"
+                )
             if attribute not in have:
                 found.append(f"its class has no attribute {attribute!r} for the kind {kind!r}")
         for constant in self.constants:
@@ -215,5 +217,7 @@ def observation_kind(name: str) -> ObservationKind:
     """Return the record of a kind; InputError if no kind has this name."""
     found = KINDS.get(name)
     if found is None:
-        raise InputError(f"unknown kind of observation {name!r}; valid: {known(KINDS, most=30)}")
+        raise InputError(
+            f"unknown kind of observation {name!r}; valid: {known(KINDS, most=30, meant=name)}"
+        )
     return found

@@ -12,7 +12,7 @@ from uuid import uuid4
 import numpy as np
 
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known
-from ..solve.batch import MOST_WEIGHINGS
+from ..solve.batch import MOST_WEIGHINGS, VARIANCES
 from ..solve.damping import Damping
 from ..solve.iterate import Ended, Progress
 from ..solve.normal import POOR
@@ -76,8 +76,10 @@ def adjust_parts(
         DatumError: unknowns of a part are not determined by the part and its junctions, or the
             junctions are not determined by all parts together.
     """
-    if variance not in ("a-priori", "a-posteriori"):
-        raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
+    if variance not in VARIANCES:
+        raise InputError(
+            f"unknown variance {variance!r}; valid: {known(VARIANCES, meant=variance)}"
+        )
     if client is not None:
         check_client(client)
     temporary = Scratch() if folder is None else None

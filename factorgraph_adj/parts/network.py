@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Literal, overload
 
 from ..errors import InputError
 from ..network.network import DatumChoice, Network
 from ..solve import batch
+from ..solve.extra import ExtraFactors
 from ..solve.iterate import Progress
 from ..solve.solution import Solution
 from ..solve.start import Start
@@ -37,7 +37,7 @@ def adjust(
     weights: Array | None = None,
     tolerance: float = 1e-5,
     max_iterations: int = 100,
-    extra_factors: Sequence[Any] = (),
+    extra_factors: ExtraFactors = (),
     progress: Progress | None = None,
 ) -> Solution: ...
 
@@ -68,7 +68,7 @@ def adjust(
     weights: Array | None = None,
     tolerance: float = 1e-5,
     max_iterations: int = 100,
-    extra_factors: Sequence[Any] = (),
+    extra_factors: ExtraFactors = (),
     progress: Progress | None = None,
 ) -> Solution | PartsSolution:
     """Adjust a network by least squares: minimise vᵀPv over all unknowns.
@@ -95,8 +95,9 @@ def adjust(
         tolerance: bound on the last step of every unknown, relative to its own σ.
         max_iterations: largest number of iterations; a solution that needs more is returned as
             not converged.
-        extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`; they take
-            part in solution and covariance. Not with a client.
+        extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`, in a list or
+            by name; they take part in solution and covariance, and have test values in
+            `Reliability.factors`. Not with a client.
         progress: called after each iteration; an exception in it ends the adjustment.
 
     Returns:

@@ -188,7 +188,9 @@ class PartsSolution(Shown):
         """
         found = {job.part.name: job for job in self.jobs}
         if name not in found:
-            raise InputError(Problem(f"unknown part; known: {known(found)}", f"part {name!r}"))
+            raise InputError(
+                Problem(f"unknown part; known: {known(found, meant=name)}", f"part {name!r}")
+            )
         loaded = Loaded(found[name])
         folder = found[name].own
         if folder.read(STAMP) != loaded.stamp():

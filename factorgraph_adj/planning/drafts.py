@@ -63,7 +63,9 @@ class Drafts:
         row = Row(given, where, self.problems)
         for key in given:
             if key not in CANDIDATE_KEYS:
-                row.wrong(f"unknown key {key!r}; known: {', '.join(CANDIDATE_KEYS)}")
+                row.wrong(
+                    f"unknown key {key!r}; known: {known(CANDIDATE_KEYS, meant=key, most=40)}"
+                )
         name = row.text("name", required=True)
         if name in self.found:
             row.wrong(f"there are two of the name {name!r}")
@@ -224,8 +226,9 @@ class Drafts:
             for (what, name), places in lost.items():
                 times = f" in {len(places)} observations" if len(places) > 1 else ""
                 text = (
-                    f"unknown {what} {name!r}{times}; known: {known(old[what])}. A new one stands "
-                    f"among the {what}s of [[candidate]] name = {c.name!r} in the TOML file"
+                    f"unknown {what} {name!r}{times}; a new one stands among the {what}s of "
+                    f"[[candidate]] name = {c.name!r} in the TOML file; known: "
+                    f"{known(old[what], meant=name)}"
                 )
                 self.problems.append(Problem(text, f"{places[0]}: candidate {c.name!r}"))
             if kept:

@@ -39,7 +39,7 @@ from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, cast
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..io.project import Project
 from ..io.tables import Row
 from ..units import LENGTH
@@ -85,7 +85,9 @@ def read_wishes(path: str | Path, project: Project, *, candidates: bool = True) 
     top = Row(document, path.name, problems)
     for key in document:
         if key not in ("target", "candidate", "files"):
-            top.wrong(f"unknown key {key!r}; known: target, candidate, files")
+            top.wrong(
+                f"unknown key {key!r}; known: {known(('target', 'candidate', 'files'), meant=key)}"
+            )
     targets = [
         _target(t, f"{path.name}: target {n}", problems)
         for n, t in enumerate(tables(document, "target", top), 1)
@@ -117,7 +119,7 @@ def _table_file(document: Mapping[str, Any], top: Row) -> str | None:
         return None
     for key in given:
         if key != "candidates":
-            top.wrong(f"unknown key {key!r} in [files]; known: candidates")
+            top.wrong(f"unknown key {key!r} in [files]; known: {known(('candidates',), meant=key)}")
     name = given.get("candidates")
     if name is not None and not isinstance(name, str):
         top.wrong(f"candidates in [files] must be the name of a file, not {name!r}")
@@ -129,7 +131,7 @@ def _target(given: Mapping[str, Any], where: str, problems: list[Problem]) -> Ta
     kind = given.get("kind")
     if kind not in TARGETS:
         what = "kind is missing" if kind is None else f"unknown kind {kind!r}"
-        problems.append(Problem(f"{what}; valid: {', '.join(TARGETS)}", where))
+        problems.append(Problem(f"{what}; valid: {known(TARGETS, meant=kind, most=40)}", where))
         return None
     cls = TARGETS[cast(str, kind)]
     valid = {f.name: f for f in fields(cls)}
@@ -141,7 +143,9 @@ def _target(given: Mapping[str, Any], where: str, problems: list[Problem]) -> Ta
         if key == "kind":
             continue
         if key not in offered:
-            problems.append(Problem(f"unknown key {key!r}; known: {', '.join(offered)}", where))
+            problems.append(
+                Problem(f"unknown key {key!r}; known: {known(offered, meant=key, most=40)}", where)
+            )
         elif key in ("points", "observations"):
             names = [value] if isinstance(value, str) else value
             if not isinstance(names, list) or not all(isinstance(n, str) for n in names):

@@ -154,7 +154,7 @@ def _wrong_prices(prices: Mapping[str, Any], ids: Sequence[str]) -> list[Problem
     for ident, price in prices.items():
         wrong = []
         if ident not in there:
-            wrong.append(f"no observation has this id; there are: {known(there)}")
+            wrong.append(f"no observation has this id; there are: {known(there, meant=ident)}")
         if isinstance(price, bool) or not isinstance(price, int | float | np.number):
             wrong.append(f"it must be a number, not {price!r}")
         elif not (np.isfinite(price) and price > 0):

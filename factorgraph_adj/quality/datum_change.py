@@ -29,7 +29,7 @@ from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns
 from ..solve.datum import FreeDatum, find_defects, generators
 from ..solve.free_network import carry, datum_columns
-from ..solve.linear import ExtraRows, LinearSystem
+from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations
 from ..solve.rank import describe_defects
 from ..solve.reference_datum import ReferenceDatum
@@ -114,7 +114,9 @@ def _names(solution: Solution, points: Sequence[str] | None) -> tuple[str, ...]:
     if wrong:
         raise InputError(
             [
-                Problem(f"unknown point {n!r}; known: {known(table.names)}", "datum points")
+                Problem(
+                    f"unknown point {n!r}; known: {known(table.names, meant=n)}", "datum points"
+                )
                 for n in wrong
             ]
         )
@@ -243,7 +245,7 @@ def _undetermined(
     solution: Solution, freed: Equations, place: Index
 ) -> tuple[Array, tuple[str, ...]]:
     """Return G of the motions that only coordinates determine, and the names of these motions."""
-    extra = [ExtraRows(place[e.columns], e.a, e.residual) for e in solution.normal().system.extra]
+    extra = [replace(e, columns=place[e.columns]) for e in solution.normal().system.extra]
     system = LinearSystem(freed, solution.state, extra)
     diagonal = system.diagonal()
     diagonal[diagonal < UNOBSERVED] = 0.0

@@ -138,10 +138,9 @@ def exclude_insignificant(
         test = significance(solution, alpha=alpha, correlation=limit, ties=False)
         components = [p.component for p in test.parameters]
         if not excluded and not kept <= set(components):
-            wrong = ", ".join(sorted(kept - set(components)))
-            raise InputError(
-                f"keep names no free parameter: {wrong}; known: {known(dict.fromkeys(components))}"
-            )
+            wrong = sorted(kept - set(components))
+            there = known(dict.fromkeys(components), meant=wrong[0])
+            raise InputError(f"keep names no free parameter: {', '.join(wrong)}; known: {there}")
         candidates = _candidates(test, kept)
         found = _insignificant(candidates)
         if found is None and correlation is not None:

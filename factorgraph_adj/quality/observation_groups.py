@@ -82,8 +82,8 @@ def observation_groups(solution: Solution, groups: Groups) -> ObservationGroups:
         found = _numbered(names)
     else:
         raise InputError(
-            f"unknown groups {groups!r}; valid: {', '.join(get_args(Rule))}, a mapping from "
-            "group to ids, or a function of an observation"
+            f"unknown groups {groups!r}; valid: a mapping from group to ids, a function of an "
+            f"observation, or one of {known(get_args(Rule), meant=groups)}"
         )
     _refuse_split(solution, found)
     return found
@@ -140,7 +140,8 @@ def _by_id(solution: Solution, groups: Mapping[str, Sequence[str]]) -> Observati
     unknown = [ident for ident, found in zip(group_of, rows, strict=True) if not len(found)]
     if unknown:
         every = dict.fromkeys(solution.observations.ids)
-        problems.append(Problem(f"unknown observations {known(unknown)}; known: {known(every)}"))
+        there = known(every, meant=unknown[0])
+        problems.append(Problem(f"unknown observations {known(unknown)}; known: {there}"))
     if problems:
         raise InputError(problems)
     of_row = np.full(solution.equations.n_rows, -1, dtype=np.intp)

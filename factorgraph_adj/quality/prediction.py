@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import MOST_COMPARED, InputError, Problem, similar
 from ..graph.equations import Equations, compile_network
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
@@ -274,8 +274,10 @@ def _figures(v: Array, sigma: Array, d: Array, size: Index) -> _Figures:
 def _rows_of(equations: Equations, ids: Sequence[str]) -> Index:
     """Return the rows of observations by id, ascending."""
     found = equations.find(list(dict.fromkeys(ids)))
+    few = equations.n_rows <= MOST_COMPARED
+    there = [i for b in equations.blocks for i in b.ids] if few else []
     problems = [
-        Problem("unknown observation", f"observation {ident!r}")
+        Problem(f"unknown observation{similar(ident, there)}", f"observation {ident!r}")
         for ident, rows in zip(dict.fromkeys(ids), found, strict=True)
         if not len(rows)
     ]

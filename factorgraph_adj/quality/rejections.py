@@ -46,6 +46,20 @@ class Rejected:
 
 
 @dataclass(frozen=True)
+class FactorSetAside:
+    """A factor of the user that was set aside, with all its rows."""
+
+    name: str
+    """Name of the factor."""
+    test: float
+    """√(T²/critical) in the adjustment with it; above 1. For Pope's test T² is relative to σ̂0²."""
+    round: int
+    """Round in which it was set aside."""
+    final_test: float
+    """√(T²/critical) of the factor put back into the clean solution."""
+
+
+@dataclass(frozen=True)
 class Unresolved:
     """An observation above the critical value that stays in the adjustment."""
 
@@ -125,14 +139,18 @@ class Snooping(Shown):
     """Test that decides."""
     reason: str
     """Reason why the search ended."""
+    factors_set_aside: tuple[FactorSetAside, ...] = ()
+    """Factors of the user that were set aside, in that order."""
     look: Callable[[], Causes | None] | None = field(default=None, repr=False)
     """Looks for the causes of the misfits; none: they were not asked for before pickling."""
 
     def headline(self) -> str:
         """Return the numbers of observations and points set aside, and why the search ended."""
+        factors = len(self.factors_set_aside)
+        own = f", {factors} factors" if factors else ""
         return (
-            f"Snooping: {len(self.rejected)} observations and {len(self.points_set_aside)} points "
-            f"set aside, {len(self.unresolved)} unresolved, σ̂0 {self.solution.sigma0:.4f}; "
+            f"Snooping: {len(self.rejected)} observations and {len(self.points_set_aside)} points"
+            f"{own} set aside, {len(self.unresolved)} unresolved, σ̂0 {self.solution.sigma0:.4f}; "
             f"{self.reason}"
         )
 

@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from ..columns import Columns
-from ..errors import AdjustmentError, InputError
+from ..errors import AdjustmentError, InputError, known
 from ..shown import FIRST, Rows, Shown
 from ..solve.leverage import Leverages, STransform, leverages, point_leverages
 from ..solve.singular import SingularError
@@ -31,6 +31,7 @@ from ..types import Array, Index, Mask
 from .causes.given import GivenValue, given_values
 from .distributions import normal_quantile, student_quantile
 from .effects import Effect, Unknown, effect_of, response
+from .factor_tests import FactorReliability, factor_reliability
 from .groups import GroupReliability, group_reliabilities
 from .levels import ALPHA, POWER
 from .rows import largest_shift, share_diagonal, weighted, weighted_diagonal, weights
@@ -145,6 +146,27 @@ class Reliability(Shown):
     def given_values(self) -> tuple[GivenValue, ...]:
         """Tests of held values, each as if it had been given with σ → ∞."""
         return given_values(self.solution)
+
+    @cached_property
+    def factors(self) -> tuple[FactorReliability, ...]:
+        """Tests of the factors that the user added, in their order."""
+        sigma0 = float(np.sqrt(self.solution.variance_factor))
+        rows = self.solution.normal().system.extra
+        return tuple(
+            factor_reliability(e, found, self.alpha, self.delta0, sigma0)
+            for e, found in zip(rows, self._leverages.extra, strict=True)
+        )
+
+    def factor(self, name: str) -> FactorReliability:
+        """Return the tests of a factor that the user added, by its name.
+
+        Raises:
+            InputError: no such factor.
+        """
+        by_name = {f.name: f for f in self.factors}
+        if name not in by_name:
+            raise InputError(f"unknown factor {name!r}; known: {known(by_name, meant=name)}")
+        return by_name[name]
 
     @cached_property
     def groups(self) -> tuple[GroupReliability, ...]:

@@ -29,7 +29,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, known
 from ..graph.equations import compile_network
 from ..network.network import DatumChoice, Network
 from ..shown import Shown
@@ -127,17 +127,21 @@ def robust_adjust(
         AdjustmentError: as `reliability`.
     """
     if estimator not in ESTIMATORS:
-        raise InputError(f"unknown estimator {estimator!r}; valid: {', '.join(ESTIMATORS)}")
+        raise InputError(
+            f"unknown estimator {estimator!r}; valid: {known(ESTIMATORS, meant=estimator)}"
+        )
     if scale not in ("a-priori", "median"):
-        raise InputError(f"unknown scale {scale!r}; valid: a-priori, median")
+        raise InputError(
+            f"unknown scale {scale!r}; valid: {known(('a-priori', 'median'), meant=scale)}"
+        )
     solution = _first(network, datum, start, from_start=from_start)
     size = _spread(reliability(solution))
-    known = scale == "a-priori"
+    trusted = scale == "a-priori"
     gamma = np.ones(len(size))
     starting, s = True, np.inf
     for iteration in range(1, max_iterations + 1):
         t = solution.equations.residuals(solution.state, whitened=False) / size
-        s = _next_scale(t, s, estimator, starting=starting, known=known)
+        s = _next_scale(t, s, estimator, starting=starting, known=trusted)
         last, gamma = gamma, _of_observations(solution, t / s, "huber" if starting else estimator)
         change = float(np.max(np.abs(gamma - last), initial=0.0))
         if progress is not None:

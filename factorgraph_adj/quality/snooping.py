@@ -14,9 +14,10 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from ..errors import AdjustmentError, InputError, Problem
+from ..errors import AdjustmentError, InputError, Problem, known
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
+from ..solve.extra import Extra, ExtraFactors
 from ..solve.solution import Solution
 from ..solve.start import Start
 from ..types import Array
@@ -40,6 +41,7 @@ def snoop(
     datum: DatumChoice | None = None,
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
     start: Solution | Start | None = None,
+    extra_factors: ExtraFactors = (),
     progress: Callable[[Round], None] | None = None,
 ) -> Snooping:
     """Find gross errors by iterated tests.
@@ -65,18 +67,21 @@ def snoop(
         datum: as for `adjust`.
         variance: as for `adjust`.
         start: an earlier solution of the network to start from, if it has converged.
+        extra_factors: as for `adjust`. A factor is tested with all its rows (T²), and is set aside
+            as a whole; not with a robust estimator.
         progress: called after each round; an exception in it ends the search.
 
     Raises:
-        InputError: unknown choices, probabilities or shares outside (0, 1]; errors of `adjust`.
+        InputError: unknown choices, probabilities or shares outside (0, 1]; factors with a robust
+            estimator; errors of `adjust`.
         DatumError, ApproximationError: as `adjust`, for the whole network.
-        AdjustmentError: as `reliability`.
+        AdjustmentError: as `reliability`; the network has no minimum with factors.
     """
     problems = []
     if test not in ("baarda", "pope"):
-        problems.append(f"unknown test {test!r}; valid: baarda, pope")
+        problems.append(f"unknown test {test!r}; valid: {known(('baarda', 'pope'), meant=test)}")
     if robust is not None and robust not in ESTIMATORS:
-        problems.append(f"unknown estimator {robust!r}; valid: {', '.join(ESTIMATORS)}")
+        problems.append(f"unknown estimator {robust!r}; valid: {known(ESTIMATORS, meant=robust)}")
     if not 0 < alpha < power < 1:
         problems.append(
             f"alpha and power must lie between 0 and 1, alpha below power: {alpha}, {power}"
@@ -85,6 +90,9 @@ def snoop(
         problems.append(f"share must lie between 0 and 1, not {share}")
     if max_rounds < 1:
         problems.append(f"max_rounds must be 1 or more, not {max_rounds}")
+    extra = Extra.of(extra_factors)
+    if extra.factors and robust is not None:
+        problems.append("there is no robust estimator with factors: leave robust out")
     if problems:
         raise InputError([Problem(p) for p in problems])
     if isinstance(start, Solution) and not start.converged:
@@ -92,11 +100,18 @@ def snoop(
     options: dict[str, Any] = {"datum": datum, "variance": variance}
     first: Solution | None = None
     if robust is None:
-        first = adjust(network, start=start, **options)
+        first = adjust(network, start=start, extra_factors=extra, **options)
+        if extra.factors and not first.converged:
+            raise AdjustmentError(
+                f"the network has no minimum with its factors: {first.reason}; find the gross "
+                "errors without extra_factors first"
+            )
     searching = _Searching(network, test, alpha, power, sidak, options, share, max_rounds, progress)
     if first is not None and first.converged:
         search, found = searching.run(first)
-        if datum == "free" or network.datum == "free" or not astray(search, found):
+        # There is no robust estimator of free networks, nor one with factors.
+        free = datum == "free" or network.datum == "free"
+        if free or extra.factors or not astray(search, found):
             return found
         with suppress(AdjustmentError):
             begin = searching.robust("huber", approximate_values(first), from_start=True)

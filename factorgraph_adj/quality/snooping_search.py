@@ -6,7 +6,7 @@ the end, and for members of clusters, the network without the observations is ad
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -25,9 +25,10 @@ from .causes.matches import Match, matches
 from .causes.photos import photos
 from .causes.search import Causes, causes
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
+from .factor_search import FactorSearch
 from .prediction import Prediction, Predictor
 from .present import Present
-from .rejections import PointSetAside, Rejected, Round, Snooping, Test, Unresolved
+from .rejections import FactorSetAside, PointSetAside, Rejected, Round, Snooping, Test, Unresolved
 from .reliability import Reliability, critical_tau, reliability
 
 
@@ -68,7 +69,8 @@ class SnoopingSearch:
         self.alpha, self.power, self.options = alpha, power, options
         self.first = reliability(solution, alpha=alpha, power=power)
         self.present = Present(self.first, test)
-        self.withdrawing = withdrawing
+        self.factors = FactorSearch(solution.extra, test, alpha)
+        self.withdrawing = withdrawing and not self.factors
         self.aside: dict[str, Rejected] = {}
         self.points: dict[str, PointSetAside] = {}
         self.readmitted: list[str] = []
@@ -123,9 +125,10 @@ class SnoopingSearch:
                 choice = self._choice(share)
             here = self.present
             sigma0, size, critical = here.sigma0, here.largest, here.critical
-            gone = self._reject(choice, share, number)
-            back = 0 if gone else self._readmit()
-            suspects = int((size > critical).sum())
+            suspects = int((size > critical).sum()) + self.factors.suspects(self.reliability)
+            gone = self._reject_factor(float(size.max()) / critical, number)
+            gone = gone or self._reject(choice, share, number)
+            back = 0 if gone else self._readmit() + self._readmit_factors()
             self._note(Round(number, sigma0, float(size.max()), suspects, gone, back), progress)
             if not gone and not back:
                 if suspects:
@@ -154,6 +157,50 @@ class SnoopingSearch:
                 return gone
             choice = self._choice(share)
         return 0
+
+    def _reject_factor(self, largest: float, number: int) -> int:
+        """Set the worst factor aside where no observation is further beyond; return how many.
+
+        Args:
+            largest: largest test value of an observation, relative to the critical value.
+            number: number of the round.
+        """
+        while True:
+            name, ratio = self.factors.worst(self.reliability)
+            if not name or ratio < largest:
+                return 0
+            self.factors.aside[name] = FactorSetAside(name, ratio, number, np.nan)
+            failure = self._adjust(self.aside, self.points)
+            if failure is None:
+                return 1
+            del self.factors.aside[name]
+            self.factors.stuck[name] = f"without it the adjustment fails: {failure}"
+
+    def _readmit_factors(self) -> int:
+        """Put factors back that fit, each once; return how many."""
+        factors, back = self.factors, 0
+        for name in [n for n in factors.aside if n not in factors.readmitted]:
+            before, was = self.present, factors.aside.pop(name)
+            if self._adjust(self.aside, self.points) is None and self._fits(name):
+                factors.readmitted.append(name)
+                back += 1
+            else:
+                self.present, factors.aside[name] = before, was
+        return back
+
+    def _fits(self, name: str) -> bool:
+        return self.factors.ratios(self.reliability)[name] <= 1.0
+
+    def _final_factors(self) -> Iterator[FactorSetAside]:
+        """Iterate over the factors set aside, each with its test where it is put back."""
+        clean, factors = self.present, self.factors
+        for name, was in list(factors.aside.items()):
+            del factors.aside[name]
+            final = np.nan
+            if self._adjust(self.aside, self.points) is None:
+                final = factors.ratios(self.reliability).get(name, np.nan)
+            self.present, factors.aside[name] = clean, was
+            yield replace(was, final_test=final)
 
     def _choice(self, share: float) -> Choice:
         return self.present.choice(share, self.stuck)
@@ -204,7 +251,8 @@ class SnoopingSearch:
         """Adjust without observations and points; after a failure keep the state and return it."""
         try:
             network = without(self.network, ids, points=points)
-            solution = adjust(network, start=self.solution, **self.options)
+            factors = self.factors.without(self.factors.aside)
+            solution = adjust(network, start=self.solution, extra_factors=factors, **self.options)
             if not solution.converged and self.solution.converged:
                 return AdjustmentError(solution.reason)
             rel = reliability(solution, alpha=self.alpha, power=self.power)
@@ -347,13 +395,14 @@ class SnoopingSearch:
             self.solution,
             self.reliability,
             self._with_final_errors(),
-            tuple(self.readmitted),
+            (*self.readmitted, *self.factors.readmitted),
             tuple(self.points.values()),
-            self._unresolved(),
+            (*self._unresolved(), *self.factors.unresolved(self.reliability)),
             tuple(self.rounds),
             self.present.critical,
             self.test,
             reason,
+            tuple(self._final_factors()),
             self._causes,
         )
 
@@ -363,7 +412,10 @@ class SnoopingSearch:
         if first.solution.weights is not None:  # a robust start hides causes that several share
             first = self.reliability  # where nothing is bent, if the whole has no minimum
             with suppress(AdjustmentError):
-                plain = adjust(self.network, start=self.solution, **self.options)
+                extra = self.factors.given
+                plain = adjust(
+                    self.network, start=self.solution, extra_factors=extra, **self.options
+                )
                 if plain.converged:
                     first = reliability(plain, alpha=self.alpha, power=self.power)
         sigma0 = self.solution.sigma0 if self.test == "pope" else 1.0

@@ -155,7 +155,8 @@ class Significance(Shown):
         for p in self.parameters:
             if (p.name, p.component) == label:
                 return p
-        names = known(f"({p.name!r}, {p.component!r})" for p in self.parameters)
+        every = [f"({p.name!r}, {p.component!r})" for p in self.parameters]
+        names = known(every, meant=f"({label[0]!r}, {label[1]!r})")
         raise InputError(f"no tested parameter {label}; known: {names}")
 
     @property

@@ -12,10 +12,8 @@ f² ← f² v_gᵀP_g v_g / r_g and of Helmert's S f² = q (Förstner 1979, AVN 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -23,6 +21,7 @@ from ..errors import InputError, known
 from ..network.network import DatumChoice, Network
 from ..shown import Rows, Shown
 from ..solve.batch import adjust, readjust
+from ..solve.extra import ExtraFactors
 from ..solve.reweigh import stepped
 from ..solve.solution import Solution
 from ..types import Array
@@ -143,7 +142,7 @@ class VarianceComponents(Shown):
         """Return the component of a group."""
         found = {c.name: c for c in self.components}
         if name not in found:
-            raise InputError(f"unknown group {name!r}; known: {known(found)}")
+            raise InputError(f"unknown group {name!r}; known: {known(found, meant=name)}")
         return found[name]
 
     @cached_property
@@ -160,7 +159,7 @@ def estimate_variance_components(
     tolerance: float = 1e-3,
     max_iterations: int = 50,
     seed: int = 0,
-    extra_factors: Sequence[Any] = (),
+    extra_factors: ExtraFactors = (),
 ) -> VarianceComponents:
     """Estimate one factor of the standard deviations of each group of observations.
 
@@ -186,7 +185,7 @@ def estimate_variance_components(
         tolerance: bound on the last change of every component, relative to its own σ.
         max_iterations: maximum number of adjustments; then the result has ``converged`` false.
         seed: seed of the stochastic traces for large networks.
-        extra_factors: any ``gtsam.NonlinearFactor``, as for `adjust`; they keep their weights.
+        extra_factors: as for `adjust`; they keep their weights.
 
     Raises:
         InputError: unknown groups or ids, an observation in two groups, correlated observations

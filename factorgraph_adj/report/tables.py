@@ -52,6 +52,12 @@ def write_solution(
 ) -> None:
     """Write protocol.txt, solution.json and the CSV tables into a folder; an error writes none.
 
+    The tables have a header line with units in the names of the columns, such as ``sigma_x_mm``:
+    coordinates in metres or the unit of the project, angles in its unit of angles. Numbers are
+    written with the digits that bring the double precision back, so that they can be read as data;
+    the protocol rounds. `reference/command` lists every file and its columns. `adjust --out` writes
+    the same files.
+
     Args:
         solution: the result of `adjust`.
         folder: the folder; it is created if missing, and files of an earlier solution are replaced.

@@ -114,6 +114,8 @@ class Answers:
     def verdict(self, v: Verdict) -> Answer:
         """Return the verdict about one observation; σ and w of a waiting one are unknown."""
         out = fields_of(v, "id", "kind", "label", "verdict")
+        if v.cause:
+            out["cause"] = v.cause
         if v.verdict == "waiting":
             return out | {"lacks": v.lacks}
         if v.innovation is None:  # data snooping gave the verdict instead of a test on arrival
@@ -272,8 +274,13 @@ class Answers:
             "delta_bar": figure(rel.delta_bar[i]),
         }
 
-    def snooping(self, found: Snooping) -> Answer:
-        """Return the set-aside, readmitted and unresolved observations of data snooping."""
+    def snooping(self, found: Snooping, came_back: Arrival) -> Answer:
+        """Return the set-aside, readmitted and unresolved observations of data snooping.
+
+        Args:
+            found: the result of the search.
+            came_back: what fits without what was set aside.
+        """
         return {
             "reason": found.reason,
             "critical": figure(found.critical),
@@ -291,6 +298,7 @@ class Answers:
                 _which(u) | {"test_value": self._test_value(u), "reason": u.reason}
                 for u in found.unresolved
             ],
+            "entered": [self.verdict(v) for v in came_back.verdicts],
         }
 
 

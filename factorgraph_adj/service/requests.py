@@ -218,6 +218,6 @@ def observation(fields: Mapping[str, Any], context: RecordContext) -> AnyObserva
     new_names(fields)
     photo = fields.get("photo")
     if fields.get("kind") == "image" and photo is not None and str(photo) not in context.images:
-        what = f"unknown photo {shown(photo)}; known: {known(context.images)}"
+        what = f"unknown photo {shown(photo)}; known: {known(context.images, meant=photo)}"
         raise InputError(Problem(what, label(fields)))
     return observation_of(fields, context=context)

@@ -35,7 +35,7 @@ such as σ of a new point before the observation, are null.
 ``replace``           ``id``, ``observation``: replace an observation by another one
 ``reweight``          ``ids``, ``factor``: multiply weights by the factor
 ``snoop``             set gross errors aside: ``set_aside``, ``points_set_aside``,
-                      ``readmitted``, ``unresolved``
+                      ``readmitted``, ``unresolved``, ``entered`` (verdicts on what fits then)
 ``settle``            iterate to convergence; the result is that of a batch adjustment
 ``write``             ``project``: a .toml file, or a folder; write the graph as a project.
                       Existing files are replaced only with ``overwrite``: true
@@ -58,8 +58,9 @@ Answers to observations, ``add``, ``accept``, ``remove``, ``replace`` and ``rewe
   ``controlled`` (false: no other observation tests it), and for each of its ``components``
   ``innovation`` (computed − observed), ``innovation_sigma``, ``w``, ``redundancy_number`` that
   the component would have in the graph; ``gains``: σ of points ``before_x_mm`` …,
-  ``after_x_mm`` …. A waiting observation has ``lacks`` instead;
-- ``entered``: verdicts of waiting observations that have now entered automatically;
+  ``after_x_mm`` …. A waiting observation has ``lacks`` instead; ``cause`` tells that an
+  observation was discarded, set aside by snooping, or came back, and after which command;
+- ``entered``: verdicts of observations that waited or were left out, and have entered now;
 - ``points``: affected free points, ``name``, ``x``, ``y``, ``z``, ``sigma_x_mm`` …;
   ``points_lost``: points that are no longer determined; ``waits_again``: ids of observations
   that lost their support;
@@ -184,12 +185,13 @@ class Stream:
         do = fields["do"]
         command = COMMANDS.get(do) if isinstance(do, str) else None
         if command is None:
-            what = f"unknown command {requests.shown(do)}; valid: {', '.join(COMMANDS)}"
+            valid = known(COMMANDS, meant=do, most=40)
+            what = f"unknown command {requests.shown(do)}; valid: {valid}"
             raise InputError(Problem(what, "do"))
         row = Row(fields, str(do), [])
         for name in row.fields:
             if name not in ("do", "remark", *command.fields):
-                takes = ", ".join(command.fields) or "no further fields"
+                takes = known(command.fields, meant=name) if command.fields else "no further fields"
                 row.wrong(f"unknown field {requests.shown(name)}; it takes: {takes}")
         if not command.fields:
             requests.fine(row)
@@ -258,7 +260,8 @@ class Stream:
         return self.answers.arrival(self.adjustment.reweight(ids, factor))
 
     def _snoop(self, row: Row) -> Answer:
-        return self.answers.snooping(self.adjustment.snoop())
+        found = self.adjustment.snoop()
+        return self.answers.snooping(found, self.adjustment.latest)
 
     def _settle(self, row: Row) -> Answer:
         self.adjustment.settle()

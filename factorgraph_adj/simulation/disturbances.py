@@ -59,7 +59,8 @@ class GrossError(Parameters):
         if bool(self.ids) == bool(self.count):
             found.append(Problem("give either ids or count", path_of(where, "ids")))
         if self.observations and self.observations not in KINDS:
-            what = f"unknown kind {self.observations!r}; valid: {', '.join(KINDS)}"
+            valid = known(KINDS, meant=self.observations, most=40)
+            what = f"unknown kind {self.observations!r}; valid: {valid}"
             found.append(Problem(what, path_of(where, "observations")))
         return found
 
@@ -68,7 +69,7 @@ class GrossError(Parameters):
         ids = {ident for ident, _ in readings}
         found = [
             Problem(
-                f"unknown observation {i!r}; known: {known(ids_in_order(readings))}",
+                f"unknown observation {i!r}; known: {known(ids_in_order(readings), meant=i)}",
                 path_of(where, "ids"),
             )
             for i in self.ids
@@ -77,7 +78,7 @@ class GrossError(Parameters):
         for i in self.ids:
             valid = [c for ident, c in readings if ident == i]
             if i in ids and self.component and self.component not in valid:
-                names = ", ".join(valid) if any(valid) else "none"
+                names = known([c for c in valid if c], meant=self.component)
                 what = f"observation {i!r} has no component {self.component!r}; valid: {names}"
                 found.append(Problem(what, path_of(where, "component")))
         if self.count and self.count > (n := len(self._drawn_from(readings))):
@@ -121,7 +122,8 @@ class DropOut(Parameters):
         """Return the problems of the fields."""
         if not self.observations or self.observations in KINDS:
             return []
-        what = f"unknown kind {self.observations!r}; valid: {', '.join(KINDS)}"
+        valid = known(KINDS, meant=self.observations, most=40)
+        what = f"unknown kind {self.observations!r}; valid: {valid}"
         return [Problem(what, path_of(where, "observations"))]
 
     def takes(self, kind: str) -> bool:

@@ -80,7 +80,7 @@ def convert(hint: Any, value: Any, where: str, found: list[Problem], of: Field[A
         return convert(inner, value, where, found, of)
     if origin is Literal:
         if value not in arguments:
-            valid = ", ".join(str(a) for a in arguments)
+            valid = known(arguments, meant=value, most=40)
             name = next(key for key in reversed(where.split(".")) if not key.isdecimal())
             found.append(Problem(f"unknown {name} {value!r}; valid: {valid}", where))
             return BAD
@@ -173,7 +173,7 @@ def _table(cls: type[Parameters], value: Any, where: str, found: list[Problem]) 
             kind = record.pop("kind", None)
             if not isinstance(kind, str) or kind not in kinds:
                 what = "has no kind" if kind is None else f"unknown kind {kind!r}"
-                what += f"; valid: {', '.join(kinds)}"
+                what += f"; valid: {known(kinds, meant=kind, most=40)}"
                 found.append(Problem(what, path_of(where, "kind")))
                 return BAD
             cls = kinds[kind]
@@ -198,7 +198,7 @@ def from_record(
     known_fields = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
     for key in record:
         if key not in known_fields:
-            what = f"unknown key; valid: {', '.join(known_fields)}"
+            what = f"unknown key; valid: {known(known_fields, meant=key, most=40)}"
             found.append(Problem(what, path_of(where, key)))
     hints = _hints(cls)  # type: ignore[arg-type]
     values: dict[str, Any] = {}
@@ -271,7 +271,9 @@ def changed(value: Any, path: Sequence[str], level: Any, where: str, found: list
         return value
     names = [f.name for f in fields(value)]
     if key not in names:
-        found.append(Problem(f"unknown key; valid: {known(names, most=40)}", path_of(where, key)))
+        found.append(
+            Problem(f"unknown key; valid: {known(names, meant=key, most=40)}", path_of(where, key))
+        )
         return value
     new = changed(getattr(value, key), rest, level, path_of(where, key), found)
     return replace(value, **{key: new})

@@ -96,7 +96,10 @@ class SimulatedNetwork:
 def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
     """Return ``plan`` with every observation measured: its true value plus a drawn error.
 
-    Errors are normal with the standard deviations and covariances of the observations. Every
+        l = f(x) + L z,    z ~ N(0, I),    L Lᵀ = Σ
+
+    with the models f, the true values x of ``plan`` and the covariances Σ that its observations
+    state, SI or image units; where σ depends on a length, it is that of the true length. Every
     kind of observation draws from its own stream, in the order of the plan: two plans that begin
     with the same observations of a kind measure them with the same errors. Weighted unknowns are
     observations too: their given values are drawn, except for cameras with a calibration for
@@ -112,7 +115,11 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
         noise: whether readings have random errors; otherwise all readings are true values.
 
     Returns:
-        A new network; its image points have no ids.
+        A new network with the readings l; unknowns keep the values of ``plan``, weighted ones
+        apart. Its image points have no ids.
+
+    Raises:
+        InputError: an observation cannot be computed, as its geometry has no answer.
     """
     equations = compile_network(plan)
     state = equations.unknowns.start()

@@ -19,7 +19,7 @@ from typing import Any, Literal, get_type_hints
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..frames import Frame, LocalFrame, TopocentricFrame
 from ..network.entities import Point
 from ..network.network import Network
@@ -146,7 +146,9 @@ class Spec:
         for path, level in levels.items():
             key, *rest = INDEX.sub(r".\1", path).split(".")
             if key not in record:
-                found.append(Problem(f"unknown key; valid: {', '.join(record)}", key))
+                found.append(
+                    Problem(f"unknown key; valid: {known(record, meant=key, most=40)}", key)
+                )
                 continue
             record[key] = changed(record[key], rest, level, key, found)
         try:

@@ -18,7 +18,7 @@ import tomllib
 from dataclasses import fields
 from pathlib import Path
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from .spec import Spec
 
 
@@ -38,7 +38,7 @@ def read_spec(source: str | Path) -> Spec:
         raise InputError(Problem(f"is not TOML: {error}", where)) from None
     names = [f.name for f in fields(Spec)]
     found = [
-        Problem(f"unknown key; valid: {', '.join(names)}", key)
+        Problem(f"unknown key; valid: {known(names, meant=key, most=40)}", key)
         for key in document
         if key not in names
     ]

@@ -69,7 +69,7 @@ class InImages(Systematic):
         """Return what the plan does not have."""
         if self.camera in ("", *plan.cameras):
             return []
-        what = f"unknown camera {self.camera!r}; known: {known(plan.cameras)}"
+        what = f"unknown camera {self.camera!r}; known: {known(plan.cameras, meant=self.camera)}"
         return [Problem(what, path_of(where, "camera"))]
 
     def _without_readings(self, plan: Network) -> str:
@@ -186,7 +186,8 @@ class Refraction(Systematic):
         """Return what the plan does not have."""
         if self.group in ("", *plan.refractions):
             return []
-        what = f"unknown refraction group {self.group!r}; known: {known(plan.refractions)}"
+        there = known(plan.refractions, meant=self.group)
+        what = f"unknown refraction group {self.group!r}; known: {there}"
         return [Problem(what, path_of(where, "group"))]
 
     def _without_readings(self, plan: Network) -> str:
@@ -227,7 +228,12 @@ class Tape(Systematic):
         if self.distance_meter in ("", *plan.distance_meters):
             return []
         what = f"unknown distance meter {self.distance_meter!r}; known: "
-        return [Problem(what + known(plan.distance_meters), path_of(where, "distance_meter"))]
+        return [
+            Problem(
+                what + known(plan.distance_meters, meant=self.distance_meter),
+                path_of(where, "distance_meter"),
+            )
+        ]
 
     def _without_readings(self, plan: Network) -> str:
         """Return a message if the plan has no distances."""

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, get_args
 
-import gtsam
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, known
 from ..graph.equations import Equations, compile_network
 from ..network.network import DatumChoice, Network
 from ..types import Array
 from .both_ways import look_both_ways, with_places
 from .datum import FreeDatum
 from .determine import refuse_unnoticed
-from .extra import NOTHING_MORE, Extra
+from .extra import NOTHING_MORE, Extra, ExtraFactors
 from .extrapolation import NONE_TAKEN
 from .free_network import carry
 from .iterate import ITERATION, Ended, Progress, iterate, step_from
@@ -38,6 +36,9 @@ MOST_WEIGHINGS = 10
 """Largest number of times that weights are computed: they depend on the lengths of sights, which
 hardly change with the unknowns."""
 
+VARIANCES = ("a-priori", "a-posteriori")
+"""Valid scales of covariances: 1, or σ̂0²."""
+
 
 def adjust(
     network: Network,
@@ -48,7 +49,7 @@ def adjust(
     weights: Array | None = None,
     tolerance: float = TOLERANCE,
     max_iterations: int = MOST_ITERATIONS,
-    extra_factors: Sequence[gtsam.NonlinearFactor] = (),
+    extra_factors: ExtraFactors = (),
     progress: Progress | None = None,
 ) -> Solution:
     """Adjust a network by least squares: minimise vᵀPv over all unknowns.
@@ -66,8 +67,9 @@ def adjust(
         tolerance: bound on the last step of every unknown, relative to its own σ.
         max_iterations: largest number of iterations; a solution that needs more is returned as
             not converged.
-        extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`; they take
-            part in solution and covariance.
+        extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`, in a list or
+            by name; they take part in solution and covariance, and have test values in
+            `Reliability.factors`.
         progress: called after each iteration; an exception in it ends the adjustment.
 
     Returns:
@@ -81,10 +83,12 @@ def adjust(
             has datum defects and no free network is asked for.
     """
     choice = network.datum if datum is None else datum
-    if choice not in ("given", "free"):
-        raise InputError(f"unknown datum {choice!r}; valid: given, free")
-    if variance not in ("a-priori", "a-posteriori"):
-        raise InputError(f"unknown variance {variance!r}; valid: a-priori, a-posteriori")
+    if choice not in (valid := get_args(DatumChoice)):
+        raise InputError(f"unknown datum {choice!r}; valid: {known(valid, meant=choice)}")
+    if variance not in VARIANCES:
+        raise InputError(
+            f"unknown variance {variance!r}; valid: {known(VARIANCES, meant=variance)}"
+        )
     equations = compile_network(network)
     return adjust_from(
         equations,
@@ -94,7 +98,7 @@ def adjust(
         weights=weights,
         tolerance=tolerance,
         max_iterations=max_iterations,
-        extra=Extra(tuple(extra_factors)),
+        extra=Extra.of(extra_factors),
         progress=progress,
         astray=True,
     )

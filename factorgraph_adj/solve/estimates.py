@@ -34,7 +34,7 @@ class Estimate:
 
     def _index(self, name: str) -> int:
         if name not in self.names:
-            raise InputError(f"unknown component {name!r}; known: {known(self.names)}")
+            raise InputError(f"unknown component {name!r}; known: {known(self.names, meant=name)}")
         return self.names.index(name)
 
 

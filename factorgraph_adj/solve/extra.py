@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import gtsam
 
 from ..errors import InputError
 from ..graph.equations import Equations
-from ..graph.extra import linearise_extra
-from ..graph.variables import State
+from ..graph.extra import linearise_extra, name_of
+from ..graph.variables import State, Unknowns
 from .linear import ExtraRows
 
 
@@ -30,6 +31,40 @@ class Extra:
     """The factors; none after pickling."""
     rows: tuple[ExtraRows, ...] = ()
     """Rows of the factors."""
+    names: tuple[str, ...] = ()
+    """Names of the factors; empty: their numbers from 1, and their types."""
+    keyed: Unknowns | None = None
+    """The unknowns that their keys belong to; none: those of the network that is adjusted first."""
+
+    @classmethod
+    def of(cls, given: ExtraFactors) -> Extra:
+        """Return factors that a user gives: in order, or by name; rows that are there as they are.
+
+        Raises:
+            InputError: names that are no texts.
+        """
+        if isinstance(given, Extra):
+            return given
+        if not isinstance(given, Mapping):
+            return cls(tuple(given))
+        if wrong := [name for name in given if not isinstance(name, str)]:
+            raise InputError(f"names of factors must be texts, not {wrong[0]!r}")
+        return cls(tuple(given.values()), names=tuple(given))
+
+    def named(self) -> dict[str, gtsam.NonlinearFactor]:
+        """Return the factors by their names.
+
+        Raises:
+            InputError: the factors were lost in pickling.
+        """
+        factors = self.given()
+        names = self.names or [name_of(n, f) for n, f in enumerate(factors, start=1)]
+        return dict(zip(names, factors, strict=True))
+
+    def without(self, names: Collection[str]) -> Extra:
+        """Return the factors without some of them, by their names; rows are not taken along."""
+        left = {name: f for name, f in self.named().items() if name not in names}
+        return Extra(tuple(left.values()), (), tuple(left), self.keyed)
 
     @property
     def n_rows(self) -> int:
@@ -45,8 +80,10 @@ class Extra:
         factors = self.given()
         if not factors:
             return self
-        found = linearise_extra(factors, equations, state)
-        return Extra(factors, tuple(ExtraRows(*rows) for rows in found))
+        keyed = equations.unknowns if self.keyed is None else self.keyed
+        found = linearise_extra(self.named(), equations, state, keyed)
+        rows = tuple(ExtraRows(columns, a, r, name) for name, columns, a, r in found)
+        return Extra(factors, rows, self.names, keyed)
 
     def given(self) -> tuple[gtsam.NonlinearFactor, ...]:
         """Return the factors.
@@ -64,7 +101,7 @@ class Extra:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Extra:
         """Return a copy with copied rows and the same factors."""
-        return Extra(self.factors, deepcopy(self.rows, memo))
+        return Extra(self.factors, deepcopy(self.rows, memo), self.names, self.keyed)
 
     def __copy__(self) -> Extra:
         """Return the object itself, as it is immutable."""
@@ -72,8 +109,13 @@ class Extra:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the rows for pickling, without the factors."""
-        return {"factors": None if self.factors else (), "rows": self.rows}
+        kept = {"rows": self.rows, "names": self.names, "keyed": None}
+        return {"factors": None if self.factors else (), **kept}
 
 
+ExtraFactors: TypeAlias = (
+    Sequence[gtsam.NonlinearFactor] | Mapping[str, gtsam.NonlinearFactor] | Extra
+)
+"""Factors of a user: in order, or by name; or with the unknowns that their keys belong to."""
 NOTHING_MORE = Extra()
 """No rows beside the observations."""

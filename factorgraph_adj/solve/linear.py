@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
@@ -33,6 +33,8 @@ class ExtraRows:
     """Partials, (k, m)."""
     residual: Array
     """Whitened residuals at the state, (k,)."""
+    name: str = ""
+    """Name of the factor."""
 
 
 class LinearSystem:
@@ -92,7 +94,7 @@ class LinearSystem:
                 on = (table.offset >= 0) & (j < table.size)
                 kept[table.offset[on] + j] = True
         out.extra = tuple(
-            ExtraRows(e.columns[kept[e.columns]], e.a[:, kept[e.columns]], e.residual)
+            replace(e, columns=e.columns[kept[e.columns]], a=e.a[:, kept[e.columns]])
             for e in self.extra
         )
         return out

@@ -84,7 +84,7 @@ class ObservationTable(Sequence[ObservationRecord]):
         """
         rows = self._rows.get(id, [])
         if not rows:
-            raise InputError(f"unknown observation {id!r}; known: {known(self._rows)}")
+            raise InputError(f"unknown observation {id!r}; known: {known(self._rows, meant=id)}")
         found = [r for r in rows if component is None or self[r].component == component]
         if len(found) != 1:
             names = ", ".join(self[r].component or f"row {r}" for r in rows)

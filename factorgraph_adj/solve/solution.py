@@ -15,7 +15,7 @@ from ..columns import Columns
 from ..errors import InputError, known
 from ..graph.equations import Equations
 from ..graph.variables import State, camera_of_calibration
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.variables import VariableKind, unknown_kind
 from ..network.network import Network
 from ..quality.unit_weight import global_test
 from ..shown import Rows, Shown
@@ -421,13 +421,12 @@ class Solution(Shown):
         """Return the number of a variable.
 
         Raises:
-            InputError: no variable has this name; the error lists the valid names.
+            InputError: no variable has this name, or no kind; the error lists the valid ones.
         """
+        title = unknown_kind(kind).title
         table = self.equations.unknowns[kind]
         if name not in table.number:
-            raise InputError(
-                f"unknown {UNKNOWNS[kind].title} {name!r}; known: {known(table.names)}"
-            )
+            raise InputError(f"unknown {title} {name!r}; known: {known(table.names, meant=name)}")
         return table.number[name]
 
     def _columns(self, kind: VariableKind, name: str) -> tuple[Index, int, Index]:

@@ -13,7 +13,7 @@ from factorgraph_adj.errors import AdjustmentError, InputError
 from factorgraph_adj.graph import factors
 from factorgraph_adj.graph.build import Graph, build_graph
 from factorgraph_adj.graph.equations import Equations, compile_network
-from factorgraph_adj.graph.extra import linearise_extra
+from factorgraph_adj.graph.extra import linearise_extra, name_of
 from factorgraph_adj.graph.keys import KeyMap, from_gtsam, state_of, values_of
 from factorgraph_adj.models.lens import BrownLens, NoDistortion, NormalisedLens
 from factorgraph_adj.network.network import Network
@@ -489,7 +489,7 @@ def test_an_extra_factor_has_its_error_and_gradient(name: str) -> None:
     equations = compile_network(mixed_network())
     unknowns, state = equations.unknowns, equations.unknowns.start()
     factor = extra_factors()[name](KeyMap(unknowns), values_of(equations, state))
-    ((columns, a, r),) = linearise_extra([factor], equations, state)
+    ((_, columns, a, r),) = linearise_extra({"own": factor}, equations, state)
     assert a.shape == (len(r), len(columns))
     assert 0.5 * float(r @ r) == pytest.approx(factor.error(values_of(equations, state)), rel=1e-9)
     gradient = np.zeros(len(columns))
@@ -518,7 +518,7 @@ def test_a_smart_factor_enters_by_a_root_of_its_information() -> None:
         camera = gtsam.PinholeCameraCal3_S2(values.atPose3(gtsam.symbol("c", i)), k)
         noise = 0.3 * np.array([i, -i])
         smart.add(camera.project(np.array([1.0, 2.0, 3.0])) + noise, gtsam.symbol("c", i))
-    ((columns, a, r),) = linearise_extra([smart], equations, state)
+    ((_, columns, a, r),) = linearise_extra({"own": smart}, equations, state)
     information = smart.linearize(values).information()
     assert 0.5 * float(r @ r) == pytest.approx(smart.error(values), rel=1e-9)
     turn = from_gtsam("pose", np.eye(6), state["pose"][0])
@@ -561,7 +561,7 @@ def test_extra_factors_that_do_not_fit_are_refused_by_name() -> None:
 
     def refused(factor: gtsam.NonlinearFactor, message: str) -> None:
         with pytest.raises(InputError, match=message):
-            linearise_extra([factor], equations, state)
+            linearise_extra({name_of(1, factor): factor}, equations, state)
 
     zero = np.zeros(3)
     p, x = gtsam.symbol("p", 0), gtsam.symbol("x", 4)

@@ -244,7 +244,8 @@ WRONG_OBSERVATIONS = {
     ),
     "a field that is none": (
         {**PAIR, "covariance_si": [[1, 0], [0, 1]], "id": "7"},
-        "unknown field 'id'; known: kind, observations, covariance_si, remark",
+        "unknown field 'id'; known: kind, observations, covariance_si, remark; "
+        "did you mean 'kind'?",
         "in:4: correlated",
     ),
     "an image among them": (

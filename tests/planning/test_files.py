@@ -176,9 +176,9 @@ def test_image_points_of_a_new_photo_stand_in_the_table_in_units_of_its_camera(
 def test_a_new_point_in_a_table_is_told_once_with_where_it_goes(wrong: Wrong) -> None:
     (found,) = wrong(TARGET + TABLE, SIGHTS)
     assert found.startswith(
-        "more.csv:2: candidate 'set-up C': unknown point 'C' in 5 observations; known: A, B, "
+        "more.csv:2: candidate 'set-up C': unknown point 'C' in 5 observations; a new one stands "
     )
-    assert "among the points of [[candidate]] name = 'set-up C' in the TOML file" in found
+    assert "among the points of [[candidate]] name = 'set-up C' in the TOML file; known: A" in found
 
 
 def test_costs_are_told_by_file_line_and_candidate_with_everything_else(wrong: Wrong) -> None:

@@ -159,7 +159,8 @@ READING = {
     ),
     "an unknown kind of default": (
         *("project", "[sigma.slope_distance]", "[sigma.distance]"),
-        f"project.toml: [sigma]: unknown kind 'distance'; valid: {KINDS}",
+        f"project.toml: [sigma]: unknown kind 'distance'; valid: {KINDS}; did you mean "
+        "'slope_distance'?",
     ),
     "a default σ below zero": (
         *("project", "sigma_mm = 2", "sigma_mm = -2"),
@@ -269,7 +270,8 @@ def test_every_problem_is_found_in_one_run(tmp_path):
         "observations.csv:2: slope_distance A A (id 1): sigma_mm must be greater than zero, not 0",
         "observations.csv:2: slope_distance A A (id 1): an observation cannot join a point to "
         "itself",
-        f"observations.csv:15: direktion A B (id 14): unknown kind 'direktion'; valid: {KINDS}",
+        f"observations.csv:15: direktion A B (id 14): unknown kind 'direktion'; valid: {KINDS}; "
+        "did you mean 'direction'?",
     ]
 
 

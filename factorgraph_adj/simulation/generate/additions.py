@@ -91,7 +91,7 @@ def _check_names(scene: Scene, lines: tuple[Line, ...], names: list[str]) -> Non
     valid = set(names)
     problems = [
         Problem(
-            f"unknown point {name!r}; known: {known(names)}",
+            f"unknown point {name!r}; known: {known(names, meant=name)}",
             path_of(path_of(scene.where, "lines"), i),
         )
         for i, line in enumerate(lines)

@@ -89,7 +89,7 @@ class Control(Parameters):
         valid = set(names)
         return [
             Problem(
-                f"point {name!r} is not in these parts; known: {known(names)}",
+                f"point {name!r} is not in these parts; known: {known(names, meant=name)}",
                 path_of(where, f"{axis}_points"),
             )
             for axis in ("horizontal", "vertical")
@@ -107,7 +107,9 @@ class Control(Parameters):
         for axis in ("horizontal", "vertical"):
             key = path_of(where, f"{axis}_points")
             found += [
-                Problem(f"unknown point {name!r}; known: {known(scene.plan.points)}", key)
+                Problem(
+                    f"unknown point {name!r}; known: {known(scene.plan.points, meant=name)}", key
+                )
                 for name in getattr(self, f"{axis}_points")
                 if name not in scene.plan.points
             ]

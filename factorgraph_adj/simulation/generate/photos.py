@@ -74,7 +74,7 @@ class Camera(Parameters):
         return [
             Problem(
                 f"unknown calibration parameter {n!r} of lens {self.lens!r}; valid: "
-                f"{', '.join(names)}",
+                f"{known(names, meant=n, most=40)}",
                 path_of(where, key),
             )
             for key, given in asked.items()
