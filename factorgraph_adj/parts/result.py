@@ -133,6 +133,11 @@ class PartsSolution(Shown):
         return self.quality.totals.reason
 
     @property
+    def second_places(self) -> tuple[str, ...]:
+        """Nothing: a network in parts is not looked at for second places."""
+        return ()
+
+    @property
     def iterations(self) -> int:
         """Number of iterations."""
         return self.quality.totals.iterations

@@ -24,16 +24,25 @@ class Ended(Adjusted, Protocol):
         """Why the iteration ended."""
         ...
 
+    @property
+    def second_places(self) -> tuple[str, ...]:
+        """Sentences on points that fit equally well at a second place."""
+        ...
+
 
 def doubts_about(solution: Ended) -> list[str]:
-    """Return why the result of an adjustment may be wrong: not at rest, or the global test."""
+    """Return why the result of an adjustment may be wrong.
+
+    It is not at rest; or a point fits equally well at another place, or the global test failed.
+    """
     test = global_test(solution)
     if not solution.converged:
         return [f"not converged: {solution.reason}"]
-    if test.accepted:
-        return []
-    bounds = f"accepted from {test.lower:.4f} to {test.upper:.4f}"
-    return [f"global test failed: σ̂0 = {test.sigma0:.4f}, {bounds}"]
+    found = list(solution.second_places)
+    if not test.accepted:
+        bounds = f"accepted from {test.lower:.4f} to {test.upper:.4f}"
+        found.append(f"global test failed: σ̂0 = {test.sigma0:.4f}, {bounds}")
+    return found
 
 
 def of_readings(network: Network) -> list[str]:

@@ -11,7 +11,7 @@ from ..errors import InputError, known
 from ..graph.equations import Equations, compile_network
 from ..network.network import DatumChoice, Network
 from ..types import Array
-from .both_ways import look_both_ways, with_places
+from .both_ways import look_both_ways
 from .datum import FreeDatum
 from .determine import refuse_unnoticed
 from .extra import NOTHING_MORE, Extra, ExtraFactors
@@ -186,6 +186,7 @@ def adjust_from(
         reason=ended.reason,
         iterations=ended.iterations,
         within=ended.left,
+        second_places=ended.second_places,
         vtpv=ended.vtpv,
         solver=run.solver,
         constraint=run.constraint,
@@ -240,7 +241,7 @@ def _minimise(
             f"standard deviations still change by up to {100 * change:.2g} %"
         )
         ended = replace(ended, converged=False, reason=reason, left=np.inf)
-    return run, with_places(replace(ended, iterations=iterations), told)
+    return run, replace(ended, iterations=iterations, second_places=told)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ the adjustment goes on from there.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -182,8 +182,3 @@ def _other_place(
         return []
     at = ", ".join(f"{x:.4f}" for x in left["point"][number])
     return [f"point {table.names[number]!r} fits equally well at {at}"]
-
-
-def with_places(ended: Ended, told: tuple[str, ...]) -> Ended:
-    """Return the end with what is told of other places."""
-    return ended if not told else replace(ended, reason=f"{ended.reason}; {'; '.join(told)}")

@@ -79,6 +79,8 @@ class Ended:
     """Value of vᵀPv after the last iteration."""
     left: float = np.inf
     """Bound of the distance from the minimum relative to σ; infinite: it is not known."""
+    second_places: tuple[str, ...] = ()
+    """Sentences on points that fit equally well at a second place."""
 
     @classmethod
     def at_rest(cls, stop: Stop[S], iterations: int, left: float, vtpv: float) -> Ended:

@@ -69,6 +69,8 @@ class Solution(Shown):
     within: float = np.inf
     """No unknown is further than this multiple of its own σ from the minimum; infinite if the
     iteration did not come to rest."""
+    second_places: tuple[str, ...] = ()
+    """Sentences on points that fit equally well at a second place, see `both_ways`."""
     datum: FreeDatum | None = None
     """Inner constraints of a free network."""
     defects: tuple[Defect, ...] = ()
@@ -95,6 +97,7 @@ class Solution(Shown):
         if not (test := global_test(self)).accepted:
             bounds = f"accepted from {test.lower:.3f} to {test.upper:.3f}"
             ended += f", GLOBAL TEST REJECTED: σ̂0 {bounds}"
+        ended += "".join(f", BUT {place}" for place in self.second_places if self.converged)
         return (
             f"Solution of {self.network.name!r}: n {self.n_observations}, u {self.n_unknowns}, "
             f"d {self.datum_defect}, redundancy {self.redundancy}, σ̂0 {self.sigma0:.4f}, {ended}"
