@@ -28,8 +28,8 @@ class Problem:
         return f"{self.where}: {self.what}" if self.where else self.what
 
 
-_LIST = re.compile(r"(?<=; )(valid|known|it takes): .{60,}", re.DOTALL)
-"""A long list of what would be valid, to the end of a message."""
+_LIST = re.compile(r"(?<=; )(valid|known|it takes): .{60,}?(?=; did you mean '|$)", re.DOTALL)
+"""A long list of what would be valid, to the end of a message or to the name that was meant."""
 
 
 def listed_once(problems: Iterable[Problem]) -> tuple[Problem, ...]:
@@ -44,7 +44,8 @@ def listed_once(problems: Iterable[Problem]) -> tuple[Problem, ...]:
     for p in problems:
         found = _LIST.search(p.what)
         if found is not None and found[0] in seen:
-            p = Problem(f"{p.what[: found.start()]}{found[1]}: as above", p.where)
+            after = p.what[found.end() :]
+            p = Problem(f"{p.what[: found.start()]}{found[1]}: as above{after}", p.where)
         elif found is not None:
             seen.add(found[0])
         out.append(p)

@@ -231,9 +231,7 @@ def _verdict(found: Adjusted, report: Report) -> int:
                 f"{left} observation{'s' * (left != 1)} above the critical value could not be set "
                 "aside"
             )
-        causes = report.causes
-        if causes is not None and causes.likelier:
-            doubts.append(f"likelier than gross errors of single readings: {causes.likelier[0]}")
+        doubts += report.likelier
     for doubt in doubts:
         print(doubt, file=sys.stderr)
     return DOUBTFUL if doubts else FINE

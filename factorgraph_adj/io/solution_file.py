@@ -120,7 +120,10 @@ def load_solution(path: str | Path) -> Solution:
         what = f"cannot be read: {error.strerror or error}"
         raise InputError(Problem(what, str(path))) from None
     except DAMAGE as error:
-        raise InputError(Problem(f"is no file of a solution: {error}", str(path))) from None
+        what = "is no file of `save_solution`, or is damaged"
+        if Path(path).suffix in (".json", ".txt", ".csv"):
+            what = "is a report; `Solution.save` writes the file of a solution"
+        raise InputError(Problem(what, str(path))) from error
     if not isinstance(header, dict) or header.get("what") != WHAT:
         raise InputError(Problem("is no file of a solution", str(path)))
     if header.get("format") != FORMAT:

@@ -153,6 +153,19 @@ class Report:
             *doubts_about(self.solution),
             *of_readings(self.network),
             *above_critical(values, critical, name, self.options.alpha),
+            *self.likelier,
+        ]
+
+    @property
+    def likelier(self) -> list[str]:
+        """The cause that explains more than what data snooping set aside; empty if there is none.
+
+        Without snooping the test values are the doubt, and the cause stands in its own section.
+        """
+        if self.snooping is None or self.causes is None:
+            return []
+        return [
+            f"likelier than gross errors of single readings: {c}" for c in self.causes.likelier[:1]
         ]
 
     @cached_property

@@ -41,12 +41,18 @@ class Extra:
         """Return factors that a user gives: in order, or by name; rows that are there as they are.
 
         Raises:
-            InputError: names that are no texts.
+            InputError: names that are no texts, or what is no factor.
         """
         if isinstance(given, Extra):
             return given
+        if isinstance(given, gtsam.NonlinearFactor):
+            raise InputError("give factors in a list, [factor], or by name, {'name': factor}")
+        every = list(given.values() if isinstance(given, Mapping) else given)
+        if other := [f for f in every if not isinstance(f, gtsam.NonlinearFactor)]:
+            kind = type(other[0]).__name__
+            raise InputError(f"factors must be a `gtsam.NonlinearFactor` each, not {kind}")
         if not isinstance(given, Mapping):
-            return cls(tuple(given))
+            return cls(tuple(every))
         if wrong := [name for name in given if not isinstance(name, str)]:
             raise InputError(f"names of factors must be texts, not {wrong[0]!r}")
         return cls(tuple(given.values()), names=tuple(given))

@@ -84,6 +84,31 @@ def _distances(network: Network) -> Iterator[Finding]:
                 )
 
 
+def _elevations(network: Network) -> Iterator[tuple[VerticalAngle, float, float]]:
+    """Iterate over vertical angles: a reading, the elevation in radians, and its σ as a part of σ.
+
+    An index error that is unknown cancels in the mean of both faces of a sight, and explains any
+    difference of readings in one face; so does a deflection of the vertical.
+    """
+    faces: dict[tuple[object, ...], list[ZenithAngle]] = defaultdict(list)
+    for o in network.observations.values():
+        if not isinstance(o, VerticalAngle) or o.station in network.verticals:
+            continue
+        if not isinstance(o, ZenithAngle):
+            yield o, float(o.value), 1.0
+        elif o.index_error is None:
+            yield o, np.pi / 2 - o.in_face_one, 1.0
+        else:
+            sight = o.station, o.target, o.instrument_height, o.target_height, o.index_error
+            faces[sight].append(o)
+    for some in faces.values():
+        first, second = ([o.in_face_one for o in some if o.face == face] for face in (1, 2))
+        if first and second:
+            mean = (np.mean(first) + np.mean(second)) / 2
+            part = float(np.sqrt(1 / len(first) + 1 / len(second)) / 2)
+            yield some[0], np.pi / 2 - float(mean), part
+
+
 def _heights(network: Network) -> Iterator[Finding]:
     """Height differences and horizontal distances from zenith angles forth and back."""
     lengths: dict[tuple[str, str, float, float], float] = {}
@@ -91,20 +116,15 @@ def _heights(network: Network) -> Iterator[Finding]:
         if isinstance(o, SlopeDistance) and not isinstance(o, HorizontalDistance):
             lengths[o.station, o.target, o.instrument_height, o.target_height] = o.value
     rises: dict[tuple[str, str], list[tuple[Observation, float, float, float]]] = defaultdict(list)
-    for o in network.observations.values():
-        if not isinstance(o, VerticalAngle) or o.station in network.verticals:
-            continue  # a deflection of the vertical that is free explains any difference
-        if isinstance(o, ZenithAngle) and o.index_error is not None:
-            continue  # so does an index error
+    for o, up, part in _elevations(network):
         s = lengths.get((o.station, o.target, o.instrument_height, o.target_height))
         if s is None:
             continue
-        up = np.pi / 2 - o.in_face_one if isinstance(o, ZenithAngle) else o.value
         bend = (s * np.cos(up)) ** 2 / (2 * MEAN_EARTH_RADIUS)
         curved = getattr(network.frame, "curvature", True)
         rise = s * np.sin(up) + ((1.0 - REFRACTION) * bend if curved else 0.0)
         rise += o.instrument_height - o.target_height
-        sigma = float(np.hypot(s * np.cos(up) * size_of(o, s), DOUBT * bend))
+        sigma = float(np.hypot(s * np.cos(up) * part * size_of(o, s), DOUBT * bend))
         rises[o.station, o.target].append((o, float(rise), sigma, s))
     for (a, b), there in rises.items():
         for back in rises.get((b, a), ()) if a < b else ():
