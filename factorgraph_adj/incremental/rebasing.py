@@ -224,12 +224,19 @@ class Draft:
                 return Failure(str(error))
             start = Start(solution.equations.unknowns, solution.state, solution.start)
             if slow and (points := narrow(solution)):
-                return Failure(solution.reason, tuple(("point", n) for n in points))
+                # Of rays that are nearly parallel, those of points that ran away are the reason.
+                away = [p for p in _vague(solution) if p in points]
+                return Failure(solution.reason, tuple(("point", n) for n in away or points))
             slow = False
-        vague: tuple[Variable, ...] = ()
-        with suppress(AdjustmentError):  # an observation may have no answer where it ended
-            vague = tuple(("point", p.name) for p in anywhere(solution))
+        vague = tuple(("point", name) for name in _vague(solution))
         return Failure(solution.reason, solution.drifting or vague or None)
+
+
+def _vague(solution: Solution) -> list[str]:
+    """Return the points that may be anywhere; none where an observation has no answer."""
+    with suppress(AdjustmentError):
+        return [p.name for p in anywhere(solution)]
+    return []
 
 
 def _started(
