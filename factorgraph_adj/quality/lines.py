@@ -75,8 +75,8 @@ def adjusted_lines(
         azimuth atan2(e·d, n·d)  σ² = tᵀ Σ_Δ t / s², t = e cos α − n sin α, s² = (e·d)² + (n·d)²
         rise u'·d                σ² = u'ᵀ Σ_Δ u'
 
-    Shifts of the datum cancel in all of them. The turn of the horizon with a, of the order of
-    s/R, is left out of σ of the azimuth.
+    Shifts of the datum cancel in all of them on a plane. In curved frames the turn of the
+    verticals with the datum, of the order of s/R, is left out of σ of azimuth and rise.
 
     Args:
         solution: an adjusted network.

@@ -189,7 +189,7 @@ class SnoopingSearch:
         return back
 
     def _fits(self, name: str) -> bool:
-        return self.factors.ratios(self.reliability)[name] <= 1.0
+        return self.factors.ratios(self.reliability).get(name, 0.0) <= 1.0
 
     def _final_factors(self) -> Iterator[FactorSetAside]:
         """Iterate over the factors set aside, each with its test where it is put back."""

@@ -11,7 +11,7 @@ from ..errors import InputError, known
 from ..graph.equations import Equations, compile_network
 from ..network.network import DatumChoice, Network
 from ..types import Array
-from .both_ways import look_both_ways
+from .both_ways import MOST_THERE, look_both_ways
 from .datum import FreeDatum
 from .determine import refuse_unnoticed
 from .extra import NOTHING_MORE, Extra, ExtraFactors
@@ -218,6 +218,7 @@ def _minimise(
     state, iterations, extrapolated = start.state, 0, NONE_TAKEN
     told: tuple[str, ...] = ()
     weighed = equations.weighted_at(state)
+    examine = _Iteration(tolerance, MOST_THERE)
     for _ in range(MOST_WEIGHINGS):
         equations = weighed if weights is None else weighed.reweighted(weights)
         run = Run.at(equations, state, start.origin, free=free, extra=extra, solver=solver)
@@ -225,10 +226,12 @@ def _minimise(
         run.extrapolated = extrapolated
         if not iterations:
             refuse_too_large(run.solver.plan, equations, state)
-        go_on = _Iteration(run, tolerance, max_iterations, progress)
-        ended = go_on(iterations)
+        go_on = _Iteration(tolerance, max_iterations, progress)
+        ended = go_on(run, iterations)
         if ended.converged:
-            ended, told = look_both_ways(run, ended, go_on)
+            ended, found = look_both_ways(run, ended, go_on, examine)
+            # With the next weights the iteration begins at a place, and finds nothing between.
+            told = found or told
         iterations, state = ended.iterations, run.state
         extrapolated = run.extrapolated
         before, weighed = weighed, weighed.weighted_at(state)
@@ -246,18 +249,17 @@ def _minimise(
 
 @dataclass(frozen=True)
 class _Iteration:
-    """The iteration of a run, which may go on several times."""
+    """The iteration of runs, which may go on several times."""
 
-    run: Run
     tolerance: float
     most: int
     """Largest number of iterations in all."""
-    progress: Progress | None
+    progress: Progress | None = None
 
-    def __call__(self, earlier: int) -> Ended:
+    def __call__(self, run: Run, earlier: int = 0) -> Ended:
         """Iterate from ``run.state`` after a number of iterations; the end counts them too."""
         ended = iterate(
-            self.run,
+            run,
             tolerance=self.tolerance,
             max_iterations=max(self.most - earlier, 0),
             earlier=earlier,

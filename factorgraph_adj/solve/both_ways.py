@@ -11,14 +11,16 @@ the adjustment goes on from there.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..errors import AdjustmentError
 from ..graph.variables import State
 from ..types import Array, Index, Mask
 from .datum import middle
 from .iterate import Ended
+from .linear import ExtraRows
 from .linear_block import LinearBlock
 from .normal import NormalEquations
 from .run import Run
@@ -34,8 +36,14 @@ EQUAL = 1.0
 """Difference of vᵀPv up to which two places fit equally well: one observation moved by one σ."""
 APART = 3.0
 """Distance of two places, in units of their σ without the others, from which they are two."""
-TIMES = 5
-"""Largest number of times that an adjustment goes on."""
+TIMES = 20
+"""Largest number of times that an adjustment goes on; all points that may move do so at once."""
+EXAMINED = 20
+"""Largest number of points of which the other side is examined one by one."""
+MOST_THERE = 100
+"""Largest number of iterations on the other side."""
+BETWEEN = "a point is between two places, and vᵀPv decreases to both sides"
+"""Reason of an adjustment that still finds such points after `TIMES`."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +57,7 @@ class Weakest:
 
 
 def look_both_ways(
-    run: Run, ended: Ended, go_on: Callable[[int], Ended]
+    run: Run, ended: Ended, go_on: Callable[[Run, int], Ended], examine: Callable[[Run], Ended]
 ) -> tuple[Ended, tuple[str, ...]]:
     """Go on from a place between two; ``run.state`` is the better place, or the one that it was.
 
@@ -57,26 +65,29 @@ def look_both_ways(
         run: an adjustment at rest.
         ended: how it ended.
         go_on: function that iterates from ``run.state`` after a number of iterations.
+        examine: function that iterates from another state, with iterations of its own.
 
     Returns:
         How it ended at last, and what is to be told of points that fit as well elsewhere.
     """
-    told: list[str] = []
+    between: dict[int, Array] = {}
+    candidates = _candidates(run)
     for _ in range(TIMES):
-        if run.at_solution is None and not _candidates(run).any():
+        if not candidates.any():
             break
         normal = run.at_solution or run.normal_at(run.state)
         run.at_solution = normal
-        weakest = _weakest(normal, _candidates(run))
-        better = _better(run, weakest, ended.vtpv)
+        better = _better(run, _weakest(run, normal, candidates), ended.vtpv)
         if better is None:
             break
-        saddle, number = run.state, better[1]
+        between |= {number: run.state["point"][number] for number in better[1]}
         run.state, run.at_solution = better[0], None
-        ended = go_on(ended.iterations)
+        ended = go_on(run, ended.iterations)
         if not ended.converged:
-            break
-        told += _other_place(run, ended, saddle, number, go_on)
+            return ended, ()
+    else:
+        return replace(ended, converged=False, reason=BETWEEN, left=np.inf), ()
+    ended, told = _second_places(run, ended, between, examine)
     return ended, tuple(told)
 
 
@@ -90,9 +101,9 @@ def _candidates(run: Run) -> Mask:
     return np.asarray(out & (table.free.sum(axis=1) > 1))
 
 
-def _weakest(normal: NormalEquations, candidates: Mask) -> Weakest:
+def _weakest(run: Run, normal: NormalEquations, candidates: Mask) -> Weakest:
     """Return the points that are determined in one direction much worse than in another."""
-    table = normal.solver.equations.unknowns["point"]
+    table = run.equations.unknowns["point"]
     blocks = np.zeros((len(table.offset), 3, 3))
     for lb in normal.system.blocks:
         if not isinstance(lb, LinearBlock):
@@ -100,6 +111,10 @@ def _weakest(normal: NormalEquations, candidates: Mask) -> Weakest:
         for (kind, index), a in zip(lb.block.variables, lb.a, strict=True):
             if kind == "point" and len(a):
                 np.add.at(blocks, index, np.einsum("ndi,ndj->nij", a, a))
+    for e in normal.system.extra:
+        for number in _touched(run, e):
+            a = e.a[:, np.searchsorted(e.columns, table.offset[number]) + np.arange(3)]
+            blocks[number] += a.T @ a
     numbers = np.flatnonzero(candidates)
     some = blocks[numbers]
     # A held component, of which row and column are zero, is no weak direction.
@@ -110,36 +125,45 @@ def _weakest(normal: NormalEquations, candidates: Mask) -> Weakest:
     return Weakest(numbers[weak], vectors[weak, :, 0])
 
 
-def _better(run: Run, weakest: Weakest, vtpv: float) -> tuple[State, int] | None:
-    """Return a state with a smaller vᵀPv and the number of the point that moved; none: no better.
+def _touched(run: Run, e: ExtraRows) -> list[int]:
+    """Return the numbers of the points that rows of a user's factor touch."""
+    offset = run.equations.unknowns["point"].offset
+    return np.flatnonzero((offset >= 0) & np.isin(offset, e.columns)).tolist()
 
-    All points move at once, and each is judged by its own observations; the best is tried alone.
+
+def _better(run: Run, weakest: Weakest, vtpv: float) -> tuple[State, list[int]] | None:
+    """Return a state with a smaller vᵀPv and the points that moved; none: there is none.
+
+    All points move at once, and each is judged by its own observations. Those that gain go to
+    their best places together; where that is no gain, as points observe each other, the best one
+    goes alone.
     """
     if not len(weakest.points):
         return None
     extent = middle(run.state)[1]
     before = _shares(run, run.state)[weakest.points]
-    best: list[tuple[float, int, float]] = []
-    for way in WAYS:
-        for sign in (1.0, -1.0):
-            change = _shares(run, _moved(run.state, weakest, sign * way * extent))
-            gain = before - change[weakest.points]
-            i = int(np.argmax(gain))
-            best.append((float(gain[i]), i, sign * way * extent))
+    ways = np.array([sign * way * extent for way in WAYS for sign in (1.0, -1.0)])
+    gains = np.array(
+        [before - _shares(run, _moved(run.state, weakest, way))[weakest.points] for way in ways]
+    )
+    best, gain = ways[np.argmax(gains, axis=0)], np.max(gains, axis=0)
     enough = LOWER + ROUNDING * vtpv
-    for most, i, way in sorted(best, reverse=True)[: len(WAYS)]:
-        if not most > enough:
+    order = np.argsort(-gain)
+    order = order[gain[order] > enough]
+    for some in (order, order[:1]):
+        if not len(some):
             break
-        one = Weakest(weakest.points[[i]], weakest.directions[[i]])
-        state = _moved(run.state, one, way)
+        those = Weakest(weakest.points[some], weakest.directions[some])
+        state = _moved(run.state, those, best[some])
         if run.vtpv(state) < vtpv - enough:
-            return state, int(one.points[0])
+            return state, those.points.tolist()
     return None
 
 
-def _moved(state: State, weakest: Weakest, way: float) -> State:
+def _moved(state: State, weakest: Weakest, way: Array | float) -> State:
+    """Return a state with points moved along their directions by ways in metres, (n,) or one."""
     points = state["point"].copy()
-    points[weakest.points] += way * weakest.directions
+    points[weakest.points] += np.reshape(way, (-1, 1)) * weakest.directions
     return {**state, "point": points}
 
 
@@ -155,30 +179,73 @@ def _shares(run: Run, state: State) -> Array:
         for kind, index in block.variables:
             if kind == "point":
                 np.add.at(out, index, square)
+    for e in run.extra.at(equations, state).rows:
+        out[_touched(run, e)] += float(e.residual @ e.residual)
     return out
 
 
-def _other_place(
-    run: Run, ended: Ended, saddle: State, number: int, go_on: Callable[[int], Ended]
-) -> list[str]:
-    """Adjust from the other side of the place between, and tell if the point fits there too."""
-    here, at_solution = run.state, run.at_solution
-    points = here["point"].copy()
-    points[number] = 2.0 * saddle["point"][number] - points[number]
-    run.state = {**here, "point": points}
-    other = go_on(ended.iterations)
-    there = run.state
-    enough = LOWER + ROUNDING * ended.vtpv
-    lower = other.converged and other.vtpv < ended.vtpv - enough
-    equal = other.converged and abs(other.vtpv - ended.vtpv) < EQUAL
-    run.state, run.at_solution = (there, run.at_solution) if lower else (here, at_solution)
-    kept, left = (there, here) if lower else (here, there)
-    apart = np.abs(kept["point"][number] - left["point"][number])
+def _second_places(
+    run: Run, ended: Ended, between: dict[int, Array], examine: Callable[[Run], Ended]
+) -> tuple[Ended, list[str]]:
+    """Adjust from the other sides, and tell which points fit there too; take a side if better.
+
+    All points go to their other sides together; unless that fits as well, one by one.
+    """
+    numbers = list(between)
+    together = _from_other_side(run, between, numbers, examine) if numbers else None
+    if together is not None:
+        return _compared(run, ended, numbers, together)
+    told: list[str] = []
+    for n in numbers[:EXAMINED] if len(numbers) > 1 else []:
+        found = _from_other_side(run, between, [n], examine)
+        if found is not None:
+            ended, more = _compared(run, ended, [n], found)
+            told += more
+    if len(numbers) > EXAMINED:
+        told.append(f"the other sides of {len(numbers) - EXAMINED} more points were not examined")
+    return ended, told
+
+
+def _compared(
+    run: Run, ended: Ended, numbers: list[int], other: tuple[Ended, State]
+) -> tuple[Ended, list[str]]:
+    """Take the better of two states, and tell of the points that fit as well at the other."""
+    there, left = other
+    equal = abs(there.vtpv - ended.vtpv) < EQUAL
+    if there.vtpv < ended.vtpv - LOWER - ROUNDING * ended.vtpv:
+        run.state, left, run.at_solution = left, run.state, None
+        ended = replace(there, iterations=ended.iterations)
+    if not equal:
+        return ended, []
+    table = run.equations.unknowns["point"]
     normal = run.at_solution or run.normal_at(run.state)
     run.at_solution = normal
-    table = run.equations.unknowns["point"]
-    precise = np.sqrt(normal.diagonal[table.offset[number] + np.arange(3)])
-    if not (equal and precise @ apart > APART):
-        return []
-    at = ", ".join(f"{x:.4f}" for x in left["point"][number])
-    return [f"point {table.names[number]!r} fits equally well at {at}"]
+    told = []
+    for n in numbers:
+        apart = np.abs(run.state["point"][n] - left["point"][n])
+        precise = np.sqrt(normal.diagonal[table.offset[n] + np.arange(3)])
+        if precise @ apart > APART:
+            at = ", ".join(f"{x:.4f}" for x in left["point"][n])
+            told.append(f"point {table.names[n]!r} fits equally well at {at}")
+    return ended, told
+
+
+def _from_other_side(
+    run: Run, between: dict[int, Array], numbers: list[int], examine: Callable[[Run], Ended]
+) -> tuple[Ended, State] | None:
+    """Return where an adjustment ends from the other side of points; none: it does not fit there.
+
+    A run of its own does it, so that the solution stays what it is.
+    """
+    points = run.state["point"].copy()
+    for n in numbers:
+        points[n] = 2.0 * between[n] - points[n]
+    here = run.vtpv(run.state)
+    other = replace(run, state={**run.state, "point": points}, at_solution=None, last=None)
+    try:
+        ended = examine(other)
+    except AdjustmentError:  # a sight has no direction there, or something is not determined
+        return None
+    if not ended.converged or ended.vtpv > here + EQUAL:
+        return None
+    return ended, other.state

@@ -259,7 +259,9 @@ def unnoticed_ratio(equations: Equations, size: float, *, free: bool) -> float:
     A free network on the curved Earth may be shifted along it with all its verticals: on a sphere
     no observation notices that, and on the ellipsoid they notice it by the square of its
     eccentricity times size / R. Such a notice says nothing about where the network is, to within
-    hundreds of metres or more; in a free network it is a defect, as on a plane.
+    hundreds of metres or more; in a free network it is a defect, as on a plane. Observations of
+    places (control, GNSS positions, astronomic ones, weighted values) and a user's factors count
+    from `UNNOTICED_IF_FREE` on, however weak they are beside the sights.
 
     Args:
         equations: the network.
@@ -295,9 +297,25 @@ def _unnoticed(system: LinearSystem, g: Array, diagonal: Array, threshold: float
         null = right[padded < threshold].T
     if null.shape[1] == 0:
         return None
+    if threshold > UNNOTICED_IF_FREE:
+        # What tells where the network is counts, however weak it is beside all else.
+        told = noticed[_of_places(system)] @ null
+        _, values, right = np.linalg.svd(told.T @ told)
+        null = null @ right[np.sqrt(values) < UNNOTICED_IF_FREE].T
+        if null.shape[1] == 0:
+            return None
     mixture = np.zeros((7, null.shape[1]))
     mixture[real] = basis @ null
     return np.asarray(mixture / np.linalg.norm(mixture, axis=0))
+
+
+def _of_places(system: LinearSystem) -> Mask:
+    """Return which rows may tell where the network is: all but sights, extra rows at the end."""
+    out = np.ones(len(system.every_residual), dtype=bool)
+    for block in system.equations.blocks:
+        if block.fixes == "nothing" and not block.prior:
+            out[block.rows] = False
+    return out
 
 
 def _independent(motions: Array, length: Array) -> Mask:

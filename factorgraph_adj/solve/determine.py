@@ -45,6 +45,7 @@ def settle_datum(run: Run, normal: NormalEquations) -> None:
     motions = defects[0].motions
     columns = datum_columns(run.equations, motions)
     held = minimal_datum(motions * np.sqrt(normal.diagonal)[:, None], columns)
+    run.constraint = np.zeros_like(run.constraint)  # a run that goes on chooses anew
     run.constraint[held] = normal.diagonal[held]
     run.datum = FreeDatum(motions, columns)
 

@@ -209,7 +209,8 @@ class Stop(Generic[S]):
         does where the step is shorter than the coordinates can tell.
         """
         there = self.expecting or self.resolution > self.tolerance
-        return there and not damped and bound < self.tolerance
+        near = bound if self.resolution > self.tolerance else self.ahead(bound)
+        return there and not damped and near < self.tolerance
 
     def ahead(self, bound: float) -> float:
         """Return the distance of a state from the minimum, from the bound of the step from it."""

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.observations import HeightDifference, SlopeDistance
+from factorgraph_adj.observations import (
+    GnssVector,
+    HeightDifference,
+    SlopeDistance,
+    VerticalAngle,
+)
+from factorgraph_adj.stochastic import StandardDeviation
 
 from .campaign import campaign, judged
 from .draw import FAMILIES, badly_posed
@@ -107,3 +113,61 @@ def test_a_weak_height_alone_is_no_place_between_two() -> None:
     solution = fga.adjust(network)
     assert solution.converged and solution.point("P")[2] == 10.0
     assert not solution.second_places
+
+
+def test_many_such_points_all_go_at_once() -> None:
+    network = in_the_plane(10.0)
+    rng = np.random.default_rng(4)
+    for i in range(12):
+        e, n = rng.uniform(20.0, 80.0, 2)
+        up = rng.uniform(5.0, 30.0)
+        network.add_point(f"M{i}", (e, n, 10.0), sigma=(np.inf, np.inf, 1000.0))
+        for j in range(4):
+            x, y = network.points[f"S{j}"].coordinates[:2]
+            d = float(np.sqrt((x - e) ** 2 + (y - n) ** 2 + up**2))
+            network.add(SlopeDistance(f"S{j}", f"M{i}", d, sigma=0.01))
+    solution = fga.adjust(network)
+    assert solution.converged and solution.vtpv < 1.0
+    assert len(solution.second_places) == 13
+    assert all(abs(solution.point(f"M{i}")[2] - 10.0) > 4.9 for i in range(12))
+
+
+def test_the_other_side_has_iterations_of_its_own() -> None:
+    """As many as are needed for one side leave none for the other."""
+    needed = fga.adjust(in_the_plane(10.0)).iterations
+    solution = fga.adjust(in_the_plane(10.0), max_iterations=needed)
+    assert solution.converged and len(solution.second_places) == 1
+    assert not fga.adjust(in_the_plane(10.0), max_iterations=needed - 2).converged
+
+
+def test_a_second_place_is_told_where_weights_depend_on_lengths() -> None:
+    network = in_the_plane(10.0)
+    sigma = StandardDeviation(1.5, centring_target=30.0)
+    network.add(VerticalAngle("S0", "P", 0.0, sigma=sigma))
+    assert len(fga.adjust(network).second_places) == 1
+
+
+def test_a_free_network_chooses_its_minimal_datum_anew() -> None:
+    """σ are those from a start beside the plane; several minimal datums would hold the network."""
+
+    def network(height: float) -> fga.Network:
+        rng = np.random.default_rng(1)
+        out = fga.Network("free", datum="free")
+        corners = np.array([[0, 0, 10.0], [100, 0, 10], [100, 100, 10], [0, 100, 10]])
+        for i, x in enumerate(corners):
+            out.add_point(f"S{i}", x)
+        out.add_point("P", (45.0, 55.0, height))
+        for i in range(4):
+            for j in range(i + 1, 4):
+                d = corners[j] - corners[i] + 0.01 * np.array([1, 1, 0]) * rng.normal(size=3)
+                out.add(GnssVector(f"S{i}", f"S{j}", tuple(d), sigma=(0.01,) * 3))
+            length = float(np.linalg.norm((45.0, 55.0, 40.0) - corners[i]))
+            out.add(SlopeDistance(f"S{i}", "P", length + 0.003 * rng.normal(), sigma=0.003))
+        out.add(HeightDifference("S0", "P", 0.0, sigma=1000.0))
+        return out
+
+    between, beside = fga.adjust(network(10.0)), fga.adjust(network(38.0))
+    assert between.converged and between.vtpv == pytest.approx(beside.vtpv)
+    for name in ("S0", "S2", "P"):
+        ours, theirs = (s.standard_deviations(name) for s in (between, beside))
+        np.testing.assert_allclose(ours, theirs, rtol=1e-5)

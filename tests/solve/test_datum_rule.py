@@ -7,7 +7,13 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame
-from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
+from factorgraph_adj.observations import (
+    Direction,
+    GnssPosition,
+    GnssVector,
+    SlopeDistance,
+    ZenithAngle,
+)
 from factorgraph_adj.simulation.simulate import disturb, measure
 
 FRAMES: dict[str, tuple[Frame, tuple[float, float, float]]] = {
@@ -52,3 +58,25 @@ def test_a_free_network_has_the_same_defects_in_every_frame(name: str, size: flo
         for s in (solution, flat)
     )
     assert ours == pytest.approx(theirs, rel=0.5)
+
+
+@pytest.mark.parametrize("size", [5.0e3, 2.0e5])
+def test_weak_positions_are_a_datum_beside_strong_vectors(size: float) -> None:
+    """Two GNSS positions of 3 m tell where vectors of 3 mm are: all is as with a given datum."""
+    rng = np.random.default_rng(3)
+    origin = np.array([4.0e6, 8.0e5, 4.8e6])
+    at = origin + rng.uniform(-size, size, (20, 3))
+    network = fga.Network("vectors", frame=GeocentricFrame(), datum="free")
+    for i, x in enumerate(at):
+        network.add_point(f"P{i}", x + 20.0)
+    for i in range(20):
+        for j in range(i + 1, min(20, i + 4)):
+            d = at[j] - at[i] + 0.003 * rng.normal(size=3)
+            network.add(GnssVector(f"P{i}", f"P{j}", tuple(d), sigma=(0.003,) * 3))
+    for i in range(2):
+        x = at[i] + 3.0 * rng.normal(size=3)
+        network.add(GnssPosition(f"P{i}", tuple(x), sigma=(3.0,) * 3))
+    free, given = fga.adjust(network), fga.adjust(network, datum="given")
+    assert free.converged and free.datum_defect == 0
+    assert free.redundancy == given.redundancy
+    assert free.vtpv == pytest.approx(given.vtpv, rel=1e-9)
