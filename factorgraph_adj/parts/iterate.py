@@ -139,8 +139,7 @@ def iterate(
         found = _descend(whole, point, stop)
         if found is None:
             return _no_way_on(whole, point, stop, known)
-        attempt, judged, before, damping, resolution = found
-        stop = replace(stop, resolution=resolution)
+        attempt, judged, before, damping, stop = found
         if judged.arrived:
             return point, Ended.at_rest(stop, point.iterations, judged.left, before)
         if point.iterations >= max_iterations:
@@ -174,11 +173,11 @@ def iterate(
 
 def _descend(
     whole: Whole, point: Point, stop: Stop[int]
-) -> tuple[Attempt[int], Judgement, float, Damping, float] | None:
+) -> tuple[Attempt[int], Judgement, float, Damping, Stop[int]] | None:
     """Damp until a step is accepted; none: no damping leads to an accepted step.
 
     Returns:
-        The step and its judgement, vᵀPv before it, the damping, and the resolution.
+        The step and its judgement, vᵀPv before it, the damping, and the record with the resolution.
     """
     damping = point.damping
     while not damping.hopeless:
@@ -200,7 +199,7 @@ def _descend(
             here = replace(stop, resolution=found.resolution)
             judged = here.judge(attempt, found.vtpv, damped=damped)
             if judged.accepted:
-                return attempt, judged, found.vtpv, damping, found.resolution
+                return attempt, judged, found.vtpv, damping, here
         damping = damping.harder()
     return None
 

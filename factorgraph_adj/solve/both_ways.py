@@ -113,7 +113,8 @@ def _weakest(run: Run, normal: NormalEquations, candidates: Mask) -> Weakest:
                 np.add.at(blocks, index, np.einsum("ndi,ndj->nij", a, a))
     for e in normal.system.extra:
         for number in _touched(run, e):
-            a = e.a[:, np.searchsorted(e.columns, table.offset[number]) + np.arange(3)]
+            # Columns stand in the order of the factor's keys, those of a point together.
+            a = e.a[:, int(np.argmax(e.columns == table.offset[number])) + np.arange(3)]
             blocks[number] += a.T @ a
     numbers = np.flatnonzero(candidates)
     some = blocks[numbers]
@@ -173,7 +174,8 @@ def _shares(run: Run, state: State) -> Array:
     out = np.zeros(len(state["point"]))
     if not np.isfinite(run.vtpv(state)):
         return np.full(len(out), np.inf)
-    v = equations.residuals(state)
+    assert run.last is not None  # what `vtpv` has just evaluated
+    v = equations.residuals(state, evaluated=run.last[1])
     for block in equations.blocks:
         square = np.sum(v[block.rows].reshape(-1, block.dimension) ** 2, axis=1)
         for kind, index in block.variables:

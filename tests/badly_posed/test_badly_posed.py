@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
+import gtsam
 import numpy as np
 import pytest
 
@@ -171,3 +173,18 @@ def test_a_free_network_chooses_its_minimal_datum_anew() -> None:
     for name in ("S0", "S2", "P"):
         ours, theirs = (s.standard_deviations(name) for s in (between, beside))
         np.testing.assert_allclose(ours, theirs, rtol=1e-5)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_factor_counts_whatever_the_order_of_its_columns(order: int) -> None:
+    """Three distances are observations, the fourth is a user's factor."""
+    network = in_the_plane(10.0)
+    _, last = network.observations.popitem()
+    network.points["S3"] = replace(network.points["S3"], fixed=(False,) * 3, sigma=(1e-6,) * 3)
+    keys = fga.build_graph(network).keys
+    ends = [keys.key("point", name) for name in ("S3", "P")][::order]
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, 0.001)
+    factor = gtsam.RangeFactor3(*ends, last.value, noise)
+    solution = fga.adjust(network, extra_factors=[factor])
+    assert solution.converged
+    assert abs(solution.point("P")[2] - 10.0) == pytest.approx(12.0, abs=0.01)
