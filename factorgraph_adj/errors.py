@@ -27,6 +27,10 @@ class Problem:
     def __str__(self) -> str:
         return f"{self.where}: {self.what}" if self.where else self.what
 
+    def at(self, place: str) -> Problem:
+        """Return the problem with the file and line before its own place."""
+        return Problem(self.what, f"{place}: {self.where}" if self.where else place)
+
 
 _LIST = re.compile(r"(?<=; )(valid|known|it takes): .{60,}?(?=; did you mean '|$)", re.DOTALL)
 """A long list of what would be valid, to the end of a message or to the name that was meant."""

@@ -110,10 +110,10 @@ class IncrementalAdjustment:
         """
         opened, header, entries, torn = Journal.open(journal, durable=False)
         try:
-            network, options = records.start_of(header)
+            network, rules = records.start_of(header, f"{journal}:1")
             out = cls.__new__(cls)
-            network.datum = options["datum"]
-            out._rules = Rules(**options)
+            network.datum = rules.datum
+            out._rules = rules
             out.resumed, out._solution, out._journal = torn, None, None
             out.latest = Arrival()
             out._state = replayed(network, entries, out._rules, str(journal))

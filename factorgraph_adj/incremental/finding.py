@@ -48,6 +48,8 @@ class Limits:
     linear forms then still hold, and the tests leave out one error after the other."""
     rounds: int = 30
     """Largest number of rounds of snooping in a local network."""
+    iterations: int = 30
+    """Largest number of iterations of a local adjustment: what creeps for longer waits."""
     spare: int = 1
     """Readings beyond the number of its components that a point may have and still wait on."""
     share: float = 1e-6
@@ -195,7 +197,8 @@ class Search:
     def _adjusted_from(self, local: Network, start: Solution | None, bound: float) -> Solution:
         equations, free = compile_network(local), self.datum == "free"
         begin = start_of(equations, self.datum, start)
-        return adjust_from(equations, begin, free=free, tolerance=bound)
+        most = LIMITS.iterations
+        return adjust_from(equations, begin, free=free, tolerance=bound, max_iterations=most)
 
     def _anywhere(self, solution: Solution) -> set[Variable]:
         """Return waiting points of which their readings do not say where they are."""
@@ -289,7 +292,13 @@ def _placed(local: Network) -> bool:
 def _without_blunders(solution: Solution, alpha: float) -> Solution:
     """Return the solution where the network is without what stands out."""
     try:
-        clean = snoop(solution.network, start=solution, alpha=alpha, max_rounds=LIMITS.rounds)
+        clean = snoop(
+            solution.network,
+            start=solution,
+            alpha=alpha,
+            max_rounds=LIMITS.rounds,
+            max_iterations=LIMITS.iterations,
+        )
     except AdjustmentError:
         return solution
     unknowns, found = solution.equations.unknowns, clean.solution

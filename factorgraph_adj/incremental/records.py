@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,7 @@ from ..types import Array, Index
 from .given import Given
 from .ledger import Ledger
 from .rows import GONE
+from .rules import Rules
 from .units import Unit
 from .verdicts import OUTCOMES, TOLD_CAUSES, Outcome, Verdict
 
@@ -51,9 +52,20 @@ def header(network: Network, options: Mapping[str, object]) -> dict[str, Any]:
     return {"options": dict(options), "files": network_files(network)}
 
 
-def start_of(line: Mapping[str, Any]) -> tuple[Network, dict[str, Any]]:
-    """Return network and options of the first line."""
-    return network_of(line["files"]), dict(line["options"])
+def start_of(line: Mapping[str, Any], where: str) -> tuple[Network, Rules]:
+    """Return network and options of the first line.
+
+    Raises:
+        InputError: the line has no network or options, or wrong ones.
+    """
+    files, options = (line.get(part) for part in ("files", "options"))
+    wanted = {f.name for f in fields(Rules)}
+    if not isinstance(files, Mapping):
+        raise InputError(Problem("the line has no files of a network", where))
+    if not isinstance(options, Mapping) or set(options) != wanted:
+        what = f"the options must be {', '.join(sorted(wanted))}, not {options!r:.80}"
+        raise InputError(Problem(what, where))
+    return network_of(files), Rules(**options)
 
 
 def entities(before: Network, after: Network, given: Given) -> dict[str, Any]:
@@ -191,6 +203,17 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
         InputError: it names observations that no line before it has, or something is wrong with
             what it defines.
     """
+    try:
+        return _after(line, ledger, where)
+    except InputError as error:
+        told = [p if p.where.startswith(where) else p.at(where) for p in error.problems]
+        raise InputError(told) from None
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        what = f"the line is damaged: {type(error).__name__} {error!s:.80}"
+        raise InputError(Problem(what, where)) from error
+
+
+def _after(line: Mapping[str, Any], ledger: Ledger, where: str) -> Ledger:
     cameras = [camera_of(c) for c in line.get("cameras", ())]
     points = [point_of(p, frame=ledger.network.frame) for p in line.get("points", ())]
     photos = [photo_of(f, frame=ledger.network.frame) for f in line.get("photos", ())]
@@ -198,6 +221,8 @@ def replay(line: Mapping[str, Any], ledger: Ledger, *, where: str) -> Ledger:
         ledger = ledger.with_entities(points, photos, cameras)
     items = [observation_of(fields) for fields in line.get("observations", ())]
     members = [o for i in items for o in (i.observations if isinstance(i, Correlated) else (i,))]
+    for o in members:
+        ledger.network.check_names(o, set())
     ids = [identity(o) or "" for o in members]
     ledger = ledger.moved(ledger.find([*ids, *line.get("gone", ())]), None, "journal")
     ledger, _ = ledger.appended(items, "journal")

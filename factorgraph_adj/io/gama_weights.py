@@ -72,7 +72,13 @@ class GamaWeights:
                 p.element, f"<{tag}> has no standard deviation: give stdev, {other} or a <cov-mat>"
             )
         else:
-            self._keep(p.make, np.array([[(p.sigma * p.units[0]) ** 2]]))
+            sigma = float(p.sigma * p.units[0])
+            variance = sigma * sigma  # a product, because powers beyond the range raise
+            if 0 < variance < np.inf:
+                self._keep(p.make, np.array([[variance]]))
+            else:
+                what = f"<{tag}> has a standard deviation of {p.sigma:g}, which has no variance"
+                self.source.add(p.element, f"{what}: the number is out of range")
 
     def _correlated(self, element: Element, pending: list[Pending]) -> None:
         units = np.concatenate([p.units for p in pending])

@@ -33,7 +33,7 @@ from ..errors import InputError, known
 from ..graph.equations import compile_network
 from ..network.network import DatumChoice, Network
 from ..shown import Shown
-from ..solve.batch import adjust
+from ..solve.batch import MOST_ITERATIONS, adjust
 from ..solve.solution import Solution
 from ..solve.standing import standing
 from ..solve.start import Start, start_of
@@ -104,6 +104,7 @@ def robust_adjust(
     from_start: bool = False,
     tolerance: float = 0.01,
     max_iterations: int = 50,
+    iterations_each: int = MOST_ITERATIONS,
     progress: RobustProgress | None = None,
 ) -> Robust:
     """Adjust a network so that a minority of gross errors does little harm.
@@ -119,6 +120,7 @@ def robust_adjust(
             plain adjustment, which readings that are far off may bend, if it has a minimum.
         tolerance: largest change of a γ at which the weights have converged.
         max_iterations: maximum number of adjustments; then the result has ``converged`` false.
+        iterations_each: largest number of iterations of each adjustment.
         progress: called after each adjustment; an exception in it ends the estimation.
 
     Raises:
@@ -134,7 +136,7 @@ def robust_adjust(
         raise InputError(
             f"unknown scale {scale!r}; valid: {known(('a-priori', 'median'), meant=scale)}"
         )
-    solution = _first(network, datum, start, from_start=from_start)
+    solution = _first(network, datum, start, from_start, iterations_each)
     size = _spread(reliability(solution))
     trusted = scale == "a-priori"
     gamma = np.ones(len(size))
@@ -152,7 +154,12 @@ def robust_adjust(
         if starting and change < LOOSE:
             starting, s = False, np.inf
         solution = adjust(
-            network, datum=datum, start=solution, weights=gamma, tolerance=INNER_TOLERANCE
+            network,
+            datum=datum,
+            start=solution,
+            weights=gamma,
+            tolerance=INNER_TOLERANCE,
+            max_iterations=iterations_each,
         )
     reason = f"weights not at rest after {max_iterations} adjustments: they change by {change:.2g}"
     return Robust(solution, estimator, gamma, t, s, max_iterations, False, reason)
@@ -162,8 +169,8 @@ def _first(
     network: Network,
     datum: DatumChoice | None,
     start: Solution | Start | None,
-    *,
     from_start: bool,
+    max_iterations: int,
 ) -> Solution:
     """Return where the estimation begins: the plain adjustment, or the start values.
 
@@ -173,7 +180,7 @@ def _first(
     choice = network.datum if datum is None else datum
     if not from_start or choice == "free":
         # A network that does not determine its unknowns is a DatumError here.
-        solution = adjust(network, datum=datum, start=start)
+        solution = adjust(network, datum=datum, start=start, max_iterations=max_iterations)
         if solution.converged or choice == "free":
             return solution
     equations = compile_network(network)

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..network.network import DatumChoice, Network
-from ..solve.batch import adjust
+from ..solve.batch import MOST_ITERATIONS, adjust
 from ..solve.extra import Extra, ExtraFactors
 from ..solve.solution import Solution
 from ..solve.start import Start
@@ -38,6 +38,7 @@ def snoop(
     share: float = 0.4,
     robust: Estimator | None = None,
     max_rounds: int = 100,
+    max_iterations: int = MOST_ITERATIONS,
     datum: DatumChoice | None = None,
     variance: Literal["a-priori", "a-posteriori"] = "a-priori",
     start: Solution | Start | None = None,
@@ -64,6 +65,7 @@ def snoop(
             as it is has no minimum, or where readings are so far off that they may have led the
             search astray (`far_off`): then it is made again from the approximate values.
         max_rounds: maximum number of rounds.
+        max_iterations: largest number of iterations of each adjustment, as for `adjust`.
         datum: as for `adjust`.
         variance: as for `adjust`.
         start: an earlier solution of the network to start from, if it has converged.
@@ -97,7 +99,11 @@ def snoop(
         raise InputError([Problem(p) for p in problems])
     if isinstance(start, Solution) and not start.converged:
         start = None  # nothing leads back from where it ended
-    options: dict[str, Any] = {"datum": datum, "variance": variance}
+    options: dict[str, Any] = {
+        "datum": datum,
+        "variance": variance,
+        "max_iterations": max_iterations,
+    }
     first: Solution | None = None
     if robust is None:
         first = adjust(network, start=start, extra_factors=extra, **options)
@@ -117,7 +123,9 @@ def snoop(
             begin = searching.robust("huber", approximate_values(first), from_start=True)
             found = simpler(search, found, *searching.run(*begin))
         return found
-    return searching.run(*searching.robust(robust or "huber", start))[1]
+    # An adjustment without a minimum need not be tried again: the start values are what is left.
+    begin = searching.robust(robust or "huber", start, from_start=first is not None)
+    return searching.run(*begin)[1]
 
 
 @dataclass(frozen=True)
@@ -145,6 +153,7 @@ class _Searching:
             datum=self.options["datum"],
             start=start,
             from_start=from_start,
+            iterations_each=self.options["max_iterations"],
         )
         return found.solution, found.test_values / found.scale
 
