@@ -49,7 +49,7 @@ class Limits:
     rounds: int = 30
     """Largest number of rounds of snooping in a local network."""
     iterations: int = 30
-    """Largest number of iterations of a local adjustment: what creeps for longer waits."""
+    """Largest number of iterations of each adjustment in the snooping of a local network."""
     spare: int = 1
     """Readings beyond the number of its components that a point may have and still wait on."""
     share: float = 1e-6
@@ -197,8 +197,7 @@ class Search:
     def _adjusted_from(self, local: Network, start: Solution | None, bound: float) -> Solution:
         equations, free = compile_network(local), self.datum == "free"
         begin = start_of(equations, self.datum, start)
-        most = LIMITS.iterations
-        return adjust_from(equations, begin, free=free, tolerance=bound, max_iterations=most)
+        return adjust_from(equations, begin, free=free, tolerance=bound)
 
     def _anywhere(self, solution: Solution) -> set[Variable]:
         """Return waiting points of which their readings do not say where they are."""

@@ -101,6 +101,11 @@ def _without(
         if isinstance(found, System) and (found.base.converged or found.redundancy):
             return ledger, found, again, None
         if isinstance(found, Failure) and found.loose is None:
+            # What is gone may have led everything so far off that nothing leads back from there.
+            smaller, anew = adjusted(ledger, rules, None)
+            if isinstance(anew, System) and anew.base.converged:
+                left = np.setdiff1d(ledger.having("accepted"), smaller.having("accepted"))
+                return smaller, anew, np.union1d(left, again), None
             stays = without(system, ids) or system
             return ledger, with_doubt(stays, found.reason), again, None
     inside, where = ledger.having("accepted"), system.solution
