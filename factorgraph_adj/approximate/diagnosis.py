@@ -12,6 +12,7 @@ from .progress import Progress
 from .rays import ImageRays, posed
 from .resection import FITS, MANY, misses, resect
 from .spheres import positions_in_space
+from .sub_frames import InFrames
 from .survey import Sighted
 
 NEARLY_ALL = 0.8
@@ -28,12 +29,18 @@ ONLY_IMAGES = (
 
 
 def not_reached(
-    equations: Equations, progress: Progress, rays: ImageRays, *, free: bool
+    equations: Equations,
+    progress: Progress,
+    rays: ImageRays,
+    frames: InFrames,
+    *,
+    free: bool,
 ) -> list[Problem]:
-    """Return a problem for every point, photo and set without approximate values."""
+    """Return a problem for every point, photo, frame and set without approximate values."""
     missing = np.flatnonzero(~progress.complete)
     photos = np.flatnonzero(~posed(progress))
-    if not len(missing) and not len(photos):
+    lost = np.flatnonzero(np.isnan(progress.frame).any(axis=1))
+    if not len(missing) and not len(photos) and not len(lost):
         return []
     if not np.isfinite(progress.plan).any() and len(photos) == len(progress.pose):
         return [Problem(ONLY_IMAGES if free else NOTHING_KNOWN, "network")]
@@ -45,6 +52,9 @@ def not_reached(
     for f in photos.tolist():
         why = _why_no_pose(progress, rays, f)
         reasons.setdefault(("photo", why), []).append(equations.unknowns["pose"].names[f])
+    for f in lost.tolist():
+        why = _why_no_frame(progress, frames, f)
+        reasons.setdefault(("frame", why), []).append(equations.unknowns["frame"].names[f])
     for s in _unoriented(progress).tolist():
         why = "neither its station with a target, nor its orientation could be reached"
         reasons.setdefault(("set", why), []).append(equations.unknowns["orientation"].names[s])
@@ -59,6 +69,17 @@ def _unoriented(progress: Progress) -> Index:
     used = np.zeros(len(progress.orientation), dtype=bool)
     used[progress.survey.directions.third] = True
     return np.flatnonzero(used & np.isnan(progress.orientation))
+
+
+def _why_no_frame(progress: Progress, frames: InFrames, frame: int) -> str:
+    point = frames.point[frames.frame == frame]
+    n = int(np.count_nonzero(progress.complete[point[point >= 0]]))
+    turned = np.isnan(frames.given[frame, :2]).any()
+    need = "three that do not lie in one line" if turned else "two, as it is level"
+    return (
+        f"only {n} of its {len(point)} places are known; its approximate values need {need}, or "
+        "give them"
+    )
 
 
 def _why_no_pose(progress: Progress, rays: ImageRays, photo: int) -> str:

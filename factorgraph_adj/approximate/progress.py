@@ -25,6 +25,8 @@ class Progress:
     """Orientation unknowns, radians, (m,)."""
     pose: Array
     """Poses of photos, (f, 12)."""
+    frame: Array
+    """Frames, (k, 17)."""
 
     def copy(self) -> Progress:
         """Return an independent copy, for a trial."""
@@ -33,6 +35,7 @@ class Progress:
             plan=self.plan.copy(),
             orientation=self.orientation.copy(),
             pose=self.pose.copy(),
+            frame=self.frame.copy(),
         )
 
     @property

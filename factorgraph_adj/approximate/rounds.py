@@ -23,6 +23,7 @@ from .rays import GOOD_PARALLAX, LEAST_PARALLAX, ImageRays, intersect_rays, read
 from .resection import resections
 from .single_ray import far_points, ray_and_more
 from .spheres import spheres, start_in_space
+from .sub_frames import InFrames, place_frames, places_in_frames, read_frames
 from .survey import read_survey
 from .vectors import given_positions, known_coordinates, vectors
 
@@ -57,21 +58,21 @@ def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[St
     if not any(np.isnan(values).any() for values in state.values()):
         return state, []
     state["vertical"] = np.nan_to_num(state["vertical"])
-    if np.isnan(state["point"]).any() or np.isnan(state["pose"]).any():
-        progress, rays = _begin(equations, state)
+    if any(np.isnan(state[kind]).any() for kind in ("point", "pose", "frame")):
+        progress, rays, frames = _begin(equations, state)
         free = (datum or equations.network.datum) == "free"
         forgetful = progress.copy()
-        _search(progress, rays, free=free)
-        progress = _without_contradiction(equations, progress, forgetful, rays, free=free)
+        _search(progress, rays, frames, free=free)
+        progress = _without_contradiction(equations, progress, forgetful, rays, frames, free=free)
         _take_over(progress, state)
-        problems = not_reached(equations, progress, rays, free=free)
+        problems = not_reached(equations, progress, rays, frames, free=free)
         if problems:
             return state, problems
     orient_by_model(equations, state)
     return state, []
 
 
-def _begin(equations: Equations, state: State) -> tuple[Progress, ImageRays]:
+def _begin(equations: Equations, state: State) -> tuple[Progress, ImageRays, InFrames]:
     frame = equations.network.frame
     latitude, longitude = (
         float(
@@ -90,15 +91,17 @@ def _begin(equations: Equations, state: State) -> tuple[Progress, ImageRays]:
         horizon.to_plan(state["point"]),
         state["orientation"][:, 0].copy(),
         state["pose"].copy(),
+        state["frame"].copy(),
     )
     known_coordinates(equations, progress)
-    return progress, read_rays(equations)
+    return progress, read_rays(equations), read_frames(equations)
 
 
-def _search(progress: Progress, rays: ImageRays, *, free: bool) -> None:
+def _search(progress: Progress, rays: ImageRays, frames: InFrames, *, free: bool) -> None:
     """Repeat the most certain step that finds a value, until no step finds any."""
     steps: tuple[Callable[[], bool], ...] = (
         lambda: _sure_steps(progress),
+        lambda: place_frames(progress, frames) | places_in_frames(progress, frames),
         lambda: intersect_rays(progress, rays, parallax=GOOD_PARALLAX, wanted=~progress.complete),
         lambda: resections(progress, rays, least=6),
         lambda: intersect(progress, crossing=GOOD_CROSSING),
@@ -119,7 +122,13 @@ def _search(progress: Progress, rays: ImageRays, *, free: bool) -> None:
 
 
 def _without_contradiction(
-    equations: Equations, first: Progress, second: Progress, rays: ImageRays, *, free: bool
+    equations: Equations,
+    first: Progress,
+    second: Progress,
+    rays: ImageRays,
+    frames: InFrames,
+    *,
+    free: bool,
 ) -> Progress:
     """Search again without the approximate coordinates of free points if they contradict.
 
@@ -132,6 +141,7 @@ def _without_contradiction(
         first: result of the search with all given values.
         second: the given values; is filled.
         rays: the image rays.
+        frames: the places that are observed in frames.
         free: whether the datum is free.
     """
     misfit = observed_misfits(first)
@@ -142,11 +152,11 @@ def _without_contradiction(
     given = second.plan.copy()
     second.plan = second.horizon.to_plan(np.where(rough, np.nan, table.values))
     known_coordinates(equations, second)
-    _search(second, rays, free=False)
+    _search(second, rays, frames, free=False)
     every = np.arange(len(given))
     second.set_plan(every, given[:, :2])
     second.set_height(every, given[:, 2])
-    _search(second, rays, free=free)
+    _search(second, rays, frames, free=free)
     better = np.nansum(observed_misfits(second)) < np.nansum(misfit)
     return second if better and second.complete.sum() >= first.complete.sum() else first
 
@@ -166,3 +176,4 @@ def _take_over(progress: Progress, state: State) -> None:
     found = progress.horizon.from_plan(progress.plan[rows])
     state["point"][rows] = np.where(missing[rows], found, state["point"][rows])
     state["pose"] = np.where(np.isnan(state["pose"]), progress.pose, state["pose"])
+    state["frame"] = np.where(np.isnan(state["frame"]), progress.frame, state["frame"])

@@ -9,11 +9,11 @@ from typing import TypeAlias
 import numpy as np
 
 from ..frames import LocalFrame
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
 from ..network.entities import FREE_ORIENTATION, Parameter
 from ..network.network import Network
 from ..observations import KINDS, Observation
-from .make_blocks import variable_name
+from .make_blocks import ABSENT, variable_name
 from .variables import camera_of_calibration
 
 Variable: TypeAlias = tuple[VariableKind, str]
@@ -34,7 +34,9 @@ def variables_of(network: Network, o: Observation) -> Iterator[Variable]:
     for what, attribute in kind.variables:
         if what == "vertical" and attribute in upright:
             continue
-        yield what, variable_name(network, what, attribute, o)
+        name = variable_name(network, what, attribute, o)
+        if name != ABSENT or what not in ENTITIES:
+            yield what, name
 
 
 @cache
@@ -49,7 +51,7 @@ def _upright(name: str, raised: tuple[bool, ...]) -> frozenset[str]:
         raised: which of its constants, the heights of instrument and target, are not zero.
     """
     kind = KINDS[name]
-    if not any(what == "vertical" for what, _ in kind.variables):
+    if not any(what == "vertical" and "." not in a for what, a in kind.variables):
         return frozenset()
     points = [attribute for what, attribute in kind.variables if what == "point"]
     values = [

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any, cast
 
 import numpy as np
 
+from ..frames import Frame
 from ..models import position
+from ..models.base import Linearised
 from ..models.variables import ENTITIES, UNKNOWNS, UnknownKind, VariableKind
 from ..network.entities import parameter_key, parameter_name
 from ..network.network import Network
 from ..observations import KINDS, ControlPoint, Observation, ObservationKind, Unit, observation_kind
+from ..rotation import exp_rotation
 from ..types import Array, Index, Mask
 from .blocks import Block, ObservationLabels
 from .variables import DEFAULT, Unknowns, Variables, calibration_name
@@ -20,16 +23,36 @@ from .weights import constant_sigma, vector_weights
 
 
 def variable_name(network: Network, kind: VariableKind, attribute: str, o: Observation) -> str:
-    """Return the name of the variable to which an attribute of an observation refers."""
+    """Return the name of the variable to which an attribute of an observation refers.
+
+    It is empty for a variable that is not there: the attribute is None, or the origin of its frame
+    is no point.
+    """
+    attribute, _, part = attribute.partition(".")
+    if part:
+        return _at_origin(network, kind, getattr(o, attribute))
     if kind == "calibration":
         return calibration_name(network, getattr(o, attribute))
     if kind in ENTITIES:
-        return str(getattr(o, attribute))
+        return getattr(o, attribute) or ""
     record = UNKNOWNS[kind]
     key = parameter_key(record, attribute, o)
     if record.absent == "default" and key not in network.parameters.get(kind, {}):
         return DEFAULT
     return parameter_name(key)
+
+
+ABSENT = ""
+"""Name of a variable that an observation could have and has not."""
+
+
+def _at_origin(network: Network, kind: VariableKind, frame: str) -> str:
+    """Return the name of the variable at the origin of a frame; empty: it is not there."""
+    stated = network.frames[frame]
+    if kind == "point":
+        return stated.origin
+    level = bool(stated.constants[-1])
+    return stated.origin if level and stated.origin in network.of_kind(kind) else DEFAULT
 
 
 def _by_kind(network: Network) -> dict[str, list[tuple[str, Observation]]]:
@@ -53,22 +76,28 @@ def _plain_blocks(
     kind: ObservationKind,
     group: Sequence[tuple[str, Observation]],
 ) -> Iterable[Block]:
-    """Yield the block of a kind, or several blocks if unknowns of a kind differ in size."""
-    index = [
-        np.array(
-            [unknowns[what].number[variable_name(network, what, attribute, o)] for _, o in group],
-            dtype=np.intp,
-        )
-        for what, attribute in kind.variables
-    ]
+    """Yield the block of a kind, or several blocks if its observations differ in form.
+
+    They do if unknowns of a kind differ in size, or if some have variables or components that
+    others have not.
+    """
+    index = []
+    for what, attribute in kind.variables:
+        number = dict(unknowns[what].number)
+        if what in ENTITIES:
+            number.setdefault(ABSENT, -1)
+        names = [variable_name(network, what, attribute, o) for _, o in group]
+        index.append(np.array([number[n] for n in names], dtype=np.intp))
     unequal = [j for j, (what, _) in enumerate(kind.variables) if UNKNOWNS[what].variable_size]
-    if not unequal:
-        yield _plain_block(kind, group, index, {})
-        return
-    sizes = np.stack([unknowns[kind.variables[j][0]].size[index[j]] for j in unequal], axis=1)
-    for each in np.unique(sizes, axis=0):
-        rows = np.flatnonzero((sizes == each).all(axis=1))
-        widths = dict(zip(unequal, each.tolist(), strict=True))
+    columns = [unknowns[kind.variables[j][0]].size[index[j]] for j in unequal]
+    columns += [i >= 0 for i in index]
+    columns.append(
+        np.unique(["".join(o.component_names()) for _, o in group], return_inverse=True)[1]
+    )
+    differ = np.stack(columns, axis=1)
+    for each in np.unique(differ, axis=0):
+        rows = np.flatnonzero((differ == each).all(axis=1))
+        widths = dict(zip(unequal, each.tolist(), strict=False))
         yield _plain_block(
             kind, [group[i] for i in rows.tolist()], [n[rows] for n in index], widths
         )
@@ -82,29 +111,53 @@ def _plain_block(
 ) -> Block:
     observations = [o for _, o in group]
     n = len(group)
-    d = len(observations[0].components)
+    components = observations[0].component_names()
+    d = len(components)
     whitener = None
-    if kind.weight is None and d > 1:
+    if kind.takes_covariance:
         sigma, whitener = vector_weights(observations)
     else:
         sigma = np.array([constant_sigma(o) for o in observations]).reshape(n, 1)
     return Block(
         kind.name,
         kind.unit,
-        tuple((what, i) for (what, _), i in zip(kind.variables, index, strict=True)),
+        tuple((what, i) for (what, _), i in zip(kind.variables, index, strict=True) if i[0] >= 0),
         np.array([o.value for o in cast(Any, observations)], dtype=np.float64).reshape(n, d),
         sigma,
         [ident for ident, _ in group],
-        observations[0].components,
+        components,
         ObservationLabels(observations),
         whitener,
-        kind.model,
+        _model(kind, [i[0] >= 0 for i in index], components),
         constants={
             c: np.array([getattr(o, c) for o in observations], dtype=float) for c in kind.constants
         },
         fixes=kind.fixes,
         widths=widths,
     )
+
+
+def _model(
+    kind: ObservationKind, present: Sequence[bool], components: tuple[str, ...]
+) -> Callable[..., Linearised]:
+    """Return the model of a kind for observations that have some of its variables and axes."""
+    assert kind.model is not None
+    model = kind.model
+    if "axes" in kind.attributes:
+        model = partial(model, axes=tuple("xyz".index(a) for a in components))
+    return model if all(present) else partial(_with_absent, model, tuple(present))
+
+
+def _with_absent(
+    model: Callable[..., Linearised],
+    present: tuple[bool, ...],
+    frame: Frame,
+    *values: Array,
+    **given: Array,
+) -> Linearised:
+    """Return what a model makes of the variables that are there, with None for the others."""
+    there = iter(values)
+    return model(frame, *(next(there) if p else None for p in present), **given)
 
 
 def control_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
@@ -169,7 +222,7 @@ def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
         weighted = np.isfinite(table.sigma) & table.free
         record = UNKNOWNS[kind]
         if record.rotates:
-            yield from _weighted_rotations(record, table, weighted)
+            yield from _weighted_rotations(unknowns.network, record, table, weighted)
             weighted[:, :3] = False
         if kind == "pose":
             yield from _weighted_centres(table, weighted)
@@ -224,9 +277,14 @@ def unit_of(kind: UnknownKind) -> Unit:
     return "rad" if each == {"angle"} else "m" if each == {"length"} else "mixed"
 
 
-def _weighted_rotations(kind: UnknownKind, table: Variables, weighted: Mask) -> Iterable[Block]:
+def _weighted_rotations(
+    network: Network, kind: UnknownKind, table: Variables, weighted: Mask
+) -> Iterable[Block]:
     """Yield weighted attitudes, each as a whole, because the three rotations do not commute."""
-    rows = np.flatnonzero(weighted[:, :3].any(axis=1))
+    tilts = np.flatnonzero(weighted[:, 0] & ~weighted[:, 2])
+    if len(tilts):
+        yield _weighted_tilts(network, kind, table, tilts)
+    rows = np.flatnonzero(weighted[:, :3].all(axis=1))
     if not len(rows):
         return
     pose = kind.name == "pose"
@@ -243,6 +301,27 @@ def _weighted_rotations(kind: UnknownKind, table: Variables, weighted: Mask) -> 
         [f"weighted {n}" for n in names].__getitem__,
         model=partial(position.attitude, size=kind.size),
         constants={"reference": table.values[rows, :9].reshape(-1, 3, 3)},
+        prior=True,
+        fixes="attitude",
+    )
+
+
+def _weighted_tilts(network: Network, kind: UnknownKind, table: Variables, rows: Index) -> Block:
+    """Return the weighted tilts about x and y, which say nothing of the turn about z."""
+    given = [network.of_kind(kind.name)[table.names[i]].values[:3] for i in rows.tolist()]
+    names = [f"{kind.name} {table.names[i]} tilt" for i in rows]
+    return Block(
+        f"weighted_{kind.name}",
+        "rad",
+        ((kind.name, rows.astype(np.intp)),),
+        np.zeros((len(rows), 2)),
+        table.sigma[rows, :2],
+        names,
+        kind.names(2),
+        [f"weighted {n}" for n in names].__getitem__,
+        model=partial(position.tilt, size=kind.size),
+        # The turn about z may not be known yet.
+        constants={"up": exp_rotation(np.nan_to_num(np.array(given)))[:, :, 2]},
         prior=True,
         fixes="attitude",
     )

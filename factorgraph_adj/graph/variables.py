@@ -322,15 +322,18 @@ def _parameters(network: Network, kind: UnknownKind) -> _Raw:
         entries = {DEFAULT: Parameter(kind.default, (True,) * k, (np.inf,) * k)} | entries
     n = len(entries)
     values = np.zeros((n, kind.size))
+    constants = np.zeros((n, len(kind.constants)))
     free = np.zeros((n, kind.size), dtype=bool)
     sigma = np.full((n, kind.size), np.inf)
     sizes = np.zeros(n, dtype=np.intp)
     for i, p in enumerate(entries.values()):
         k = sizes[i] = len(p.values)
         values[i, :k] = p.values
+        constants[i, : len(p.constants)] = p.constants
         free[i, :k] = ~np.array(p.fixed)
         sigma[i, :k] = p.sigma
-    return list(entries), kind.store(values), sizes, free, sigma
+    stored = np.concatenate([kind.store(values), constants], axis=1)
+    return list(entries), stored, sizes, free, sigma
 
 
 DEFAULT = ""

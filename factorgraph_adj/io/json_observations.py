@@ -189,7 +189,7 @@ def _matrix(row: Row) -> Array | None:
 def _axes(record: Mapping[str, object]) -> tuple[str, ...]:
     """Return the components of a record, which is not checked yet."""
     kind = KINDS.get(str(record.get("kind")))
-    if kind is not None and kind.by_axis:
+    if kind is not None and "axes" in kind.attributes:
         return tuple(str(record.get("axes") or "xyz").replace(" ", ""))
     return () if kind is None else kind.observation.components
 

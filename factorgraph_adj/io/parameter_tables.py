@@ -9,11 +9,11 @@ in its unit, such as ``zero_mm``; a column without a unit is in the unit of the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, similar
 from ..models.variables import Component, UnknownKind, UnknownTable
 from ..network.entities import FREE_ORIENTATION, Key, Parameter
 from ..network.network import Network
@@ -66,6 +66,8 @@ def columns_of(kind: UnknownKind) -> tuple[str, ...]:
         out += [_join("sigma", u) for u in _units(kind.components[0])]
     for c in kind.components:
         out += [_join(_sigma_column(kind, c), u) for u in _units(c)]
+    if kind.constants:
+        out += ["origin", *kind.constants]
     return (*out, "free" if table.held_unless_free else "fixed")
 
 
@@ -79,6 +81,9 @@ def read_parameter(row: Row, kind: UnknownKind, key: Key, network: Network, unit
     values = [c.start if v is None else v for c, v in zip(components, given, strict=False)]
     sigma = _sigmas(row, kind, components)
     names = [c.name for c in components]
+    if kind.constants:
+        _read_frame(row, str(key), dict(zip(names, given, strict=True)), sigma, network, units)
+        return
     if table_of(kind).held_unless_free:
         free = _words(row, "free", names)
         fixed = [n for n in names if n not in free and math.isinf(sigma[n])]
@@ -106,6 +111,51 @@ def read_parameter(row: Row, kind: UnknownKind, key: Key, network: Network, unit
         return
     if unknown:
         network.of_kind(kind.name)[key] = FREE_ORIENTATION
+
+
+FRAME_WORDS = {
+    "rotation": ("rx", "ry", "rz"),
+    "offset": ("x", "y", "z"),
+    "scale": ("ln_scale",),
+}
+"""Words of the column ``free`` for several components of a frame."""
+
+
+def _read_frame(
+    row: Row,
+    name: str,
+    given: Mapping[str, float | None],
+    sigma: Mapping[str, float],
+    network: Network,
+    units: Units,
+) -> None:
+    """Put the frame of a row into the network; problems are noted in the row."""
+    free: list[str] = []
+    for word in (row.text("free", default="") or "").split():
+        if word not in FRAME_WORDS and word not in given:
+            valid = ", ".join([*FRAME_WORDS, *given])
+            row.wrong(f"free must be some of {valid}, not {word!r}{similar(word, [*given])}")
+        free += FRAME_WORDS.get(word, (word,))
+    point = row.text("origin", default="") or ""
+    at = [row.number(f"origin_{a}", units.length) for a in "xyz"]
+    if point and any(v is not None for v in at):
+        row.wrong("give either the point origin or origin_x, origin_y, origin_z, not both")
+    if any(v is not None for v in at) and None in at:
+        row.wrong("origin_x, origin_y and origin_z are given together, or none of them")
+    level = row.flag("level")
+    if row.failed:
+        return
+    try:
+        network.add_frame(
+            name,
+            free=free,
+            values={n: v for n, v in given.items() if v is not None},
+            sigma={n: s for n, s in sigma.items() if math.isfinite(s)},
+            origin=point or [v or 0.0 for v in at],
+            level=level,
+        )
+    except InputError as error:
+        row.wrong_all(error)
 
 
 def _value(row: Row, component: Component, units: Units) -> float | None:
@@ -179,7 +229,21 @@ def parameter_records(
             if not math.isnan(value):
                 unit = units.angle if c.plain and c.quantity == "angle" else _unit(c, units)
                 out[_column(c) if c.plain else _join(_column(c), unit)] = numbers.write(value, unit)
+        if kind.constants:
+            out |= _frame_record(p, units)
         yield out | _sigma_record(kind, p, units) | _held_record(kind, p)
+
+
+def _frame_record(p: Parameter, units: Units) -> dict[str, str]:
+    """Return the constants of a frame."""
+    *origin, level = p.constants
+    out = {"origin": p.origin} if p.origin else {}
+    if any(origin):
+        out |= {
+            f"origin_{a}": numbers.write(v, units.length)
+            for a, v in zip("xyz", origin, strict=True)
+        }
+    return out | ({"level": "yes"} if level else {})
 
 
 def _unit(component: Component, units: Units) -> str:

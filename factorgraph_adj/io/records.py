@@ -83,7 +83,7 @@ def observation(
     cls = KINDS[kind].observation
     arguments: dict[str, Any] = {"id": row.text("id"), "source": source or None}
     for name in names_of(kind):
-        arguments[name] = row.text(name, required=True)
+        arguments[name] = row.text(name, required=name not in KINDS[kind].may_lack)
     if cls is ImagePoint:
         _take_image(row, context, arguments)
     else:
@@ -126,8 +126,9 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     arguments: dict[str, Any] = {
         n: str(record[n]) for n in (*names, *KINDS[kind].texts) if record.get(n)
     }
-    if any(n not in arguments for n in names):
+    if any(n not in arguments and n not in KINDS[kind].may_lack for n in names):
         return None
+    arguments |= {n: None for n in names if n not in arguments}
     vector = "covariance" in have
     if kind == "image":
         arguments |= {"x": 0.0, "y": 0.0}

@@ -15,6 +15,7 @@ import numpy as np
 from ..frames import Frame
 from ..rotation import skew
 from ..types import Array, Index, Mask
+from .sub_frame import horizons, split_frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +91,31 @@ def of_poses(motions: Motions, values: Array, at: Index) -> Array:
     out = np.zeros((len(values), 6, 7))
     out[:, :3, 3:6] = rotation.transpose(0, 2, 1) / motions.size
     out[:, 3:] = motions.of_places(values[:, 9:])
+    return out
+
+
+def of_frames(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of frames, see `sub_frame`: what is measured in them stays.
+
+    δω = Rᵀ E θ, δℓ = μ; with a constant origin O, δc = e^{−ℓ} Rᵀ E δO, where δO is the motion of
+    the object at O; with the origin at a point, δc = 0. E is the identity or the horizon at O.
+
+    Args:
+        motions: the seven motions.
+        values: stored frames, (n, 17).
+        at: number of the point at the origin of each frame, −1: none, (n,).
+    """
+    rotation, _, ln_scale, origin, level = split_frame(values)
+    at_point = at >= 0
+    origin = np.where(at_point[:, None], motions.points[at], origin)
+    deflections = np.where(at_point[:, None], motions.deflections[at], 0.0)
+    horizon = horizons(motions.frame.basis(origin, deflections), level)
+    to_frame = rotation.transpose(0, 2, 1) @ horizon
+    out = np.zeros((len(values), 7, 7))
+    out[:, :3] = to_frame @ motions.turn
+    moved = np.exp(-ln_scale)[:, None, None] * (to_frame @ motions.of_places(origin))
+    out[:, 3:6] = np.where(at_point[:, None, None], 0.0, moved)
+    out[:, 6, 6] = 1.0 / motions.size
     return out
 
 

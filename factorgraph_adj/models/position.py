@@ -105,6 +105,26 @@ def attitude(
     return Linearised(w - observed, (jacobian,))
 
 
+def tilt(frame: Frame, value: Array, *, observed: Array, up: Array, size: int) -> Linearised:
+    """Compute (g_y, −g_x) − observed, radians about the turned x and y axes, (n, 2); g = Rᵀ u.
+
+    It is zero where the z axis of R is u, whatever the turn about it.
+
+    Args:
+        frame: not used.
+        value: stored values that begin with a rotation R, (n, 9 + …).
+        observed: (n, 2).
+        up: u, the known direction of the z axis, (n, 3).
+        size: number of components of the tangent.
+    """
+    rotation = value[:, :9].reshape(-1, 3, 3)
+    g = np.einsum("nji,nj->ni", rotation, up)
+    jacobian = np.zeros((len(g), 2, size))
+    turned = skew(g)
+    jacobian[:, 0, :3], jacobian[:, 1, :3] = turned[:, 1], -turned[:, 0]
+    return Linearised(np.stack([g[:, 1], -g[:, 0]], axis=1) - observed, (jacobian,))
+
+
 def component(
     frame: Frame, value: Array, *, observed: Array, which: Array, size: int, shift: int = 0
 ) -> Linearised:

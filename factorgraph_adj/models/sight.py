@@ -49,8 +49,8 @@ def up_by_angles(basis: Basis) -> Array:
     return np.stack([basis.enu[:, 1], basis.cos_latitude[:, None] * basis.enu[:, 0]], axis=-1)
 
 
-def _q_by_angles(q: Array, basis: Basis) -> Array:
-    """Return ∂q/∂(Φ, Λ) at fixed d, (n, 3, 2)."""
+def turned_by_angles(q: Array, basis: Basis) -> Array:
+    """Return ∂q/∂(Φ, Λ), (n, 3, 2), of vectors d with coordinates q (n, 3) in the horizon."""
     s, c = basis.sin_latitude, basis.cos_latitude
     e, n, u = q[:, 0], q[:, 1], q[:, 2]
     out = np.zeros((len(q), 3, 2))
@@ -87,7 +87,7 @@ def sight(
     # d and the basis depend on the angles; the angles depend on position and deflections.
     from_i = -hi[:, :, None] * (rotation @ up_by_angles(at_i))
     from_j = ht[:, :, None] * (rotation @ up_by_angles(at_j))
-    turned = _q_by_angles(q, basis)
+    turned = turned_by_angles(q, basis)
     if reverse:
         from_j = from_j + turned
     else:

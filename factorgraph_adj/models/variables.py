@@ -94,6 +94,12 @@ class UnknownKind:
     """Change of the components in a motion of the whole object; None: no change."""
     connects: bool = False
     """Whether observations of one unknown of this kind belong to one connected part."""
+    single_turns: bool = False
+    """Whether single components of the rotation, about the axes of the unknown itself, may be held:
+    those about x and y keep the direction of its z axis."""
+    constants: tuple[str, ...] = ()
+    """Names of numbers that belong to an unknown and never change; they are stored behind its
+    components."""
     late: int = 0
     """Place in the elimination: 0 with the points, 1 after them, 2 last; many observations
     touch an unknown that is eliminated late."""
@@ -127,6 +133,11 @@ class UnknownKind:
     @property
     def stored(self) -> int:
         """Length of the stored value of an unknown with all components."""
+        return self.moving + len(self.constants)
+
+    @property
+    def moving(self) -> int:
+        """Length of the stored value without constants."""
         return self.size + (ROTATION - 3 if self.rotates else 0)
 
     def names(self, size: int | None = None) -> tuple[str, ...]:
@@ -145,7 +156,7 @@ class UnknownKind:
         if not self.rotates:
             return stored
         rotation = log_rotation(stored[:, :ROTATION].reshape(-1, 3, 3))
-        return np.concatenate([rotation, stored[:, ROTATION:]], axis=1)
+        return np.concatenate([rotation, stored[:, ROTATION : self.moving]], axis=1)
 
     def shown(self, stored: Array) -> Array:
         """Return the values (n, k) of a stored form (n, s) for results: circular ones in [0, 2π).
@@ -164,8 +175,9 @@ class UnknownKind:
         if not self.rotates:
             return stored + step
         turned = stored[:, :ROTATION].reshape(-1, 3, 3) @ exp_rotation(step[:, :3])
+        others, constants = stored[:, ROTATION : self.moving], stored[:, self.moving :]
         return np.concatenate(
-            [turned.reshape(-1, ROTATION), stored[:, ROTATION:] + step[:, 3:]], axis=1
+            [turned.reshape(-1, ROTATION), others + step[:, 3:], constants], axis=1
         )
 
     def local(self, stored: Array, other: Array) -> Array:
@@ -174,7 +186,8 @@ class UnknownKind:
             return np.asarray(other - stored)
         a, b = (x[:, :ROTATION].reshape(-1, 3, 3) for x in (stored, other))
         turn = log_rotation(np.swapaxes(a, 1, 2) @ b)
-        return np.concatenate([turn, other[:, ROTATION:] - stored[:, ROTATION:]], axis=1)
+        rest = slice(ROTATION, self.moving)
+        return np.concatenate([turn, other[:, rest] - stored[:, rest]], axis=1)
 
     def in_stored_form(self, components: Mask) -> Mask:
         """Return flags of components (n, k) as flags of stored numbers (n, s).
@@ -184,7 +197,8 @@ class UnknownKind:
         if not self.rotates:
             return components.copy()
         turned = np.repeat(components[:, :3].any(axis=1, keepdims=True), ROTATION, axis=1)
-        return np.concatenate([turned, components[:, 3:]], axis=1)
+        never = np.zeros((len(components), len(self.constants)), dtype=bool)
+        return np.concatenate([turned, components[:, 3:], never], axis=1)
 
     def problems(self) -> list[str]:
         """Return all errors in the record itself."""
@@ -348,6 +362,19 @@ _BUILT_IN: Sequence[UnknownKind] = (
         motions=motions.of_poses,
         connects=True,
         late=1,
+    ),
+    UnknownKind(
+        "frame",
+        "frame",
+        "f",
+        (*_ATTITUDE, *_xyz(), Component("ln_scale")),
+        rotates=True,
+        single_turns=True,
+        constants=("origin_x", "origin_y", "origin_z", "level"),
+        motions=motions.of_frames,
+        connects=True,
+        late=1,
+        table=UnknownTable("frames", held_unless_free=True),
     ),
     UnknownKind(
         "calibration",

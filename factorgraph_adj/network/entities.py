@@ -126,6 +126,10 @@ class Parameter:
     """Whether each component is held."""
     sigma: tuple[float, ...]
     """Standard deviations of weighted components, SI; infinite for free components."""
+    constants: tuple[float, ...] = ()
+    """Constants of the kind, see `UnknownKind.constants`."""
+    origin: str = ""
+    """Name of the point at which the unknown has its origin; empty: none."""
 
 
 @dataclass
@@ -258,7 +262,8 @@ def parameter(
         raise InputError(
             Problem(f"it needs {kind.size} values ({', '.join(kind.names())}), not {size}", where)
         )
-    if not np.all(np.isfinite(given)):
+    open_start = [kind.single_turns and bool(np.isnan(c.start)) for c in kind.components[:size]]
+    if any(not np.isfinite(v) and not o for v, o in zip(given, open_start, strict=True)):
         raise InputError(Problem(f"values must be finite, not {given}", where))
     if fixed is True and sigma is not None:
         raise InputError(Problem("either fixed or sigma, not both", where))
@@ -277,7 +282,12 @@ def parameter(
     both = [n for n, h, s in zip(names, held, weights, strict=True) if h and np.isfinite(s)]
     if both:
         raise InputError(Problem(f"{', '.join(both)}: either fixed or sigma, not both", where))
-    if kind.rotates:
+    if kind.single_turns:
+        turns = tuple(bool(np.isfinite(s)) for s in weights[:3])
+        if any(turns) and turns not in ((True,) * 3, (True, True, False)):
+            what = "weight rx and ry, the tilts, or all three rotations: they do not commute"
+            raise InputError(Problem(what, where))
+    elif kind.rotates:
         for what, flags in (("hold", held), ("weight", [bool(np.isfinite(s)) for s in weights])):
             if any(flags[:3]) != all(flags[:3]):
                 raise InputError(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -33,6 +34,7 @@ from .entities import (
     parameter,
     parameter_key,
     parameter_name,
+    triple,
 )
 from .of_kind import OfKind
 
@@ -324,6 +326,67 @@ class Network(Shown):
         held = [n for n, s in sigma.items() if s == np.inf and n not in asked]
         self.set_unknown("edm", name, (scale, zero), fixed=held, sigma=sigma)
 
+    def add_frame(
+        self,
+        name: str,
+        *,
+        free: Iterable[str] = ("rx", "ry", "rz", "x", "y", "z"),
+        values: Mapping[str, float] | None = None,
+        sigma: Mapping[str, float] | None = None,
+        origin: str | Sequence[float] = (0.0, 0.0, 0.0),
+        level: bool = False,
+    ) -> None:
+        """State a frame of its own: of a model, a scanner or tracker station, a shape.
+
+        Coordinates in the frame are q = e^{−ℓ} Rᵀ E (X − O) − c, see
+        `factorgraph_adj.models.sub_frame`. Its components are the rotation vector rx, ry, rz of R
+        (radians, frame → object), the offset x, y, z = c (unit of the frame) and ln_scale = ℓ.
+
+        Args:
+            name: its name.
+            free: components to estimate without a prior; those that are neither free nor weighted
+                are held. Steps of a rotation are about the axes of the frame: with rx and ry held
+                its z axis keeps its direction.
+            values: values of components by name, SI; a held or weighted component without one has
+                0; a free one without one is computed from common points.
+            sigma: standard deviations of weighted components by name; of the rotations, rx and ry
+                (the tilts) or all three.
+            origin: O, the name of a point, such as the station of a scanner, whose offset is then
+                held unless it is free; or constant coordinates, metres. Choose them near the
+                middle of the points of the frame: far away, offset and rotation have nearly the
+                same effect.
+            level: whether R counts from the horizon (east, north, up) at O, as that of a levelled
+                instrument does.
+
+        Raises:
+            InputError: a frame of this name is there, an unknown point or component, numbers that
+                are not finite, a component that is both free and weighted.
+        """
+        where = f"frame {name!r}"
+        self._new(name, self.of_kind("frame"), "frame")
+        kind = UNKNOWNS["frame"]
+        names, given, weights = kind.names(), dict(values or {}), dict(sigma or {})
+        wanted = list(free)
+        unknown = [n for n in (*wanted, *given, *weights) if n not in names]
+        if unknown:
+            what = f"unknown component {unknown[0]!r}; valid: {known(names, meant=unknown[0])}"
+            raise InputError(Problem(what, where))
+        both = [n for n in wanted if n in weights]
+        if both:
+            raise InputError(Problem(f"{', '.join(both)}: either free or sigma, not both", where))
+        station = origin if isinstance(origin, str) else ""
+        if station:
+            self._known(station, self.points, "point", where)
+        at = (0.0, 0.0, 0.0) if isinstance(origin, str) else triple(origin, "origin", where)
+        if np.isnan(at).any():
+            raise InputError(Problem(f"origin must be finite, not {at}", where))
+        start = [given.get(n, np.nan if n in wanted and n != "ln_scale" else 0.0) for n in names]
+        held = [n for n in names if n not in wanted and n not in weights]
+        stated = parameter(kind, start, held, weights, where)
+        self.of_kind("frame")[name] = replace(stated, constants=(*at, float(level)), origin=station)
+
+    frames = OfKind("frame")
+    """Frames by name."""
     orientations = OfKind("orientation")
     """Orientation unknowns by station and set."""
     refractions = OfKind("refraction")
@@ -429,8 +492,8 @@ class Network(Shown):
         record, where = o.record, o.label()
         for name in o.points():
             self._known(name, self.points, "point", where)
-        for attribute in record.photos:
-            self._known(getattr(o, attribute), self.photos, "photo", where)
+        for name in o.photos():
+            self._known(name, self.photos, "photo", where)
         for kind, attribute in record.parameters:
             unknown, name = UNKNOWNS[kind], getattr(o, attribute)
             if unknown.absent != "refused":

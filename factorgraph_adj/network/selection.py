@@ -111,9 +111,11 @@ def only(
     out.clusters = [group for group in network.clusters if group[0][0] in observations]
     for o in out.observations.values():
         wanted["point"].update(o.points())
-        wanted["pose"].update(getattr(o, photo) for photo in o.record.photos)
+        wanted["pose"].update(o.photos())
         for kind, key in parameters_of(o):
             wanted[kind].add(parameter_name(key))
+            if (origin := origin_of(network, kind, key)) is not None:
+                wanted["point"].add(origin)
     out.photos = {n: f for n, f in network.photos.items() if n in wanted["pose"]}
     cameras = {f.camera for f in out.photos.values()} | wanted["calibration"]
     out.cameras = {n: c for n, c in network.cameras.items() if n in cameras}
@@ -155,6 +157,12 @@ def parameters_of(o: Observation) -> Iterator[Stated]:
     """Return kind and key of every parameter that an observation may depend on."""
     for kind, attribute in o.record.parameters:
         yield kind, parameter_key(UNKNOWNS[kind], attribute, o)
+
+
+def origin_of(network: Network, kind: VariableKind, key: Key) -> str | None:
+    """Return the point at the origin of an unknown; none: it has none there."""
+    stated = network.of_kind(kind).get(key)
+    return stated.origin or None if stated is not None else None
 
 
 def _images(network: Network, ids: list[str]) -> tuple[Mask, set[str]]:
@@ -257,6 +265,10 @@ def _drop_points(network: Network, lost: Iterable[str]) -> None:
         for kind in (k.name for k in parameter_kinds() if k.at_point):
             table = network.of_kind(kind)
             for key in [k for k in table if name == (k if isinstance(k, str) else k[0])]:
+                del table[key]
+        for each in parameter_kinds():
+            table = network.of_kind(each.name)
+            for key in [k for k, p in table.items() if p.origin == name]:
                 del table[key]
     network.point_number = {name: i for i, name in enumerate(network.points)}
 

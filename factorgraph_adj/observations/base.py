@@ -64,11 +64,19 @@ class Observation:
 
     def names(self) -> tuple[str, ...]:
         """Return the names of points and photos that the observation joins."""
-        return tuple(getattr(self, a) for a in self.record.named)
+        return self._stated(self.record.named)
 
     def points(self) -> tuple[str, ...]:
         """Return the names of the points that the observation joins."""
-        return tuple(getattr(self, a) for a in self.record.points)
+        return self._stated(self.record.points)
+
+    def photos(self) -> tuple[str, ...]:
+        """Return the names of the photos that the observation joins."""
+        return self._stated(self.record.photos)
+
+    def _stated(self, attributes: Sequence[str]) -> tuple[str, ...]:
+        """Return the names in some attributes, without those that name nothing."""
+        return tuple(n for a in attributes if (n := getattr(self, a)) is not None)
 
     def component_names(self) -> tuple[str, ...]:
         """Return the names of the scalar components; a scalar has one empty name."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..models import position, terrestrial
+from ..models import position, sub_frame, terrestrial
 from .image import ImagePoint
+from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from .registry import KINDS, ObservationKind, register_observation
 from .terrestrial import (
@@ -32,6 +33,13 @@ _INDEX = ("index_error", "index_error")
 _COLLIMATION = ("collimation_error", "collimation_error")
 _RAY = (("pose", "photo"), ("calibration", "photo"), ("point", "point"))
 _POINT = (("point", "point"),)
+_IN_FRAME = (
+    ("frame", "frame"),
+    *_POINT,
+    ("pose", "photo"),
+    ("point", "frame.origin"),
+    ("vertical", "frame.origin"),
+)
 
 _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(
@@ -114,6 +122,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         fixes="coordinates",
     ),
     ObservationKind(ImagePoint, _RAY, None, unit="image"),
+    ObservationKind(FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate),
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)

@@ -32,7 +32,9 @@ class ObservationKind:
     """Class derived from `Observation`. Its ``kind`` is the name of the kind; its fields are the
     columns of tables."""
     variables: tuple[tuple[str, str], ...]
-    """Kind of each unknown of the model, and the attribute that names the unknown, in order."""
+    """Kind of each unknown of the model, and the attribute that names the unknown, in order. An
+    attribute that is None names nothing: the model gets None. ``frame.origin`` is the point at the
+    origin of the frame that the attribute ``frame`` names, if its origin is a point."""
     model: Callable[..., Linearised] | None
     """(frame, *variables, observed=…, constants…) → residuals and partials; None for image
     coordinates and for single coordinates of a point, whose rows the graph builds itself."""
@@ -61,23 +63,23 @@ class ObservationKind:
     @cached_property
     def named(self) -> tuple[str, ...]:
         """Attributes that name points and photos, in the order of the variables, each once."""
-        both = (a for kind, a in self.variables if kind in ("point", "pose"))
+        both = (a for kind, a in self.variables if kind in ("point", "pose") and "." not in a)
         return tuple(dict.fromkeys(both))
 
     @cached_property
     def points(self) -> tuple[str, ...]:
         """Attributes that name points, each once."""
-        return tuple(dict.fromkeys(a for kind, a in self.variables if kind == "point"))
+        return tuple(a for a in self.named if ("point", a) in self.variables)
 
     @cached_property
     def photos(self) -> tuple[str, ...]:
         """Attributes that name photos, each once."""
-        return tuple(dict.fromkeys(a for kind, a in self.variables if kind == "pose"))
+        return tuple(a for a in self.named if ("pose", a) in self.variables)
 
     @cached_property
     def parameters(self) -> tuple[tuple[str, str], ...]:
         """Kind and attribute of the unknowns that a network states as parameters."""
-        return tuple((k, a) for k, a in self.variables if k not in ENTITIES)
+        return tuple((k, a) for k, a in self.variables if k not in ENTITIES and "." not in a)
 
     @cached_property
     def texts(self) -> tuple[str, ...]:
@@ -99,6 +101,11 @@ class ObservationKind:
         )
 
     @cached_property
+    def may_lack(self) -> frozenset[str]:
+        """Names of the attributes that may be None."""
+        return frozenset(f.name for f in fields(self.observation) if "None" in str(f.type))
+
+    @cached_property
     def defaults(self) -> dict[str, Any]:
         """Plain defaults of attributes, by name."""
         return {f.name: f.default for f in fields(self.observation) if f.default is not MISSING}
@@ -106,7 +113,12 @@ class ObservationKind:
     @property
     def curved(self) -> bool:
         """Whether the kind joins several points and the partials depend on their positions."""
-        return not self.linear and sum(kind == "point" for kind, _ in self.variables) > 1
+        return not self.linear and sum(kind in ("point", "frame") for kind, _ in self.variables) > 1
+
+    @property
+    def takes_covariance(self) -> bool:
+        """Whether an observation has a σ for each component, or a covariance."""
+        return "covariance" in self.attributes
 
     @property
     def takes_parts(self) -> bool:
@@ -146,7 +158,7 @@ class ObservationKind:
                 found.append(
                     f"unknown kind of unknowns {kind!r}; valid: {known(UNKNOWNS, meant=kind)}"
                 )
-            if attribute not in have:
+            if attribute.partition(".")[0] not in have:
                 found.append(f"its class has no attribute {attribute!r} for the kind {kind!r}")
         for constant in self.constants:
             if constant not in have:
@@ -167,7 +179,7 @@ class ObservationKind:
             return []
         if not callable(self.model):
             return [f"its model must be a function, not {self.model!r}"]
-        wanted = {"observed", *self.constants}
+        wanted = {"observed", *self.constants, *({"axes"} & self.attributes)}
         takes = inspect.signature(self.model).parameters
         if any(p.kind is p.VAR_KEYWORD for p in takes.values()):
             return []

@@ -16,6 +16,7 @@ onto the inner constraints (`transform`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -29,6 +30,7 @@ from ..frames import LocalFrame
 from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.motions import Motions
+from ..models.sub_frame import split_frame
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import parameter_name
 from ..rotation import exp_rotation
@@ -107,9 +109,13 @@ def motions_of(equations: Equations, state: State, about: About | None = None) -
 
 def places_of(equations: Equations, kind: VariableKind, on: Index) -> Index:
     """Return the number of the point at which each variable stands; −1: at no point."""
+    unknowns = equations.unknowns
+    if UNKNOWNS[kind].constants:
+        stated = equations.network.of_kind(kind)
+        origins = [stated[unknowns[kind].names[i]].origin for i in on.tolist()]
+        return np.array([unknowns["point"].number.get(n, -1) for n in origins], dtype=np.intp)
     if not UNKNOWNS[kind].at_point:
         return np.full(len(on), -1, dtype=np.intp)
-    unknowns = equations.unknowns
     point_of = {
         parameter_name(key): key if isinstance(key, str) else key[0]
         for key in equations.network.of_kind(kind)
@@ -382,7 +388,36 @@ def transform(equations: Equations, state: State, defect: Defect, amounts: Array
     turned = rotation @ state["pose"][on, :9].reshape(-1, 3, 3)
     poses[on, :9] = turned.reshape(-1, 9)
     poses[on, 9:] = place(state["pose"][on, 9:])
-    return {**moved, "point": points, "pose": poses}
+    numbers = np.flatnonzero(in_part(equations.unknowns["frame"], inside))
+    frames = moved["frame"].copy()
+    origins = places_of(equations, "frame", numbers)
+    alone = numbers[(origins < 0) & (split_frame(state["frame"][numbers]).level == 0)]
+    frames[alone] = _moved_frames(state["frame"][alone], rotation, motion[6] / size, place)
+    return {**moved, "point": points, "pose": poses, "frame": frames}
+
+
+def _moved_frames(
+    frames: Array, rotation: Array, ln_scale: float, place: Callable[[Array], Array]
+) -> Array:
+    """Return frames with constant origins moved by a similarity: what they measure stays.
+
+    R' = Q R, ℓ' = ℓ + ln m; the place with q = 0, O + e^ℓ R c, moves as a point does.
+
+    Args:
+        frames: stored frames, (n, 17).
+        rotation: Q, (3, 3).
+        ln_scale: ln m.
+        place: the similarity of places (n, 3).
+    """
+    turned, offset, scale, origin, _ = split_frame(frames)
+    out = frames.copy()
+    to_object = np.exp(scale)[:, None, None] * turned
+    zero = place(origin + np.einsum("nij,nj->ni", to_object, offset))
+    after = np.exp(ln_scale) * (rotation @ to_object)
+    out[:, :9] = (rotation @ turned).reshape(-1, 9)
+    out[:, 9:12] = np.linalg.solve(after, (zero - origin)[..., None])[..., 0]
+    out[:, 12] = scale + ln_scale
+    return out
 
 
 @dataclass(frozen=True)

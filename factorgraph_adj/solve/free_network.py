@@ -180,11 +180,11 @@ def _similarity(
 
     Singular values give rotation and scale (Umeyama 1991, eqs. 34 to 43). The similarity is used
     where the network has all seven defects, where every datum point has all its coordinates, and
-    where only points and photos move.
+    where only points, photos and frames move.
     """
     unknowns = equations.unknowns
     moved = {k for k, _ in unknowns.active() if UNKNOWNS[k].motions is not None}
-    if defect.size < len(MOTIONS) or moved - {"point", "pose"}:
+    if defect.size < len(MOTIONS) or moved - {"point", "pose", "frame"}:
         return None
     table = unknowns["point"]
     on = np.flatnonzero(table.offset >= 0)

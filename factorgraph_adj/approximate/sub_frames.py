@@ -1,0 +1,215 @@
+"""Frames from the places that are known in them, and places from known frames.
+
+A frame with common places is a similarity between coordinates q in the frame and places X: with
+y = E (X − O), y = e^ℓ R (q + c). Rotation and scale follow from the places reduced to their means
+(Kabsch; Umeyama 1991, eqs. 34 to 43); where rx and ry are held, the turn about z follows from the
+plan alone. Components that are given or held are kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..graph.equations import Equations
+from ..models.sub_frame import from_frame, horizons
+from ..models.variables import ROTATION, UNKNOWNS
+from ..rotation import exp_rotation
+from ..types import Array, Index, Mask
+from .progress import Progress
+
+FLAT = 1e-3
+"""Smallest ratio of extents, across and along, at which places fix a rotation in space."""
+
+
+@dataclass(frozen=True)
+class InFrames:
+    """Places that are observed in frames, one row for each."""
+
+    frame: Index
+    """Number of the frame, (n,)."""
+    point: Index
+    """Number of the point, −1: a photo, (n,)."""
+    photo: Index
+    """Number of the photo, −1: a point, (n,)."""
+    q: Array
+    """Observed coordinates, unit of the frame; NaN for axes that were not observed, (n, 3)."""
+    given: Array
+    """Given values of the components of every frame, NaN where they are to be found, (f, 7)."""
+    free: Mask
+    """Whether each component of every frame is free, (f, 7)."""
+    origin: Index
+    """Number of the point at the origin of every frame, −1: it is a constant, (f,)."""
+
+
+def read_frames(equations: Equations) -> InFrames:
+    """Return the places that a network observes in frames."""
+    table, network = equations.unknowns["frame"], equations.network
+    stated = network.frames.values()
+    given = np.array([p.values for p in stated], dtype=float).reshape(-1, UNKNOWNS["frame"].size)
+    number = equations.unknowns["point"].number
+    origin = np.array([number.get(p.origin, -1) for p in stated], dtype=np.intp)
+    every: list[tuple[Index, Index, Index, Array]] = []
+    for block in equations.blocks:
+        if block.kind != "frame_coordinate":
+            continue
+        index = dict(block.variables[:2])
+        nowhere = np.full(block.n, -1, dtype=np.intp)
+        q = np.full((block.n, 3), np.nan)
+        q[:, ["xyz".index(a) for a in block.components]] = block.observed
+        every.append((index["frame"], index.get("point", nowhere), index.get("pose", nowhere), q))
+    none = np.zeros(0, dtype=np.intp)
+    frame, point, photo, q = (
+        np.concatenate(c) for c in zip((none, none, none, np.zeros((0, 3))), *every, strict=True)
+    )
+    return InFrames(frame, point, photo, q, given, table.free, origin)
+
+
+def place_frames(progress: Progress, seen: InFrames) -> bool:
+    """Fill frames from the places that are known in them; return whether any was filled."""
+    filled = False
+    missing = np.flatnonzero(np.isnan(progress.frame).any(axis=1))
+    for f in missing.tolist():
+        rows = np.flatnonzero(seen.frame == f)
+        x = _places(progress, seen, rows)
+        known = np.isfinite(x[:, :2]).all(axis=1)
+        if not known.any():
+            continue
+        origin = _origin(progress, seen, f)
+        given = seen.given[f].copy()
+        at = origin
+        if at is None:  # an origin that is not known either follows with the offset
+            at, given[3:6] = x[known].mean(axis=0), np.nan
+        horizon = _horizon(progress, f, at)
+        y = (x[known] - at) @ horizon.T
+        found = _fitted(y, seen.q[rows[known]], given, seen.free[f])
+        if found is None:
+            continue
+        if origin is None:
+            offset = np.nan_to_num(seen.given[f, 3:6])
+            _set_origin(progress, int(seen.origin[f]), at, found, offset, horizon)
+            found[9:12] = offset
+        progress.frame[f, : len(found)] = found
+        filled = True
+    return filled
+
+
+def _horizon(progress: Progress, f: int, at: Array) -> Array:
+    """Return E (3, 3) of a frame with the origin ``at`` (3,)."""
+    basis = progress.horizon.frame.basis(at[None], np.zeros((1, 2)))
+    return np.asarray(horizons(basis, progress.frame[f, 16:])[0])
+
+
+def _set_origin(
+    progress: Progress, point: int, at: Array, found: Array, offset: Array, horizon: Array
+) -> None:
+    """Fill the point at the origin of a frame: O = at + Eᵀ e^ℓ R (c' − c).
+
+    Args:
+        progress: what was found so far.
+        point: number of the point.
+        at: the place from which the frame was fitted, (3,).
+        found: the frame with the offset c' from there, without constants.
+        offset: c, the offset from the point, (3,).
+        horizon: E, (3, 3).
+    """
+    shift = np.exp(found[12]) * found[:9].reshape(3, 3) @ (found[9:12] - offset)
+    plan = progress.horizon.to_plan((at + horizon.T @ shift)[None])
+    progress.set_plan(np.array([point]), plan[:, :2])
+    progress.set_height(np.array([point]), plan[:, 2])
+
+
+def places_in_frames(progress: Progress, seen: InFrames) -> bool:
+    """Fill points and projection centres from frames that are known; return whether any was."""
+    known: Mask = np.all(np.isfinite(progress.frame), axis=1)
+    open_point = (seen.point >= 0) & ~progress.complete[seen.point]
+    rows = np.flatnonzero(known[seen.frame] & open_point & np.isfinite(seen.q).all(axis=1))
+    at = [_origin(progress, seen, f) for f in seen.frame[rows].tolist()]
+    rows = rows[[a is not None for a in at]] if len(rows) else rows
+    if not len(rows):
+        return False
+    origin = np.array([a for a in at if a is not None])
+    stored = progress.frame[seen.frame[rows]]
+    basis = progress.horizon.frame.basis(origin, np.zeros((len(rows), 2)))
+    x = from_frame(stored, seen.q[rows], origin, horizons(basis, stored[:, 16]))
+    plan = progress.horizon.to_plan(x)
+    point = seen.point[rows]
+    return progress.set_plan(point, plan[:, :2]) | progress.set_height(point, plan[:, 2])
+
+
+def _origin(progress: Progress, seen: InFrames, f: int) -> Array | None:
+    """Return O of a frame; none while its point is not known."""
+    if seen.origin[f] < 0:
+        return np.asarray(progress.frame[f, 13:16])
+    at = progress.horizon.from_plan(progress.plan[seen.origin[f]][None])[0]
+    return at if np.isfinite(at).all() else None
+
+
+def _places(progress: Progress, seen: InFrames, rows: Index) -> Array:
+    """Return the places of rows, (n, 3); NaN where they are not known."""
+    points = progress.horizon.from_plan(progress.plan[seen.point[rows]])
+    if not len(progress.pose):
+        return points
+    centres = progress.pose[seen.photo[rows], ROTATION:]
+    return np.where((seen.point[rows] >= 0)[:, None], points, centres)
+
+
+def _fitted(y: Array, q: Array, given: Array, free: Mask) -> Array | None:
+    """Return the stored frame, without constants, that carries q (n, 3) to y (n, 3).
+
+    Args:
+        y: places from the origin, in its horizon if the frame is level; NaN in unknown heights.
+        q: coordinates in the frame, NaN for axes that were not observed.
+        given: given components, NaN where they are to be found, (7,).
+        free: free components, (7,).
+    """
+    turns, shifts = np.isnan(given[:3]), np.isnan(given[3:6])
+    in_plan = not turns[:2].any()
+    axes = [0, 1] if in_plan and np.isnan([y[:, 2], q[:, 2]]).any() else [0, 1, 2]
+    sound = np.isfinite(y[:, axes]).all(axis=1) & np.isfinite(q[:, axes]).all(axis=1)
+    y, q = y[sound], q[sound]
+    offset = np.where(shifts, 0.0, given[3:6])
+    if not len(y):
+        return None
+    # Where no offset is to be found, the origin is one more place that is common.
+    whole = shifts[axes].any()
+    middle = y.mean(axis=0) if whole else np.zeros(3)
+    centre = np.nan_to_num(q.mean(axis=0)) if whole else -offset
+    a, b = np.nan_to_num(q - centre), np.nan_to_num(y - middle)
+    rotation = _turn(a, b, given, axes)
+    if rotation is None:
+        return None
+    ln_scale = float(given[6])
+    if free[6]:
+        size = float(np.sum(a[:, axes] ** 2))
+        scale = float(np.sum((b @ rotation)[:, axes] * a[:, axes])) / size if size else 0.0
+        if not scale > 0:
+            return None
+        ln_scale = float(np.log(scale))
+    found = np.exp(-ln_scale) * (middle @ rotation) - centre
+    offset = np.where(shifts & np.isin(np.arange(3), axes), found, offset)
+    if shifts[2] and len(axes) == 2:
+        return None
+    return np.concatenate([rotation.ravel(), offset, [ln_scale]])
+
+
+def _turn(a: Array, b: Array, given: Array, axes: list[int]) -> Array | None:
+    """Return R with b ≈ e^ℓ R a, both (n, 3); none where the places do not fix it."""
+    turns = np.isnan(given[:3])
+    if not turns.any():
+        return np.asarray(exp_rotation(given[None, :3])[0])
+    if not turns[:2].any():
+        # R = R_tilt R₃(κ): the turn about z comes first, in the plane of the frame.
+        tilt = exp_rotation(np.array([[given[0], given[1], 0.0]]))[0]
+        c = b @ tilt
+        sine = float(np.sum(a[:, 0] * c[:, 1] - a[:, 1] * c[:, 0]))
+        cosine = float(np.sum(a[:, 0] * c[:, 0] + a[:, 1] * c[:, 1]))
+        if not np.hypot(sine, cosine) > 0:
+            return None
+        turn = exp_rotation(np.array([[0.0, 0.0, np.arctan2(sine, cosine)]]))[0]
+        return np.asarray(tilt @ turn)
+    u, values, vt = np.linalg.svd(b.T @ a)
+    if not values[1] > FLAT**2 * values[0] or len(a) < 2:
+        return None
+    return np.asarray((u * [1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)

@@ -1,0 +1,60 @@
+"""Observations in a frame of their own."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..types import Array
+from .base import Observation, checked_covariance
+
+
+@dataclass(frozen=True)
+class FrameCoordinate(Observation):
+    """Coordinates of a point or of a projection centre in a frame: q = e^{−ℓ} Rᵀ E (X − O) − c.
+
+    They are model coordinates of independent models, coordinates of scanners, trackers and
+    coordinate measuring machines, or of another network. All numbers have the unit of the frame,
+    e^ℓ metres: metres where the scale is held at ln_scale = 0. See `Network.add_frame`.
+    """
+
+    kind: ClassVar[str] = "frame_coordinate"
+    components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
+    frame: str
+    """The frame."""
+    point: str | None
+    """The point; None if ``photo`` is given."""
+    value: tuple[float, ...]
+    """Measured coordinates of ``axes``, unit of the frame."""
+    _: KW_ONLY
+    photo: str | None = None
+    """The photo whose projection centre was measured; None if ``point`` is given."""
+    axes: str = "xyz"
+    """Measured axes of the frame: some of x, y, z, in this order."""
+    sigma: tuple[float, ...] | None = None
+    """Standard deviations of the axes, unit of the frame; None if ``covariance`` is given."""
+    covariance: Array | None = None
+    """Covariance of the axes, its unit squared; None if ``sigma`` is given."""
+    id: str | None = None
+    """Name of the observation."""
+    source: str | None = None
+    """File and line from which the observation was read."""
+
+    def __post_init__(self) -> None:
+        """Check the observation."""
+        self._check()
+        if (self.point is None) == (self.photo is None):
+            self._fail("give either a point or a photo")
+        if not self.frame:
+            self._fail("frame must name a frame")
+        if not self.axes or self.axes not in ("x", "y", "z", "xy", "xz", "yz", "xyz"):
+            self._fail(f"axes must be some of x, y, z, in this order, not {self.axes!r}")
+        if np.shape(self.value) != (len(self.axes),):
+            self._fail(f"value has {np.size(self.value)} components, axes {self.axes!r}")
+        checked_covariance(self, len(self.axes))
+
+    def component_names(self) -> tuple[str, ...]:
+        """Return the measured axes."""
+        return tuple(self.axes)
