@@ -21,6 +21,7 @@ from ..report.tables import write_tables
 from ..report.text import render
 from ..solve.batch import adjust
 from ..solve.solution import Solution
+from ..units import significant
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
 from .messages import iteration, progress
@@ -131,7 +132,11 @@ def _solve(options: argparse.Namespace) -> Adjusted:
                 variance=variance,
                 start=solution,
                 progress=show
-                and (lambda r: show(f"round {r.number}: {r.suspects} suspects, σ̂0 {r.sigma0:.4g}")),
+                and (
+                    lambda r: show(
+                        f"round {r.number}: {r.suspects} suspects, σ̂0 {significant(r.sigma0, 4)}"
+                    )
+                ),
             )
             solution = found.solution
         if options.variance_components is not None:
