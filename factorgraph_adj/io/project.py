@@ -7,8 +7,6 @@ The tables have one entity or observation in each row; `factorgraph_adj.io.read_
 
 from __future__ import annotations
 
-import re
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import partial
@@ -35,6 +33,7 @@ from .read_observations import ObservationsReader
 from .read_readings import read_readings
 from .read_unknowns import Dimension, UnknownsReader
 from .tables import Row, Table, read_table
+from .text import parse_toml, read_text
 
 
 def tables() -> tuple[str, ...]:
@@ -116,7 +115,7 @@ def load_project(
     if path.is_dir():
         path = path / "project.toml"
     problems: list[Problem] = []
-    document = _read_toml(path)
+    document = parse_toml(read_text(path), path.name)
     top = Row(document, path.name, problems)
     for key in document:
         if key not in KEYS:
@@ -172,21 +171,6 @@ def load_project(
 
 
 # -- TOML -----------------------------------------------------------------------------------------
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read: {error.strerror}", str(path))) from None
-    except UnicodeDecodeError as error:
-        raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", path.name)) from None
-    except tomllib.TOMLDecodeError as error:
-        line = re.search(r"line (\d+)", str(error))
-        where = f"{path.name}:{line.group(1)}" if line else path.name
-        raise InputError(Problem(f"is not TOML: {error}", where)) from None
-    except RecursionError:
-        raise InputError(Problem("is nested too deeply", path.name)) from None
 
 
 def _table(document: dict[str, Any], key: str, file: str, problems: list[Problem]) -> Row:

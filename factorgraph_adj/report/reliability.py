@@ -267,9 +267,9 @@ def _caution(report: Report, above: int) -> list[str]:
     if not above:
         return []
     return paragraph(
-        f"σ̂0 = {significant(test.sigma0, 4)}: one gross error makes other test values large too, only the "
-        "first is to be trusted (--snoop goes on from there); if all σ are stated too small, "
-        "all are large (--test pope, --variance-components)"
+        f"σ̂0 = {significant(test.sigma0, 4)}: one gross error makes other test values large "
+        "too, only the first is to be trusted (--snoop goes on from there); if all σ are stated "
+        "too small, all are large (--test pope, --variance-components)"
     )
 
 
