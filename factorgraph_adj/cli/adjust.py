@@ -24,7 +24,7 @@ from ..solve.solution import Solution
 from ..units import significant
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
-from .messages import iteration, progress
+from .messages import iteration, progress, warn
 from .options import (
     PROJECT_HELP,
     add_adjustment,
@@ -112,6 +112,7 @@ def _solve(options: argparse.Namespace) -> Adjusted:
     if options.datum is not None:
         network.datum = options.datum
     refuse_problems(project)
+    warn(project.warnings)
     variance = options.variance or project.options.variance
     found = weights = None
     with progress(network.name) as show:

@@ -7,8 +7,9 @@ The tables have one entity or observation in each row; `factorgraph_adj.io.read_
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -52,6 +53,11 @@ FRAMES = {
     "topocentric": ("latitude", "longitude", "height", "ellipsoid", "radius"),
 }
 """Keys of [frame] by kind of frame."""
+NEARLY = 0.8
+"""Similarity (of difflib) from which a file's name is nearly that of a table: one letter of six is
+missing, wrong or too many."""
+TABLE_ENDINGS = ("csv", "txt", "csv.txt")
+"""Endings of names of files that may be meant as tables."""
 CAMERA_KEYS = ("name", "lens", "unit", "y_axis", "per_photo", "format", "origin", "parameters")
 Variance = Literal["a-priori", "a-posteriori"]
 
@@ -80,6 +86,8 @@ class Project:
     """Options of the adjustment."""
     sources: Mapping[tuple[str, str], str] = field(default_factory=dict)
     """File and line by entity (point, photo) and name."""
+    warnings: tuple[Problem, ...] = ()
+    """Files of the folder that are not read, but are nearly named like a table."""
 
     @property
     def units(self) -> Units:
@@ -162,12 +170,13 @@ def load_project(
     if found_tables.get("readings") is not None:
         book = cast(Table, found_tables["readings"])
         observations.complete &= read_readings(network, book, context, faces, problems)
+    warnings = tuple(_nearly_tables(path.parent, found_tables))
     if problems:
         # The structure can be checked in the same run only if every name is known.
         whole = reader.complete and observations.complete and None not in found_tables.values()
         found = check(network, sources=reader.sources) if whole else ()
-        raise InputError([*problems, *found])
-    return Project(network, path, context, options, reader.sources)
+        raise InputError([*warnings, *problems, *found])
+    return Project(network, path, context, options, reader.sources, warnings)
 
 
 # -- TOML -----------------------------------------------------------------------------------------
@@ -416,6 +425,17 @@ def _tables(row: Row, path: Path, allow_outside: bool) -> dict[str, Table | None
         else:
             out[name] = read_table(path.parent / file, row.problems)
     return out
+
+
+def _nearly_tables(folder: Path, found: Mapping[str, Table | None]) -> Iterator[Problem]:
+    """Iterate over files that are nearly named like a table that the project does not have."""
+    files = sorted(f.name for f in folder.iterdir())
+    missing = [name for name in tables() if found.get(name) is None and f"{name}.csv" not in files]
+    for file in files:
+        stem, _, end = file.casefold().partition(".")
+        close = get_close_matches(stem, missing, 1, NEARLY) if end in TABLE_ENDINGS else []
+        if close:
+            yield Problem(f"is not read: the table is named {close[0]}.csv", file)
 
 
 def _astray(folder: Path, file: Path, allow_outside: bool) -> str:

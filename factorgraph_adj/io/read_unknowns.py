@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal
@@ -37,6 +38,7 @@ def _with_units(prefixes: Iterable[str], units: Iterable[str]) -> tuple[str, ...
 
 
 _SIGMA_XYZ = _with_units(("sigma", "sigma_x", "sigma_y", "sigma_z"), LENGTH)
+_HORIZON = re.compile("sigma_(e|n|u|east|north|up)(_|$)")
 CHECK = ("check_x", "check_y", "check_z")
 POINT_COLUMNS = (
     *("name", "x", "y", "z", *GEOGRAPHIC, "fixed", "datum"),
@@ -59,10 +61,22 @@ def check_columns(
             has = ", ".join(table.columns)
             problems.append(Problem(f"missing column {name!r}; columns: {has}", where))
     for name in table.columns:
-        what = unknown_field(name, known)
+        what = _of_the_horizon(name, known) or unknown_field(name, known)
         if what is not None:
             problems.append(Problem(what, where))
     return known & set(table.columns)
+
+
+def _of_the_horizon(name: str, known: Iterable[str]) -> str:
+    """Return where σ in east, north, up is given, if a table of points has it instead."""
+    found = _HORIZON.match(name)
+    if found is None or name in known or CHECK[0] not in known:
+        return ""
+    return (
+        f"unknown column {name!r}: a table of points has σ along x, y, z of the frame; σ along "
+        "east, north, up is that of a control point: a row of observations.csv of the kind "
+        f"control with axes enu, all of x, y, z, and sigma_{found[1][0]}_mm"
+    )
 
 
 def _sigmas(row: Row, axes: Iterable[str], units: Iterable[str]) -> tuple[float, ...] | None:

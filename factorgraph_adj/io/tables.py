@@ -110,19 +110,19 @@ def read_table(path: Path, problems: list[Problem]) -> Table | None:
 def _joined(cells: Sequence[str], extra: int) -> list[str] | None:
     """Return the cells of a row with as many decimal commas as it has cells too many.
 
-    Names and kinds come first in most rows, so that numbers are joined from the right.
+    Names and kinds come first in most rows, so that numbers are joined from the right. Beside
+    numbers with a decimal point, single digits are rather cells of their own.
 
     Returns:
-        The cells with decimal points; None if so many commas cannot stand between digits, or a
-        number with a decimal point is among them.
+        The cells with decimal points; None if so many commas cannot stand between digits.
     """
-    if any(_POINT.fullmatch(c) for c in cells):
-        return None
+    fewest = 2 if any(_POINT.fullmatch(c) for c in cells) else 1
     out = list(cells)
     at = len(out) - 2
     while extra and at >= 0:
-        if _WHOLE.fullmatch(out[at]) and out[at + 1].isdecimal():
-            out[at : at + 2] = [f"{out[at]}.{out[at + 1]}"]
+        rest = out[at + 1]
+        if _WHOLE.fullmatch(out[at]) and rest.isdecimal() and len(rest) >= fewest:
+            out[at : at + 2] = [f"{out[at]}.{rest}"]
             extra -= 1
             at -= 1
         at -= 1

@@ -9,7 +9,7 @@ import numpy as np
 
 from .projects import Project, Row, facade, yard
 
-DOUBTFUL, BAD_INPUT = 1, 2
+FINE, DOUBTFUL, BAD_INPUT = 0, 1, 2
 CHECK, ADJUST, SNOOP = ("check",), ("adjust",), ("adjust", "--snoop")
 
 
@@ -452,6 +452,48 @@ def _(p: Project) -> None:
 )
 def _(p: Project) -> None:
     p.rows("direction", station="S1", target="S2")[0]["target"] = "s2"
+
+
+@mistake(
+    "a table under another name",
+    ADJUST,
+    BAD_INPUT,
+    "problems: observation.csv: is not read: the table is named observations.csv",
+)
+def _(p: Project) -> None:
+    p.tables["observation.csv"] = p.tables.pop("observations.csv")
+
+
+@mistake(
+    "a field book under another name",
+    ADJUST,
+    FINE,
+    "warning: reading.csv: is not read: the table is named readings.csv",
+)
+def _(p: Project) -> None:
+    p.tables["reading.csv"] = [{"station": "S1", "target": "A", "direction": "0"}]
+
+
+@mistake(
+    "the same, before the adjustment",
+    CHECK,
+    DOUBTFUL,
+    "1 doubt about files, readings or given values; nothing was changed: Reading.CSV: is not read",
+)
+def _(p: Project) -> None:
+    p.tables["Reading.CSV"] = [{"station": "S1", "target": "A", "direction": "0"}]
+
+
+@mistake(
+    "a decimal comma",
+    CHECK,
+    BAD_INPUT,
+    "1 problem: observations.csv:4: 10 cells, but the header has 9 columns; is one of the "
+    "commas a decimal comma?",
+)
+def _(p: Project) -> None:
+    row = p.rows("slope_distance", station="S1")[0]
+    row["value"] = row["value"].replace(".", ",")
 
 
 @mistake(

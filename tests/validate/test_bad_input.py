@@ -144,6 +144,12 @@ READING = {
         "project.toml:13: 0,01 is not a number: write a decimal point, 0.01 (is not TOML: Expected "
         "'=' after a key in a key/value pair (at line 13, column 20))",
     ),
+    "σ of a point in east, north, up": (
+        *("points", "name,x,y,z,fixed", "name,x,y,z,sigma_e_mm"),
+        "points.csv:1: unknown column 'sigma_e_mm': a table of points has σ along x, y, z of the "
+        "frame; σ along east, north, up is that of a control point: a row of observations.csv of "
+        "the kind control with axes enu, all of x, y, z, and sigma_e_mm",
+    ),
     "σ of zero": (
         *("observations", "6.344,1.5", "6.344,0"),
         "observations.csv:4: slope_distance A D (id 3): sigma_mm must be greater than zero, not 0",
@@ -330,6 +336,14 @@ def test_text_that_is_not_utf_8_is_named(tmp_path):
     assert problems(path)[0].startswith("project.toml:2: is not UTF-8 text (byte 17): the last")
     path.write_text(text, encoding="utf-16")
     assert problems(path) == ["project.toml: is UTF-16 text: save it as UTF-8"]
+
+
+def test_sigma_in_east_north_up_without_its_axes_is_told_what_to_state(tmp_path):
+    control = "kind,point,x,y,z,sigma_e_mm,sigma_n_mm,sigma_u_mm\ncontrol,C,5,8,1,3,3,5\n"
+    assert problems(write(tmp_path, observations=control))[0] == (
+        "observations.csv:2: control C: no standard deviation of x: give sigma_x_mm or sigma_mm; "
+        "sigma_e_mm belongs to axes enu: state axes = enu"
+    )
 
 
 def test_a_project_that_is_not_there_is_named(tmp_path):
