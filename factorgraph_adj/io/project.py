@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from ..ellipsoid import ELLIPSOIDS
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, similar
 from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ..models.lens import Lens
 from ..models.registry import LENSES
@@ -144,6 +144,7 @@ def load_project(
     options = _options(_table(document, "adjust", path.name, problems))
     found_tables = _tables(_table(document, "files", path.name, problems), path, allow_outside)
     reader = UnknownsReader(network, units, cast(Dimension, dimension or 3), problems)
+    reader.cameras_named = _names_cameras(document)
     readers: list[tuple[str, Callable[[Table], None]]] = [
         ("points", reader.points),
         ("photos", reader.photos),
@@ -251,6 +252,16 @@ def _cameras(
         name = row.text("name", required=True) or f"camera {number}"
         out[name] = read_camera(row, name, network)
     return out
+
+
+def _names_cameras(document: dict[str, Any]) -> bool:
+    """Return whether all cameras have names; those under a key that is misspelt have none."""
+    entries = document.get("camera", [])
+    if any(key not in KEYS and similar(key, ("camera",)) for key in document):
+        return False
+    return isinstance(entries, list) and all(
+        isinstance(e, dict) and isinstance(e.get("name"), str) for e in entries
+    )
 
 
 def read_camera(row: Row, name: str, network: Network) -> ImageAxes:

@@ -346,6 +346,34 @@ def test_sigma_in_east_north_up_without_its_axes_is_told_what_to_state(tmp_path)
     )
 
 
+THREE_PHOTOS = "name,x,y,z,omega,phi,kappa,camera\n" + "".join(
+    f"P{i},5,5,20,0,0,0,CAM\n" for i in "123"
+)
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "expected"),
+    [
+        ('name = "cam"', 'nam = "CAM"', "project.toml: [[camera]] 1: name is missing"),
+        ("[[camera]]", "[camera]", "project.toml: camera: cameras must be tables [[camera]]"),
+        ("[[camera]]", "[[cameras]]", "project.toml: unknown key 'cameras'; known: "),
+        (
+            *('name = "cam"', 'name = "cam"'),
+            "photos.csv:2: photo 'P1': unknown camera 'CAM'; known: cam; did you mean 'cam'? "
+            "(also in photos.csv:3, photos.csv:4)",
+        ),
+    ],
+)
+def test_photos_do_not_repeat_what_is_wrong_with_their_camera(tmp_path, good, bad, expected):
+    project = PROJECT.replace(good, bad, 1)
+    if bad == "[[cameras]]":
+        project = project.replace("[camera.parameters]", "[cameras.parameters]")
+    path = write(tmp_path, project=project, photos=THREE_PHOTOS, images=IMAGES.replace("P,", "P1,"))
+    found = problems(path)
+    assert found[0].startswith(expected)
+    assert sum("camera" in p for p in found) == 1 + (bad.startswith("nam ="))
+
+
 def test_a_project_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match=r"nowhere\.toml: cannot be read: No such file"):
         read_project(tmp_path / "nowhere.toml")
