@@ -14,6 +14,7 @@ from ..io.readers import READERS
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
+from ..report.causes import likeliest
 from ..report.context import Report
 from ..report.doubts import doubts_about, of_readings
 from ..report.options import Provenance, ReportOptions
@@ -216,6 +217,7 @@ def _plot(options: argparse.Namespace) -> int:
         aside=report.set_aside,
         format=options.format,
         confidence=options.ellipses,
+        cause=likeliest(report),
     )
     for file in files:
         print(file)
@@ -224,7 +226,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _verdict(found: Adjusted, report: Report) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
-    doubts = [*doubts_about(found.solution), *of_readings(found.project.network)]
+    doubts = [*doubts_about(found.solution), *of_readings(found.solution.network)]
     if found.components is not None and not found.components.converged:
         doubts.append(f"variance components not converged: {found.components.reason}")
     if found.snooping is not None:

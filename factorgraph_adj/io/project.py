@@ -40,7 +40,16 @@ from .text import parse_toml, read_text
 def tables() -> tuple[str, ...]:
     """Return the names of a project's tables; without [files], each is a file NAME.csv."""
     parameters = (table_of(k).file for k in parameter_kinds())
-    return ("points", "photos", "images", "observations", "covariances", "readings", *parameters)
+    return (
+        "points",
+        "photos",
+        "images",
+        "observations",
+        "covariances",
+        "doubts",
+        "readings",
+        *parameters,
+    )
 
 
 KEYS = (
@@ -165,6 +174,8 @@ def load_project(
         observations.observations(
             cast(Table, found_tables["observations"]), found_tables.get("covariances")
         )
+    if found_tables.get("doubts") is not None:
+        observations.doubts(cast(Table, found_tables["doubts"]))
     stated = _table(document, "readings", path.name, problems)
     _only(stated, ("faces",))
     faces = stated.choice("faces", ("means", "both"), "means")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.errors import Problem
+from factorgraph_adj.errors import Doubt
 from factorgraph_adj.field.faces import reduce_faces
 from factorgraph_adj.field.readings import FaceReading
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
@@ -359,9 +359,12 @@ def test_a_network_with_both_faces_comes_back_from_files(tmp_path):
     header = (tmp_path / "observations.csv").read_text().splitlines()[0].split(",")
     assert {"face", "index_error", "collimation_error"} <= set(header)
     assert "S1/1" in (tmp_path / "index_errors.csv").read_text()
-    network.doubts.append(Problem("what", "where"))
+    network.doubts.append(Doubt("what, and why", "where", ("1", "2")))
+    network.doubts.append(Doubt("what else", "elsewhere"))
+    fga.write_project(network, tmp_path / "doubted" / "project.toml")
+    assert fga.read_project(tmp_path / "doubted").doubts == network.doubts
     solution = fga.adjust(network)
     solution.save(tmp_path / "end.npz")
     loaded = fga.load_solution(tmp_path / "end.npz")
-    assert loaded.network.doubts == [Problem("what", "where")]
+    assert loaded.network.doubts == network.doubts
     assert np.array_equal(loaded.covariance("N"), solution.covariance("N"))
