@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.errors import InputError
+from factorgraph_adj.errors import Doubt, InputError
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.planning.plan import plan
 from factorgraph_adj.simulation.industry_block import industry_block_plan, simulate_industry_block
@@ -107,6 +107,22 @@ def test_every_figure_says_in_its_title_that_its_result_is_doubtful(doubtful, cl
         assert figure.get_suptitle().count("DOUBTFUL") == 1
     for name, figure in figures_of(clean[0].solution, clean[0].reliability).items():
         assert "DOUBTFUL" not in figure.get_suptitle(), name
+
+
+def test_figures_say_what_faces_do_not_agree_and_the_likeliest_cause(clean, tmp_path, monkeypatch):
+    network = clean[0].solution.network.copy()
+    network.doubts.append(Doubt("its two faces give index 9 mgon", "target 'T'"))
+    solution = fga.adjust(network)
+    title = plot_network(solution).get_suptitle().replace("\n", " ")
+    assert title.startswith("DOUBTFUL RESULT: 1 doubt about the two faces of targets, the first: ")
+    drawn = []
+    monkeypatch.setattr(
+        "factorgraph_adj.report.plots.save._bytes",
+        lambda figure, format: drawn.append(figure) or b"",
+    )
+    save_plots(solution, tmp_path, cause="likeliest cause: it")
+    titles = [figure.get_suptitle() for figure in drawn]
+    assert len(titles) > 4 and all(t.endswith("\nlikeliest cause: it") for t in titles)
 
 
 def test_figures_that_know_the_test_values_count_those_above_the_critical_value(doubtful):
