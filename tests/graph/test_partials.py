@@ -65,7 +65,7 @@ def forgotten(jacobians: list[np.ndarray]) -> None:
     [
         (sign, "the sign of its Jacobian is wrong"),
         (exchanged, r"'Q' is .*: its Jacobian is wrong"),
-        (forgotten, r"by component \d of point 'Q' is 0, but .* its Jacobian is wrong"),
+        (forgotten, r"component \d of point 'Q' is 0, but .* its Jacobian is wrong"),
     ],
 )
 def test_a_wrong_jacobian_is_named_with_its_factor_row_and_column(spoil, what):
