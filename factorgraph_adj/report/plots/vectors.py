@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 ROOM = 0.25
-"""Largest part of a picture's size that it grows by on a side at a time, so that a gross error does not make
-all else small."""
+"""Largest part of a picture's size that it grows by on a side at a time, so that a gross error does
+not make all else small."""
 PAD = 0.01
 """Blank beyond the tip of an arrow, in the larger side of the picture."""
 
