@@ -58,7 +58,7 @@ def linearise_extra(
     out = []
     for where, factor in factors.items():
         values = gtsam.Values()
-        for key, variable in _variables(factor, keys, unknowns, where).items():
+        for key, variable in variables_of(factor, keys, unknowns, where).items():
             insert(values, unknowns, state, [variable], [key])
         try:
             linear = factor.linearize(values)
@@ -70,13 +70,13 @@ def linearise_extra(
             continue
         a, r = _square_root(linear, where)
         # A linear factor may keep its keys in another order than the factor itself.
-        found = _variables(factor, keys, unknowns, where)
+        found = variables_of(factor, keys, unknowns, where)
         variables = [found[k] for k in list(linear.keys())]
         out.append((where, *_columns(equations, state, variables, a, where), r))
     return out
 
 
-def _variables(
+def variables_of(
     factor: gtsam.NonlinearFactor, keys: KeyMap, unknowns: Unknowns, where: str
 ) -> dict[int, tuple[VariableKind, int]]:
     """Return kind and number among unknowns of each key of a factor."""

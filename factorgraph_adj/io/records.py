@@ -252,7 +252,10 @@ def _take_vector_sigma(
     sigma = [stated.quantity(f"sigma_{a}", LENGTH, positive=True) for a in axes]
     for a, s in zip(axes, sigma, strict=True):
         if s is None and for_all is None and not row.failed:
-            row.wrong(f"no standard deviation of {a}: give sigma_{a}_mm or sigma_mm")
+            other = "xyz" if set(axes) <= set("enu") else "enu"
+            given = [f for f in stated.fields if f.startswith(tuple(f"sigma_{b}_" for b in other))]
+            belongs = f"; {given[0]} belongs to axes {other}: state axes = {other}" if given else ""
+            row.wrong(f"no standard deviation of {a}: give sigma_{a}_mm or sigma_mm{belongs}")
     if not row.failed:
         arguments["sigma"] = tuple(for_all if s is None else s for s in sigma)
 

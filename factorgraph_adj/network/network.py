@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ..errors import InputError, Problem, known
+from ..errors import Doubt, InputError, Problem, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
 from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds, unknown_kind
@@ -71,7 +71,7 @@ class Network(Shown):
         self.observations: dict[str, Observation] = {}
         self.clusters: list[tuple[tuple[str, ...], Array]] = []
         self.images = ImageTable()
-        self.doubts: list[Problem] = []
+        self.doubts: list[Doubt] = []
         """Readings that did not agree when they were reduced to observations."""
         self.point_number: dict[str, int] = {}
         self.photo_number: dict[str, int] = {}

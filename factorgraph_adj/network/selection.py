@@ -27,7 +27,8 @@ Weighted: TypeAlias = tuple[VariableKind, str, int]
 def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ()) -> Network:
     """Return a new network without some observations; ``network`` stays unchanged.
 
-    The remaining observations of a correlated group keep their part of the covariance. A free
+    The remaining observations of a correlated group keep their part of the covariance. A doubt
+    about readings ends with an observation that was made from them. A free
     orientation unknown, refraction group, vertical or distance meter is removed together with
     its last observation; held and weighted parameters stay. A weighted unknown is an observation
     of its given value; without this observation the unknown is free.
@@ -79,6 +80,7 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
     out = network.copy()
     out.observations = {i: o for i, o in network.observations.items() if i not in gone}
     out.clusters = [c for group in network.clusters if (c := _remaining(network, group, gone))]
+    out.doubts = [d for d in network.doubts if gone.isdisjoint(d.ids)]
     _drop_unobserved(out, [network.observations[i] for i in gone])
     for i in rest:
         _free(out, weights[i])

@@ -77,7 +77,8 @@ def adjust(
 
     Raises:
         InputError: an observation cannot be computed, a point lies behind a camera, there is
-            nothing to adjust, or too little memory; the error names all of them at once.
+            nothing to adjust, the Jacobian of a factor contradicts its error, or too little
+            memory; the error names all of them at once.
         ApproximationError: the points, photos or sets that it names have no approximate values.
         DatumError: the observations do not determine the unknowns that it names, or the network
             has datum defects and no free network is asked for.
@@ -90,15 +91,17 @@ def adjust(
             f"unknown variance {variance!r}; valid: {known(VARIANCES, meant=variance)}"
         )
     equations = compile_network(network)
+    begin, extra = start_of(equations, choice, start), Extra.of(extra_factors)
+    extra.refuse_wrong_partials(equations, begin.state)
     return adjust_from(
         equations,
-        start_of(equations, choice, start),
+        begin,
         free=choice == "free",
         variance=variance,
         weights=weights,
         tolerance=tolerance,
         max_iterations=max_iterations,
-        extra=Extra.of(extra_factors),
+        extra=extra,
         progress=progress,
         astray=True,
     )

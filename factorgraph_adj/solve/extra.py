@@ -12,6 +12,7 @@ import gtsam
 from ..errors import InputError
 from ..graph.equations import Equations
 from ..graph.extra import linearise_extra, name_of
+from ..graph.partials import refuse_wrong_partials
 from ..graph.variables import State, Unknowns
 from .linear import ExtraRows
 
@@ -90,6 +91,15 @@ class Extra:
         found = linearise_extra(self.named(), equations, state, keyed)
         rows = tuple(ExtraRows(columns, a, r, name) for name, columns, a, r in found)
         return Extra(factors, rows, self.names, keyed)
+
+    def refuse_wrong_partials(self, equations: Equations, state: State) -> None:
+        """Compare the partials of the factors with differences, see `refuse_wrong_partials`.
+
+        Raises:
+            InputError: the partial of each factor that is most wrong; or as `at`.
+        """
+        if self.given():
+            refuse_wrong_partials(self.named(), equations, state, self.keyed)
 
     def given(self) -> tuple[gtsam.NonlinearFactor, ...]:
         """Return the factors.
