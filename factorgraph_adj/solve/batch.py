@@ -296,7 +296,8 @@ def _carry_to_datum_points(run: Run, ended: Ended, tolerance: float) -> Ended:
     if carried.left > tolerance:
         resolution = 0.0 if carried.normal is None else carried.normal.resolution
         why = at_rest(carried.left, tolerance, resolution)
-        ended = replace(ended, reason=why, left=carried.left)
+        left = max(carried.left, ended.left) if ended.crept else carried.left
+        ended = replace(ended, reason=why, left=left)
     if ended.converged and not carried.at_rest:
         lost_shape = not no_worse(vtpv, ended.vtpv)
         if lost_shape:
