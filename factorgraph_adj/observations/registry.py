@@ -47,9 +47,10 @@ class ObservationKind:
     """Whether the partials are independent of the positions of the points."""
     circular: bool = False
     """Whether the value is an angle of the full circle, from 0 to 2π."""
-    fixes: Literal["nothing", "coordinates", "place"] = "nothing"
-    """Information about the position of the network: nothing, coordinates in the frame of the
-    network, or a place on the Earth (astronomic latitude, longitude)."""
+    fixes: Literal["nothing", "direction", "coordinates", "place"] = "nothing"
+    """Information about the position of the network: nothing, its direction from north,
+    coordinates in the frame of the network, or a place on the Earth (astronomic latitude,
+    longitude)."""
     by_axis: bool = False
     """Whether an observation has one row for each of its known coordinates, ``axes``."""
 
