@@ -10,7 +10,7 @@ import numpy as np
 
 from ..frames import LocalFrame
 from ..models.variables import UNKNOWNS, VariableKind
-from ..network.entities import FREE_ORIENTATION, Parameter
+from ..network.entities import FREE_ORIENTATION, Parameter, parameter_name
 from ..network.network import Network
 from ..observations import KINDS, Observation
 from .make_blocks import variable_name
@@ -35,6 +35,7 @@ def variables_of(network: Network, o: Observation) -> Iterator[Variable]:
         if what == "vertical" and attribute in upright:
             continue
         yield what, variable_name(network, what, attribute, o)
+    yield from ((what, parameter_name(key)) for what, key in o.further)
 
 
 @cache

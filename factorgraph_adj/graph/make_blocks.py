@@ -12,7 +12,15 @@ from ..models import position
 from ..models.variables import ENTITIES, UNKNOWNS, UnknownKind, VariableKind
 from ..network.entities import parameter_key, parameter_name
 from ..network.network import Network
-from ..observations import KINDS, ControlPoint, Observation, ObservationKind, Unit, observation_kind
+from ..observations import (
+    KINDS,
+    ControlPoint,
+    Observation,
+    ObservationKind,
+    Unit,
+    observation_kind,
+)
+from ..observations.own import OwnFactor
 from ..types import Array, Index, Mask
 from .blocks import Block, ObservationLabels
 from .variables import DEFAULT, Unknowns, Variables, calibration_name
@@ -105,6 +113,29 @@ def _plain_block(
         fixes=kind.fixes,
         widths=widths,
     )
+
+
+def own_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
+    """Yield the users' factors that are observations, a block each."""
+    for ident, o in network.observations.items():
+        if isinstance(o, OwnFactor):
+            numbers = [unknowns[k].number[parameter_name(key)] for k, key in o.unknowns]
+            yield Block(
+                o.kind,
+                o.record.unit,
+                tuple((k, np.array([n])) for (k, _), n in zip(o.unknowns, numbers, strict=True)),
+                np.zeros((1, o.dimension)),
+                np.full((1, o.dimension), o.sigma),
+                [ident],
+                o.component_names(),
+                ObservationLabels([o]),
+                model=o.model,
+                widths={
+                    j: int(unknowns[k].size[n])
+                    for j, ((k, _), n) in enumerate(zip(o.unknowns, numbers, strict=True))
+                    if UNKNOWNS[k].variable_size
+                },
+            )
 
 
 def control_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:

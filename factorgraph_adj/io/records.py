@@ -22,6 +22,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..models.variables import Quantity
 from ..observations import KINDS, ImagePoint, Observation
+from ..observations.registry import IN_MEMORY
 from ..stochastic import COMBINATIONS, Combine, StandardDeviation
 from ..types import Array
 from ..units import ANGLE, LENGTH
@@ -335,6 +336,12 @@ def record(
         units: units of the record.
         axes: unit and direction of y in files, for image coordinates.
     """
+    if found.kind in IN_MEMORY:
+        what = (
+            f"no file can hold a {found.kind}: leave it out (fga.without), or register what it "
+            "observes as a kind of observation (register_observation)"
+        )
+        raise InputError(Problem(what, found.label()))
     units, given = units or Units(), cast(Any, found)
     kind, have = found.kind, attributes(found.kind)
     out = {"kind": kind, "id": given.id or id or ""}

@@ -31,7 +31,6 @@ from .entities import (
     Photo,
     Point,
     parameter,
-    parameter_key,
     parameter_name,
 )
 from .of_kind import OfKind
@@ -429,8 +428,8 @@ class Network(Shown):
         record, where = o.record, o.label()
         for name in o.points():
             self._known(name, self.points, "point", where)
-        for attribute in record.photos:
-            self._known(getattr(o, attribute), self.photos, "photo", where)
+        for name in o.photos():
+            self._known(name, self.photos, "photo", where)
         for kind, attribute in record.parameters:
             unknown, name = UNKNOWNS[kind], getattr(o, attribute)
             if unknown.absent != "refused":
@@ -463,12 +462,15 @@ class Network(Shown):
             while str(self._next_id) in self.observations:
                 self._next_id += 1
             ident = str(self._next_id)
-        for kind, attribute in o.record.parameters:
-            if UNKNOWNS[kind].absent == "found":
-                key = parameter_key(UNKNOWNS[kind], attribute, o)
-                self.of_kind(kind).setdefault(key, FREE_ORIENTATION)
+        self.state_found(o)
         self.observations[ident] = o
         return ident
+
+    def state_found(self, o: Observation) -> None:
+        """State the unknowns of an observation that nobody has to state, such as orientations."""
+        for kind, key in o.parameters():
+            if UNKNOWNS[kind].absent == "found":
+                self.of_kind(kind).setdefault(key, FREE_ORIENTATION)
 
     def _new(self, name: str, names: Mapping[str, object], what: str) -> None:
         if not isinstance(name, str) or not name:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -12,10 +12,10 @@ from ..errors import InputError, Problem, known
 from ..graph.image_blocks import find_images
 from ..graph.make_blocks import weighted_blocks
 from ..graph.variables import Unknowns, calibration_name
-from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..models.variables import VariableKind, parameter_kinds
 from ..observations import Observation
 from ..types import Array, Mask
-from .entities import ImageTable, Key, Parameter, parameter_key, parameter_name
+from .entities import ImageTable, Key, Parameter, parameter_name
 from .network import Network
 
 Stated: TypeAlias = tuple[VariableKind, Key]
@@ -113,8 +113,8 @@ def only(
     out.clusters = [group for group in network.clusters if group[0][0] in observations]
     for o in out.observations.values():
         wanted["point"].update(o.points())
-        wanted["pose"].update(getattr(o, photo) for photo in o.record.photos)
-        for kind, key in parameters_of(o):
+        wanted["pose"].update(o.photos())
+        for kind, key in o.parameters():
             wanted[kind].add(parameter_name(key))
     out.photos = {n: f for n, f in network.photos.items() if n in wanted["pose"]}
     cameras = {f.camera for f in out.photos.values()} | wanted["calibration"]
@@ -153,12 +153,6 @@ def weighted_unknowns(network: Network) -> dict[str, Weighted]:
     return out
 
 
-def parameters_of(o: Observation) -> Iterator[Stated]:
-    """Return kind and key of every parameter that an observation may depend on."""
-    for kind, attribute in o.record.parameters:
-        yield kind, parameter_key(UNKNOWNS[kind], attribute, o)
-
-
 def _images(network: Network, ids: list[str]) -> tuple[Mask, set[str]]:
     """Return flags of the rows of the image table that stay, and the ids of the other rows."""
     photo, point, *_ = network.images.columns()
@@ -192,12 +186,12 @@ def _drop_unobserved(network: Network, gone: list[Observation]) -> None:
     loose = {
         (kind, key)
         for o in gone
-        for kind, key in parameters_of(o)
+        for kind, key in o.parameters()
         if key in (table := network.of_kind(kind)) and _is_free(table[key])
     }
     if loose:
         for o in network.observations.values():
-            loose.difference_update(parameters_of(o))
+            loose.difference_update(o.parameters())
     for kind, key in loose:
         del network.of_kind(kind)[key]
 

@@ -77,7 +77,7 @@ class Candidate:
         out: set[Named] = {("camera", f.camera) for f in self.photos}
         for o in self.single:
             out |= {("point", name) for name in o.points()}
-            out |= {("photo", getattr(o, a)) for a in o.record.photos}
+            out |= {("photo", name) for name in o.photos()}
         return out - self.brings
 
 

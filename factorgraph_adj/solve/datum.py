@@ -52,6 +52,12 @@ UNNOTICED = 1e-9
 unknowns are independent."""
 UNNOTICED_IF_FREE = 1e-7
 """Ratio as `UNNOTICED` where a free network is asked for, at least; see `unnoticed_ratio`."""
+UNNOTICED_BY_AZIMUTHS = 3e-6
+"""The same of azimuths on the curved Earth: steps of what tells less are lost in the rounding of
+geocentric coordinates."""
+CONVERGING = 10.0
+"""Times D/R, what azimuths tell of a shift along the Earth, by the convergence of meridians,
+relative to what they tell of a rotation, at most: tan φ up to latitudes of 84°."""
 CURVED = 6.7e-3
 """Ratio of what the change of the vertical along an ellipsoid tells of a motion to what it would
 tell if it did not change likewise on a sphere: the square of the Earth's eccentricity."""
@@ -246,7 +252,7 @@ def find_defects(
     for part in found:
         inside = (label == part) | (shared & (len(found) == 1))
         part_g = np.where(inside[:, None], g, 0.0)
-        defect = _unnoticed(system, part_g, diagonal, ratio)
+        defect = _unnoticed(system, part_g, diagonal, ratio, about[1])
         if defect is not None:
             columns = np.flatnonzero(label == part)
             out.append(Defect(columns, part_g @ defect, defect, about, inside))
@@ -261,7 +267,9 @@ def unnoticed_ratio(equations: Equations, size: float, *, free: bool) -> float:
     eccentricity times size / R. Such a notice says nothing about where the network is, to within
     hundreds of metres or more; in a free network it is a defect, as on a plane. Observations of
     places (control, GNSS positions, astronomic ones, weighted values) and a user's factors count
-    from `UNNOTICED_IF_FREE` on, however weak they are beside the sights.
+    from `UNNOTICED_IF_FREE` on, however weak they are beside the sights. So do azimuths, from
+    `UNNOTICED_BY_AZIMUTHS` on, for the direction of the network; what they tell of its latitude,
+    by the convergence of meridians, does not count.
 
     Args:
         equations: the network.
@@ -275,8 +283,18 @@ def unnoticed_ratio(equations: Equations, size: float, *, free: bool) -> float:
     return UNNOTICED_IF_FREE if flat else max(UNNOTICED_IF_FREE, CURVED * size / frame.radius)
 
 
-def _unnoticed(system: LinearSystem, g: Array, diagonal: Array, threshold: float) -> Array | None:
-    """Return the mixtures (7, d) of motions that no observation notices."""
+def _unnoticed(
+    system: LinearSystem, g: Array, diagonal: Array, threshold: float, size: float
+) -> Array | None:
+    """Return the mixtures (7, d) of motions that no observation notices.
+
+    Args:
+        system: the linearised network.
+        g: motions, (n_columns, 7).
+        diagonal: diagonal of N, (n_columns,).
+        threshold: limit of what is noticed, see `unnoticed_ratio`.
+        size: mean distance of the points from their centre, metres.
+    """
     weighted = np.sqrt(diagonal)[:, None] * g
     length = np.linalg.norm(weighted, axis=0)
     real = _independent(weighted, length)
@@ -287,35 +305,52 @@ def _unnoticed(system: LinearSystem, g: Array, diagonal: Array, threshold: float
     keep = s > 1e-9 * s[0]
     basis = (vt[keep].T / s[keep]) / length[real][:, None]
     noticed = system.times(g[:, real] @ basis)
-    _, values, right = np.linalg.svd(noticed, full_matrices=False)
-    null = right[values < threshold].T
-    # With fewer rows than motions, the other motions are unnoticed too.
-    if len(values) < basis.shape[1]:
-        _, values, right = np.linalg.svd(noticed, full_matrices=True)
-        padded = np.zeros(basis.shape[1])
-        padded[: len(values)] = values
-        null = right[padded < threshold].T
+    curved = threshold > UNNOTICED_IF_FREE
+    of_places, of_azimuths = _of_places(system)
+    sights = np.where(of_azimuths[:, None], 0.0, noticed) if curved else noticed
+    null = _null(sights, np.eye(basis.shape[1]), threshold)
+    if curved:
+        # What tells where the network is counts, however weak it is beside all else.
+        null = _null(noticed[of_places], null, UNNOTICED_IF_FREE)
+        told = noticed[of_azimuths] @ null
+        most = float(np.linalg.norm(told, 2)) if told.size else 0.0
+        converging = CONVERGING * size / system.equations.network.frame.radius * most
+        null = _null(noticed[of_azimuths], null, max(UNNOTICED_BY_AZIMUTHS, converging))
     if null.shape[1] == 0:
         return None
-    if threshold > UNNOTICED_IF_FREE:
-        # What tells where the network is counts, however weak it is beside all else.
-        told = noticed[_of_places(system)] @ null
-        _, values, right = np.linalg.svd(told.T @ told)
-        null = null @ right[np.sqrt(values) < UNNOTICED_IF_FREE].T
-        if null.shape[1] == 0:
-            return None
     mixture = np.zeros((7, null.shape[1]))
     mixture[real] = basis @ null
     return np.asarray(mixture / np.linalg.norm(mixture, axis=0))
 
 
-def _of_places(system: LinearSystem) -> Mask:
-    """Return which rows may tell where the network is: all but sights, extra rows at the end."""
-    out = np.ones(len(system.every_residual), dtype=bool)
+def _null(noticed: Array, among: Array, threshold: float) -> Array:
+    """Return the motions among some of which rows notice less than a threshold.
+
+    Args:
+        noticed: what the rows notice of each motion, (rows, n).
+        among: combinations of the motions, orthonormal, (n, d).
+        threshold: limit.
+    """
+    told = noticed @ among
+    # With fewer rows than motions, the other motions are unnoticed too.
+    _, values, right = np.linalg.svd(told, full_matrices=len(told) < told.shape[1])
+    padded = np.zeros(told.shape[1])
+    padded[: len(values)] = values
+    return np.asarray(among @ right[padded < threshold].T)
+
+
+def _of_places(system: LinearSystem) -> tuple[Mask, Mask]:
+    """Return which rows may tell where the network is, and which are azimuths; extra rows last.
+
+    All but sights may tell where it is.
+    """
+    places = np.ones(len(system.every_residual), dtype=bool)
+    azimuths = np.zeros_like(places)
     for block in system.equations.blocks:
-        if block.fixes == "nothing" and not block.prior:
-            out[block.rows] = False
-    return out
+        if block.fixes in ("nothing", "direction") and not block.prior:
+            places[block.rows] = False
+            azimuths[block.rows] = block.fixes == "direction"
+    return places, azimuths
 
 
 def _independent(motions: Array, length: Array) -> Mask:
