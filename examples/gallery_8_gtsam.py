@@ -4,7 +4,8 @@
 GTSAM's own optimiser and marginals are compared with ``adjust``: distances and zenith angles from
 three pillars to three new points, with two photos. ``build_graph`` gives a
 ``gtsam.NonlinearFactorGraph`` with values, and GTSAM can do with it whatever it can do with any
-graph. GTSAM calls back into Python for every factor, so this is for small networks.
+graph. GTSAM calls back into Python for every factor, so this is for small networks. The other way
+round, a factor of GTSAM is tested by the library, in an adjustment of everything or as it arrives.
 """
 
 import gtsam
@@ -68,3 +69,14 @@ key = built.keys.key("calibration", "camera")
 c = values.atVector(key)[0]
 print(f"{'c, mm':12}{c:14.6f}{solution.calibration('camera')['c']:14.6f}", end="")
 print(f"{c - solution.calibration('camera')['c']:14.1e}")
+
+# %%
+# A factor of GTSAM among the observations: a taped distance, in a batch adjustment and on arrival.
+tape = {
+    "tape": lambda key: gtsam.RangeFactor3(
+        key("point", "P"), key("point", "Q"), 6.484, gtsam.noiseModel.Isotropic.Sigma(1, 0.002)
+    )
+}
+tested = fga.reliability(fga.adjust(network, extra_factors=tape)).factor("tape")
+(verdict,) = fga.IncrementalAdjustment(network).add(factors=tape).verdicts
+print(f"tape: batch w {tested.w[0]:.3f}, on arrival w {verdict.w[0]:.3f}, {verdict.verdict}")

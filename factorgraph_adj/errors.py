@@ -32,6 +32,15 @@ class Problem:
         return Problem(self.what, f"{place}: {self.where}" if self.where else place)
 
 
+@dataclass(frozen=True)
+class Doubt(Problem):
+    """Readings that did not agree when they were reduced to observations."""
+
+    ids: tuple[str, ...] = ()
+    """Observations made from these readings: the doubt ends when one of them is taken out. Empty
+    for readings of a whole set-up."""
+
+
 _LIST = re.compile(r"(?<=; )(valid|known|it takes): .{60,}?(?=; did you mean '|$)", re.DOTALL)
 """A long list of what would be valid, to the end of a message or to the name that was meant."""
 

@@ -22,6 +22,8 @@ ANGLE: dict[str, float] = {
 LENGTH: dict[str, float] = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "km": 1e3}
 """Metres in one unit of length."""
 
+LARGEST = 1e9
+"""Size from which numbers in sentences have an exponent."""
 TURN = 2.0 * math.pi
 """The whole circle, radians."""
 ARCSEC = ANGLE["arcsec"]
@@ -67,6 +69,16 @@ def decimal(value: float, digits: int) -> str:
     """
     text = f"{value:.{digits}f}"
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
+
+
+def significant(value: float, digits: int) -> str:
+    """Write a number with significant digits; the digits before the point are never cut.
+
+    >>> significant(37690.4, 4), significant(0.012345, 3), significant(2.5e11, 3)
+    ('37690', '0.0123', '2.5e+11')
+    """
+    whole = 10.0 ** (digits - 1) <= abs(value) < LARGEST
+    return f"{value:.0f}" if whole else f"{value:.{digits}g}"
 
 
 def format_turn(radians: float, unit: str, digits: int) -> str:

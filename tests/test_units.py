@@ -7,7 +7,7 @@ import math
 import pytest
 
 from factorgraph_adj.errors import InputError
-from factorgraph_adj.units import angle_unit, format_angle, length_unit, parse_angle
+from factorgraph_adj.units import angle_unit, format_angle, length_unit, parse_angle, significant
 
 
 @pytest.mark.parametrize(
@@ -52,3 +52,11 @@ def test_unknown_units_are_refused_with_the_valid_ones() -> None:
         angle_unit("grad")
     with pytest.raises(InputError, match=r"unknown unit of length 'ft'; valid: m, .*mm"):
         length_unit("ft")
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(37690.4, "37690"), (-123456.7, "-123457"), (1234.4, "1234"), (1.23456, "1.235")],
+)
+def test_sizes_in_sentences_are_plain_numbers(value, shown):
+    assert significant(value, 4) == shown

@@ -14,6 +14,7 @@ from ..io.readers import READERS
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
+from ..report.causes import likeliest
 from ..report.context import Report
 from ..report.doubts import doubts_about, of_readings
 from ..report.options import Provenance, ReportOptions
@@ -21,9 +22,10 @@ from ..report.tables import write_tables
 from ..report.text import render
 from ..solve.batch import adjust
 from ..solve.solution import Solution
+from ..units import significant
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
-from .messages import iteration, progress
+from .messages import iteration, progress, warn
 from .options import (
     PROJECT_HELP,
     add_adjustment,
@@ -111,6 +113,7 @@ def _solve(options: argparse.Namespace) -> Adjusted:
     if options.datum is not None:
         network.datum = options.datum
     refuse_problems(project)
+    warn(project.warnings)
     variance = options.variance or project.options.variance
     found = weights = None
     with progress(network.name) as show:
@@ -131,7 +134,11 @@ def _solve(options: argparse.Namespace) -> Adjusted:
                 variance=variance,
                 start=solution,
                 progress=show
-                and (lambda r: show(f"round {r.number}: {r.suspects} suspects, σ̂0 {r.sigma0:.4g}")),
+                and (
+                    lambda r: show(
+                        f"round {r.number}: {r.suspects} suspects, σ̂0 {significant(r.sigma0, 4)}"
+                    )
+                ),
             )
             solution = found.solution
         if options.variance_components is not None:
@@ -210,6 +217,7 @@ def _plot(options: argparse.Namespace) -> int:
         aside=report.set_aside,
         format=options.format,
         confidence=options.ellipses,
+        cause=likeliest(report),
     )
     for file in files:
         print(file)
@@ -218,7 +226,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _verdict(found: Adjusted, report: Report) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
-    doubts = [*doubts_about(found.solution), *of_readings(found.project.network)]
+    doubts = [*doubts_about(found.solution), *of_readings(found.solution.network)]
     if found.components is not None and not found.components.converged:
         doubts.append(f"variance components not converged: {found.components.reason}")
     if found.snooping is not None:

@@ -35,7 +35,7 @@ def _check(options: argparse.Namespace) -> int:
         f"{len(network.points)} points, {len(network.photos)} photos, {network.n_image_points} "
         f"image points and {len(network.observations)} other observations"
     )
-    found = preliminary(network)
+    found = [*project.warnings, *preliminary(network)]
     without = start_problems(network)
     if not found and not without:
         print(f"{network.name}: no problems found in {content}; approximate values are there")
@@ -43,7 +43,9 @@ def _check(options: argparse.Namespace) -> int:
     print(f"{network.name}: {content}")
     if found:
         n = len(found)
-        print(f"{n} doubt{'s' * (n != 1)} about readings or given values; nothing was changed:")
+        print(
+            f"{n} doubt{'s' * (n != 1)} about files, readings or given values; nothing was changed:"
+        )
         for finding in found[:MOST_PROBLEMS]:
             print(f"  {finding}")
         if n > MOST_PROBLEMS:
@@ -63,9 +65,10 @@ def refuse_problems(project: Project) -> None:
     """
     problems = check(project.network, sources=project.sources)
     if problems:
-        # Points behind cameras are a symptom; images with y the wrong way are the cause.
+        # Points behind cameras are a symptom; images with y the wrong way are the cause. So is a
+        # table that is not read because of its name.
         causes = [Problem(str(f)) for f in mistaken(project.network)]
-        raise InputError([*causes, *problems])
+        raise InputError([*project.warnings, *causes, *problems])
 
 
 def _hint_at_plan(options: argparse.Namespace, n_problems: int) -> None:

@@ -25,6 +25,12 @@ def complain(problems: Sequence[Problem]) -> None:
         print(f"  … and {n - MOST_PROBLEMS} more", file=sys.stderr)
 
 
+def warn(warnings: Sequence[Problem]) -> None:
+    """Print warnings on stderr, one in each line."""
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+
+
 @contextmanager
 def progress(name: str) -> Iterator[Show | None]:
     """Show the progress of a command on a terminal, with rich if it is installed.

@@ -16,7 +16,7 @@ from ..report.doubts import doubts_about
 from ..report.parts import parts_protocol, write_parts
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
-from .messages import iteration, progress
+from .messages import iteration, progress, warn
 from .options import count
 from .run import run_of
 
@@ -90,6 +90,7 @@ def _solution(options: argparse.Namespace) -> PartsSolution:
             )
     project = READERS.load(options.project[0], allow_outside=options.allow_outside)
     refuse_problems(project)
+    warn(project.warnings)
     with connected(options.cluster) as client, progress(project.network.name) as show:
         return adjust_cut(
             project.network,

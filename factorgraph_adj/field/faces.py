@@ -14,15 +14,16 @@ alone is freed of the means of its set-up; without any it keeps the errors of th
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from math import hypot, pi, sin, sqrt
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import Doubt, InputError, Problem
 from ..models.base import wrap
+from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..observations import Direction, Observation, SlopeDistance, ZenithAngle
 from ..shown import Rows, Shown
@@ -75,25 +76,35 @@ class ReducedFaces(Shown):
     """Index and collimation errors."""
     doubts: tuple[Problem, ...]
     """Targets whose faces differ by more than chance allows."""
+    doubted: tuple[tuple[int, ...], ...] = ()
+    """Positions in ``observations`` of what each doubt is about; empty for a whole set-up."""
 
     def add_to(self, network: Network) -> list[str]:
         """Add the observations to a network; return their ids.
 
         Index and collimation errors that the observations name, and the network does not state,
-        become free unknowns. The network keeps the doubts, which `factorgraph-adj check` and the
+        become free unknowns; those for which no target was read in both faces are doubted. The
+        network keeps the doubts, which `factorgraph-adj check` and the
         protocol of the adjustment tell.
 
         Raises:
             InputError: names that the network does not have, all of them; nothing is added.
         """
         changed = network.copy()
+        faces: dict[tuple[VariableKind, str], dict[tuple[str, ...], set[int]]] = {}
         for o in self.observations:
             for kind, attribute in o.record.parameters:
                 name = getattr(o, attribute)
                 if kind in OF_CIRCLES and name is not None and name not in network.of_kind(kind):
                     changed.set_unknown(kind, name)
+                    of_targets = faces.setdefault((kind, name), {})
+                    of_targets.setdefault(o.points(), set()).add(getattr(o, "face", 1))
         ids = changed.add(*self.observations)
-        changed.doubts += self.doubts
+        changed.doubts += [
+            Doubt(p.what, p.where, tuple(ids[i] for i in about))
+            for p, about in zip(self.doubts, self.doubted, strict=True)
+        ]
+        changed.doubts += _in_one_face(faces)
         vars(network).update(vars(changed))
         return ids
 
@@ -155,21 +166,57 @@ def reduce_faces(
         groups[r.station, r.set][r.target][r.face or 1] = r
     observations: list[Observation] = []
     setups: list[SetUp] = []
-    doubts: list[Problem] = []
+    found: list[_Doubted] = []
+    doubted: list[tuple[int, ...]] = []
     for (station, number), targets in groups.items():
+        doubts: list[_Doubted] = []
         index = _errors(targets, "zenith", constant(sigma_zenith), doubts)
         collimation = _errors(targets, "direction", constant(sigma_direction), doubts)
         doubts += _large(station, number, index[0], collimation[0])
         doubts += _distances(targets, constant(sigma_distance))
         both = sum(len(t) == 2 for t in targets.values())
         setups.append(SetUp(station, number, both, *index, *collimation))
+        begin = len(observations)
         for target in targets.values():
             if faces == "both":
                 observations += _as_read(target, sigmas)
             else:
                 observations += _means(target, index, collimation, sigmas)
             observations += _distance(target, sigmas.distance)
-    return ReducedFaces(tuple(observations), tuple(setups), tuple(doubts))
+        of_setup = list(enumerate(observations[begin:], start=begin))
+        doubted += (tuple(i for i, o in of_setup if d.concerns(o)) for d in doubts)
+        found += doubts
+    problems = [d.problem for d in found]
+    return ReducedFaces(tuple(observations), tuple(setups), tuple(problems), tuple(doubted))
+
+
+def _in_one_face(
+    faces: Mapping[tuple[VariableKind, str], Mapping[tuple[str, ...], set[int]]],
+) -> Iterator[Doubt]:
+    """Iterate over free errors of circles for which no target was read in both faces."""
+    for (kind, name), of_targets in faces.items():
+        if all(len(read) == 1 for read in of_targets.values()):
+            noun = UNKNOWNS[kind].noun
+            text = (
+                f"no target was read in both faces: only the geometry of the network tells this "
+                f"{noun}; read targets in both faces, weight or hold it, or use means"
+            )
+            yield Doubt(text, f"{noun} {name!r}")
+
+
+@dataclass(frozen=True)
+class _Doubted:
+    """A doubt, and the readings of the set-up that it is about."""
+
+    problem: Problem
+    kind: str = ""
+    """Kind of the observations made from them."""
+    targets: tuple[str, ...] = ()
+    """Their targets; empty for the whole set-up."""
+
+    def concerns(self, o: Observation) -> bool:
+        """Return whether an observation of the set-up is made from these readings."""
+        return o.kind == self.kind and getattr(o, "target", None) in self.targets
 
 
 def constant(sigma: Sigma) -> float:
@@ -212,15 +259,15 @@ class _Sigmas:
         return out
 
 
-def _large(station: str, number: str, index: float, collimation: float) -> Iterator[Problem]:
+def _large(station: str, number: str, index: float, collimation: float) -> Iterator[_Doubted]:
     """Iterate over errors of the instrument that it cannot have."""
     for noun, value in (("index", index), ("collimation", collimation)):
         if abs(value) > LARGE:
             text = f"the two faces give {noun} {value * 200 / pi:.3f} gon"
-            yield Problem(text, f"station {station!r}, set {number!r}")
+            yield _Doubted(Problem(text, f"station {station!r}, set {number!r}"))
 
 
-def _distances(targets: dict[str, Target], sigma: float) -> Iterator[Problem]:
+def _distances(targets: dict[str, Target], sigma: float) -> Iterator[_Doubted]:
     """Iterate over targets whose distances in the two faces differ by more than chance allows."""
     for name, faces in targets.items():
         one, two = (getattr(faces.get(f), "distance", None) for f in (1, 2))
@@ -232,7 +279,7 @@ def _distances(targets: dict[str, Target], sigma: float) -> Iterator[Problem]:
                 f"{1e3 * limit:.1f} mm"
             )
             where = f"station {first.station!r}, set {first.set!r}, target {name!r}"
-            yield Problem(text, where)
+            yield _Doubted(Problem(text, where), SlopeDistance.kind, (name,))
 
 
 def _wrapped(angle: float) -> float:
@@ -251,7 +298,7 @@ def _errors(
     targets: dict[str, Target],
     what: str,
     sigma: float,
-    doubts: list[Problem],
+    doubts: list[_Doubted],
 ) -> tuple[float, float]:
     """Return index or collimation error of a set-up and its σ; add targets that do not agree."""
     found: dict[str, tuple[float, float]] = {}
@@ -270,6 +317,7 @@ def _errors(
     own = sigma / sqrt(2.0) * np.array([s for _, s in found.values()])
     weight = 1.0 / np.square(own)
     names, noun, gon = list(found), "index" if what == "zenith" else "collimation", 200e3 / pi
+    kind = ZenithAngle.kind if what == "zenith" else Direction.kind
     for i, rest, limit in _outlying(value, weight):
         first = next(iter(targets[names[i]].values()))
         text = (
@@ -277,7 +325,9 @@ def _errors(
             f"{rest * gon:.1f} mgon, tolerance {limit * gon:.1f} mgon"
         )
         where = f"station {first.station!r}, set {first.set!r}, target {names[i]!r}"
-        doubts.append(Problem(text, where))
+        # Of two values that differ, either may be the wrong one.
+        wrong = (names[i],) if len(names) > 2 else tuple(names)
+        doubts.append(_Doubted(Problem(text, where), kind, wrong))
     return float(weight @ value / weight.sum()), 1.0 / sqrt(float(weight.sum()))
 
 

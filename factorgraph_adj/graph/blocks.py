@@ -19,7 +19,7 @@ from ..observations import Observation, Unit
 from ..types import Array, Index
 from .variables import State
 
-Fixes: TypeAlias = Literal["nothing", "coordinates", "attitude", "place"]
+Fixes: TypeAlias = Literal["nothing", "direction", "coordinates", "attitude", "place"]
 """Information of observations about the position of a network."""
 
 

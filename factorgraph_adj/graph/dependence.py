@@ -10,7 +10,7 @@ import numpy as np
 
 from ..frames import LocalFrame
 from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
-from ..network.entities import FREE_ORIENTATION, Parameter
+from ..network.entities import FREE_ORIENTATION, Parameter, parameter_name
 from ..network.network import Network
 from ..observations import KINDS, Observation
 from .make_blocks import ABSENT, variable_name
@@ -37,6 +37,7 @@ def variables_of(network: Network, o: Observation) -> Iterator[Variable]:
         name = variable_name(network, what, attribute, o)
         if name != ABSENT or what not in ENTITIES:
             yield what, name
+    yield from ((what, parameter_name(key)) for what, key in o.further)
 
 
 @cache

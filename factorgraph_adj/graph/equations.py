@@ -16,7 +16,7 @@ from ..types import Array, Index
 from .blocks import Block
 from .image_blocks import ImageIds, image_blocks
 from .image_chunks import ImageChunks
-from .make_blocks import control_blocks, plain_blocks, weighted_blocks
+from .make_blocks import control_blocks, own_blocks, plain_blocks, weighted_blocks
 from .variables import State, Unknowns
 from .weights import Cluster, clusters_of, weigh
 
@@ -243,7 +243,8 @@ def compile_rows(network: Network) -> Equations:
     """
     unknowns = Unknowns(network)
     blocks = [*plain_blocks(network, unknowns), *control_blocks(network, unknowns)]
-    blocks += [*weighted_blocks(unknowns), *image_blocks(network, unknowns)]
+    blocks += [*own_blocks(network, unknowns), *weighted_blocks(unknowns)]
+    blocks += image_blocks(network, unknowns)
     first, placed = 0, []
     for block in blocks:
         placed.append(replace(block, first_row=first))

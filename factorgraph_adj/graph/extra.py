@@ -58,25 +58,41 @@ def linearise_extra(
     out = []
     for where, factor in factors.items():
         values = gtsam.Values()
-        for key, variable in _variables(factor, keys, unknowns, where).items():
+        for key, variable in variables_of(factor, keys, unknowns, where).items():
             insert(values, unknowns, state, [variable], [key])
-        try:
-            linear = factor.linearize(values)
-        except RuntimeError as error:
-            if "Attempting to" not in str(error):  # is not GTSAM's message for a wrong type
-                raise
-            raise InputError(Problem(f"cannot be linearised: {error}", where)) from error
-        if linear is None:
+        rows = linear_rows(factor, values, where)
+        if rows is None:
             continue
-        a, r = _square_root(linear, where)
-        # A linear factor may keep its keys in another order than the factor itself.
-        found = _variables(factor, keys, unknowns, where)
-        variables = [found[k] for k in list(linear.keys())]
+        order, a, r = rows
+        found = variables_of(factor, keys, unknowns, where)
+        variables = [found[k] for k in order]
         out.append((where, *_columns(equations, state, variables, a, where), r))
     return out
 
 
-def _variables(
+def linear_rows(
+    factor: gtsam.NonlinearFactor, values: gtsam.Values, where: str
+) -> tuple[list[int], Array, Array] | None:
+    """Return keys, whitened partials (m, k) and whitened residuals (m,) of a factor.
+
+    A linear factor may keep its keys in another order than the factor itself. None: the factor is
+    inactive.
+
+    Raises:
+        InputError: the values are of another type, or as `linearise_extra`.
+    """
+    try:
+        linear = factor.linearize(values)
+    except RuntimeError as error:
+        if "Attempting to" not in str(error):  # is not GTSAM's message for a wrong type
+            raise
+        raise InputError(Problem(f"cannot be linearised: {error}", where)) from error
+    if linear is None:
+        return None
+    return list(linear.keys()), *_square_root(linear, where)
+
+
+def variables_of(
     factor: gtsam.NonlinearFactor, keys: KeyMap, unknowns: Unknowns, where: str
 ) -> dict[int, tuple[VariableKind, int]]:
     """Return kind and number among unknowns of each key of a factor."""

@@ -127,10 +127,14 @@ def insert(
     for place, (kind, number) in enumerate(variables):
         key = KeyMap.of(kind, number) if keys is None else keys[place]
         if is_pose(kind):
-            row = state[kind][number]
-            values.insert(key, gtsam.Pose3(gtsam.Rot3(row[:9].reshape(3, 3)), row[9:]))
+            values.insert(key, pose_of(state[kind][number]))
         else:
             values.insert(key, unknowns.given(state, kind, number))
+
+
+def pose_of(row: Array) -> gtsam.Pose3:
+    """Return the pose of a stored value."""
+    return gtsam.Pose3(gtsam.Rot3(row[:9].reshape(3, 3)), row[9:])
 
 
 def stored_row(values: gtsam.Values, kind: VariableKind, key: int) -> Array:

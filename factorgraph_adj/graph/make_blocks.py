@@ -14,7 +14,15 @@ from ..models.base import Linearised
 from ..models.variables import ENTITIES, UNKNOWNS, UnknownKind, VariableKind
 from ..network.entities import parameter_key, parameter_name
 from ..network.network import Network
-from ..observations import KINDS, ControlPoint, Observation, ObservationKind, Unit, observation_kind
+from ..observations import (
+    KINDS,
+    ControlPoint,
+    Observation,
+    ObservationKind,
+    Unit,
+    observation_kind,
+)
+from ..observations.own import OwnFactor
 from ..rotation import exp_rotation
 from ..types import Array, Index, Mask
 from .blocks import Block, ObservationLabels
@@ -90,7 +98,7 @@ def _plain_blocks(
         index.append(np.array([number[n] for n in names], dtype=np.intp))
     unequal = [j for j, (what, _) in enumerate(kind.variables) if UNKNOWNS[what].variable_size]
     columns = [unknowns[kind.variables[j][0]].size[index[j]] for j in unequal]
-    columns += [i >= 0 for i in index]
+    columns += [(i >= 0).astype(np.intp) for i in index]
     columns.append(
         np.unique(["".join(o.component_names()) for _, o in group], return_inverse=True)[1]
     )
@@ -158,6 +166,29 @@ def _with_absent(
     """Return what a model makes of the variables that are there, with None for the others."""
     there = iter(values)
     return model(frame, *(next(there) if p else None for p in present), **given)
+
+
+def own_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
+    """Yield the users' factors that are observations, a block each."""
+    for ident, o in network.observations.items():
+        if isinstance(o, OwnFactor):
+            numbers = [unknowns[k].number[parameter_name(key)] for k, key in o.unknowns]
+            yield Block(
+                o.kind,
+                o.record.unit,
+                tuple((k, np.array([n])) for (k, _), n in zip(o.unknowns, numbers, strict=True)),
+                np.zeros((1, o.dimension)),
+                np.full((1, o.dimension), o.sigma),
+                [ident],
+                o.component_names(),
+                ObservationLabels([o]),
+                model=o.model,
+                widths={
+                    j: int(unknowns[k].size[n])
+                    for j, ((k, _), n) in enumerate(zip(o.unknowns, numbers, strict=True))
+                    if UNKNOWNS[k].variable_size
+                },
+            )
 
 
 def control_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..graph.made import MakesFactor
 from ..io.journal import Journal
 from ..network.entities import Camera, Photo, Point
 from ..network.network import DatumChoice, Network
@@ -151,6 +152,7 @@ class IncrementalAdjustment:
         points: Point | Iterable[Point] = (),
         photos: Photo | Iterable[Photo] = (),
         cameras: Camera | Iterable[Camera] = (),
+        factors: Mapping[str, MakesFactor] | None = None,
     ) -> Arrival:
         """Test observations and absorb them; what they lack, they wait for.
 
@@ -164,11 +166,19 @@ class IncrementalAdjustment:
             points: new points, or approximate coordinates of points that have none yet.
             photos: new photos.
             cameras: new cameras.
+            factors: factors of your own by id, each as a function of ``key(kind, name)`` that
+                makes it, such as ``lambda key: gtsam.RangeFactor3(key("point", "A"), …)``. They
+                are observations of the kind ``factor`` from then on. Not with a journal.
 
         Raises:
             InputError: everything that is wrong with the input; nothing has changed then.
         """
-        given = Given.of(observations, points, photos, cameras)
+        given = Given.of(observations, points, photos, cameras, factors)
+        if given.factors and self._journal is not None:
+            raise InputError(
+                "this adjustment keeps a journal, which cannot hold a factor: register a kind of "
+                "observation (register_observation), or do without the journal"
+            )
         result = commands.add(self._state, given, self._rules)
         new = records.entities(self._state.ledger.network, result[0].ledger.network, given)
         return self._changed("add", result, new)

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..errors import InputError, Problem, known
 from ..graph.dependence import Variable, components
+from ..graph.made import observation_of
 from ..network.network import Network
 from ..network.selection import weighted_unknowns
 from ..observations import Observation
@@ -46,9 +47,13 @@ def add(state: State, given: Given, rules: Rules) -> tuple[State, Arrival]:
         InputError: everything that is wrong with them.
     """
     ledger = state.ledger
-    observations, points, photos, cameras = given
+    observations, points, photos, cameras, factors = given
     if points or photos or cameras:
         ledger = ledger.with_entities(points, photos, cameras)
+    if factors:
+        described = ledger.everything
+        made = (observation_of(name, make, described) for name, make in factors.items())
+        observations = [*observations, *made]
     ledger, rows = ledger.taken(observations)
     pieces = in_pieces(ledger, state.system, rows)
     tasks = [Task(piece, asked=True) for piece in pieces]

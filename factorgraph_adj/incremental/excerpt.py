@@ -11,6 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ..graph.variables import camera_of_calibration
 from ..models.variables import ENTITIES, UNKNOWNS, VariableKind, parameter_kinds
 from ..network.entities import FREE_ORIENTATION, Camera, Parameter, parameter_name
 from ..network.network import DatumChoice, Network
@@ -69,6 +70,8 @@ class _Excerpt:
                 self._point(name)
             elif kind == "pose":
                 poses[name] = None
+            elif kind == "calibration":
+                self._lens(camera_of_calibration(network, name), name)
             elif kind not in ENTITIES and UNKNOWNS[kind].absent != "found":
                 self._stated(kind, name)
         rays = rows.images(chosen)
@@ -120,8 +123,7 @@ class _Excerpt:
         photo = self.network.photos[name]
         camera = self.network.cameras[photo.camera]
         calibration = f"{camera.name}@{name}" if camera.per_photo else camera.name
-        if calibration not in self.out.cameras:
-            self.out.cameras[calibration] = self._camera(camera, calibration)
+        self._lens(camera, calibration)
         value = self.known.value("pose", name)
         if value is not None:
             photo = replace(
@@ -134,6 +136,10 @@ class _Excerpt:
             )
         self.out.photos[name] = replace(photo, camera=calibration)
         self.out.photo_number[name] = len(self.out.photo_number)
+
+    def _lens(self, camera: Camera, name: str) -> None:
+        if name not in self.out.cameras:
+            self.out.cameras[name] = self._camera(camera, name)
 
     def _camera(self, camera: Camera, name: str) -> Camera:
         value = self.known.value("calibration", name)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 from ..errors import InputError, Problem
+from ..graph.made import MakesFactor
 from ..network.entities import Camera, Photo, Point
 from ..observations import AnyObservation, Correlated, Observation
 
@@ -24,10 +25,19 @@ class Given(NamedTuple):
     """New photos."""
     cameras: list[Camera]
     """New cameras."""
+    factors: dict[str, MakesFactor]
+    """Functions that make factors, by name."""
 
     @classmethod
-    def of(cls, observations: object, points: object, photos: object, cameras: object) -> Given:
-        """Return things, of each sort one or several.
+    def of(
+        cls,
+        observations: object,
+        points: object,
+        photos: object,
+        cameras: object,
+        factors: Mapping[str, MakesFactor] | None,
+    ) -> Given:
+        """Return things, of each sort one or several; factors by name.
 
         Raises:
             InputError: everything that is of another sort.
@@ -38,7 +48,21 @@ class Given(NamedTuple):
             listed(points, "fga.Point", Point),
             listed(photos, "fga.Photo", Photo),
             listed(cameras, "fga.Camera", Camera),
+            _by_name(factors),
         )
+
+
+def _by_name(factors: object) -> dict[str, MakesFactor]:
+    """Return functions that make factors, by name.
+
+    Raises:
+        InputError: they have no names.
+    """
+    if factors is None:
+        return {}
+    if not isinstance(factors, Mapping) or not all(n and isinstance(n, str) for n in factors):
+        raise InputError("give factors by name: factors={'name': lambda key: …}")
+    return dict(factors)
 
 
 def listed(given: object, noun: str, *kinds: type[Thing]) -> list[Thing]:

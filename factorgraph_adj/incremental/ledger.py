@@ -367,6 +367,15 @@ class Ledger:
         for row in self.having(outcome).tolist():
             yield from self.rows.verdicts.get(row, ())
 
+    @property
+    def everything(self) -> Network:
+        """Everything that was described or is named by an observation; it has no observations."""
+        out = self.network.copy()
+        for _, unit in self.rows.units(np.flatnonzero(self.rows.status != GONE)):
+            for o in unit.observations:
+                out.state_found(o)
+        return out
+
     @cached_property
     def described(self) -> Network:
         """Everything that was described, with the observations in the graph."""

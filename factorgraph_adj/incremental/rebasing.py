@@ -299,12 +299,16 @@ def known_network(
 
 
 def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
-    """Return the solution as it stands; a free network's on its inner constraints."""
+    """Return the solution as it stands; a free network's on its inner constraints.
+
+    Where observations notice the way there a little, as verticals on the curved Earth do, it is
+    adjusted on the way.
+    """
     if system.section is None and not system.changed and not system.doubt:
         return system.base
     draft = Draft.of(ledger, system, rules.datum)
     constraint = None if system.base.datum is None else draft.normal(system.base)[1]
-    return standing(
+    found = standing(
         draft.equations,
         draft.start,
         constraint,
@@ -312,6 +316,11 @@ def solution_of(ledger: Ledger, system: System, rules: Rules) -> Solution:
         within=rules.accuracy,
         doubt=system.doubt,
     )
+    if found.reason == OFF_DATUM and not system.doubt:
+        with suppress(AdjustmentError):
+            adjusted = adjust_from(draft.equations, draft.start, free=True, tolerance=EFFORT.close)
+            return adjusted if adjusted.converged else found
+    return found
 
 
 def notices(a: Array | csr_array, motions: Array) -> bool:

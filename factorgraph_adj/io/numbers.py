@@ -19,6 +19,7 @@ from ..units import ANGLE, LENGTH, parse_angle
 _PI = Decimal("3.14159265358979323846264338327950288419716939937510582")
 _EXACT = Context(prec=60)
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_COMMA = re.compile(r"[+-]?[0-9.' ]*,[0-9]+(?:[eE][+-]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[+-]?(?:nan|inf|infinity)", re.IGNORECASE)
 _PLAIN = {"": Decimal(1), "ppm": Decimal("1e-6"), "km": Decimal(1000), "px": Decimal(1)}
 
@@ -109,7 +110,7 @@ def _parse(text: str, unit: str) -> float:
     if _NUMBER.fullmatch(text) is None:
         if _NOT_FINITE.fullmatch(text):
             raise ValueError(f"{text!r} is not a finite number")
-        hint = "; write a decimal point" if re.fullmatch(r"[+-]?\d+,\d+", text) else ""
+        hint = "; write a decimal point" if _COMMA.fullmatch(text) else ""
         raise ValueError(f"{text!r} is not a number{hint}")
     size = factor(unit)
     try:

@@ -7,16 +7,15 @@ The tables have one entity or observation in each row; `factorgraph_adj.io.read_
 
 from __future__ import annotations
 
-import re
-import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, cast
 
 from ..ellipsoid import ELLIPSOIDS
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, similar
 from ..frames import MEAN_EARTH_RADIUS, Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ..models.lens import Lens
 from ..models.registry import LENSES
@@ -35,12 +34,22 @@ from .read_observations import ObservationsReader
 from .read_readings import read_readings
 from .read_unknowns import Dimension, UnknownsReader
 from .tables import Row, Table, read_table
+from .text import parse_toml, read_text
 
 
 def tables() -> tuple[str, ...]:
     """Return the names of a project's tables; without [files], each is a file NAME.csv."""
     parameters = (table_of(k).file for k in parameter_kinds())
-    return ("points", "photos", "images", "observations", "covariances", "readings", *parameters)
+    return (
+        "points",
+        "photos",
+        "images",
+        "observations",
+        "covariances",
+        "doubts",
+        "readings",
+        *parameters,
+    )
 
 
 KEYS = (
@@ -53,6 +62,11 @@ FRAMES = {
     "topocentric": ("latitude", "longitude", "height", "ellipsoid", "radius"),
 }
 """Keys of [frame] by kind of frame."""
+NEARLY = 0.8
+"""Similarity (of difflib) from which a file's name is nearly that of a table: one letter of six is
+missing, wrong or too many."""
+TABLE_ENDINGS = ("csv", "txt", "csv.txt")
+"""Endings of names of files that may be meant as tables."""
 CAMERA_KEYS = ("name", "lens", "unit", "y_axis", "per_photo", "format", "origin", "parameters")
 Variance = Literal["a-priori", "a-posteriori"]
 
@@ -81,6 +95,8 @@ class Project:
     """Options of the adjustment."""
     sources: Mapping[tuple[str, str], str] = field(default_factory=dict)
     """File and line by entity (point, photo) and name."""
+    warnings: tuple[Problem, ...] = ()
+    """Files of the folder that are not read, but are nearly named like a table."""
 
     @property
     def units(self) -> Units:
@@ -116,7 +132,7 @@ def load_project(
     if path.is_dir():
         path = path / "project.toml"
     problems: list[Problem] = []
-    document = _read_toml(path)
+    document = parse_toml(read_text(path), path.name)
     top = Row(document, path.name, problems)
     for key in document:
         if key not in KEYS:
@@ -137,6 +153,7 @@ def load_project(
     options = _options(_table(document, "adjust", path.name, problems))
     found_tables = _tables(_table(document, "files", path.name, problems), path, allow_outside)
     reader = UnknownsReader(network, units, cast(Dimension, dimension or 3), problems)
+    reader.cameras_named = _names_cameras(document)
     readers: list[tuple[str, Callable[[Table], None]]] = [
         ("points", reader.points),
         ("photos", reader.photos),
@@ -157,36 +174,24 @@ def load_project(
         observations.observations(
             cast(Table, found_tables["observations"]), found_tables.get("covariances")
         )
+    if found_tables.get("doubts") is not None:
+        observations.doubts(cast(Table, found_tables["doubts"]))
     stated = _table(document, "readings", path.name, problems)
     _only(stated, ("faces",))
     faces = stated.choice("faces", ("means", "both"), "means")
     if found_tables.get("readings") is not None:
         book = cast(Table, found_tables["readings"])
         observations.complete &= read_readings(network, book, context, faces, problems)
+    warnings = tuple(_nearly_tables(path.parent, found_tables))
     if problems:
         # The structure can be checked in the same run only if every name is known.
         whole = reader.complete and observations.complete and None not in found_tables.values()
         found = check(network, sources=reader.sources) if whole else ()
-        raise InputError([*problems, *found])
-    return Project(network, path, context, options, reader.sources)
+        raise InputError([*warnings, *problems, *found])
+    return Project(network, path, context, options, reader.sources, warnings)
 
 
 # -- TOML -----------------------------------------------------------------------------------------
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read: {error.strerror}", str(path))) from None
-    except UnicodeDecodeError as error:
-        raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", path.name)) from None
-    except tomllib.TOMLDecodeError as error:
-        line = re.search(r"line (\d+)", str(error))
-        where = f"{path.name}:{line.group(1)}" if line else path.name
-        raise InputError(Problem(f"is not TOML: {error}", where)) from None
-    except RecursionError:
-        raise InputError(Problem("is nested too deeply", path.name)) from None
 
 
 def _table(document: dict[str, Any], key: str, file: str, problems: list[Problem]) -> Row:
@@ -258,6 +263,16 @@ def _cameras(
         name = row.text("name", required=True) or f"camera {number}"
         out[name] = read_camera(row, name, network)
     return out
+
+
+def _names_cameras(document: dict[str, Any]) -> bool:
+    """Return whether all cameras have names; those under a key that is misspelt have none."""
+    entries = document.get("camera", [])
+    if any(key not in KEYS and similar(key, ("camera",)) for key in document):
+        return False
+    return isinstance(entries, list) and all(
+        isinstance(e, dict) and isinstance(e.get("name"), str) for e in entries
+    )
 
 
 def read_camera(row: Row, name: str, network: Network) -> ImageAxes:
@@ -432,6 +447,17 @@ def _tables(row: Row, path: Path, allow_outside: bool) -> dict[str, Table | None
         else:
             out[name] = read_table(path.parent / file, row.problems)
     return out
+
+
+def _nearly_tables(folder: Path, found: Mapping[str, Table | None]) -> Iterator[Problem]:
+    """Iterate over files that are nearly named like a table that the project does not have."""
+    files = sorted(f.name for f in folder.iterdir())
+    missing = [name for name in tables() if found.get(name) is None and f"{name}.csv" not in files]
+    for file in files:
+        stem, _, end = file.casefold().partition(".")
+        close = get_close_matches(stem, missing, 1, NEARLY) if end in TABLE_ENDINGS else []
+        if close:
+            yield Problem(f"is not read: the table is named {close[0]}.csv", file)
 
 
 def _astray(folder: Path, file: Path, allow_outside: bool) -> str:

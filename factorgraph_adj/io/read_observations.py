@@ -9,7 +9,7 @@ from math import isfinite
 
 import numpy as np
 
-from ..errors import InputError, Problem, known
+from ..errors import Doubt, InputError, Problem, known
 from ..network.network import Network
 from ..observations import KINDS, Correlated, ImagePoint, Observation
 from ..types import Array
@@ -25,6 +25,8 @@ COVARIANCE_COLUMNS = (
     *("cluster", "id", "component", "id2", "component2", "covariance_si"),
     *(f"covariance_{u}2" for u in LENGTH),
 )
+
+DOUBT_COLUMNS = ("doubt", "where", "what", "id")
 
 
 @dataclass
@@ -93,6 +95,26 @@ class ObservationsReader:
             self.complete = False
         else:
             found.append(other)
+
+    def doubts(self, table: Table) -> None:
+        """Read doubts.csv: doubts about readings that observations were made from."""
+        valid = check_columns(table, DOUBT_COLUMNS, DOUBT_COLUMNS[:1], self.problems)
+        if DOUBT_COLUMNS[0] not in valid:
+            return
+        found: dict[str, Doubt] = {}
+        for line, fields in table.records():
+            row = Row(fields, table.where(line), self.problems)
+            number = row.text("doubt", required=True) or ""
+            what, where = (row.text(n, default="") or "" for n in ("what", "where"))
+            doubt = found.setdefault(number, Doubt(what, where))
+            ident = row.text("id")
+            if ident is None:
+                continue
+            if ident not in self.network.observations and self.complete:
+                names = known(self.network.observations, meant=ident)
+                row.wrong(f"unknown observation {ident!r}; known: {names}")
+            found[number] = replace(doubt, ids=(*doubt.ids, ident))
+        self.network.doubts += found.values()
 
     def images(self, table: Table) -> None:
         """Read images.csv by columns, as it has many rows; each standard deviation is read once."""

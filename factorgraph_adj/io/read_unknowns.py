@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..frames import LocalFrame, TopocentricFrame
 from ..models.variables import UnknownKind
 from ..network.entities import Key, Photo
@@ -37,6 +38,7 @@ def _with_units(prefixes: Iterable[str], units: Iterable[str]) -> tuple[str, ...
 
 
 _SIGMA_XYZ = _with_units(("sigma", "sigma_x", "sigma_y", "sigma_z"), LENGTH)
+_HORIZON = re.compile("sigma_(e|n|u|east|north|up)(_|$)")
 CHECK = ("check_x", "check_y", "check_z")
 POINT_COLUMNS = (
     *("name", "x", "y", "z", *GEOGRAPHIC, "fixed", "datum"),
@@ -59,10 +61,22 @@ def check_columns(
             has = ", ".join(table.columns)
             problems.append(Problem(f"missing column {name!r}; columns: {has}", where))
     for name in table.columns:
-        what = unknown_field(name, known)
+        what = _of_the_horizon(name, known) or unknown_field(name, known)
         if what is not None:
             problems.append(Problem(what, where))
     return known & set(table.columns)
+
+
+def _of_the_horizon(name: str, known: Iterable[str]) -> str:
+    """Return where σ in east, north, up is given, if a table of points has it instead."""
+    found = _HORIZON.match(name)
+    if found is None or name in known or CHECK[0] not in known:
+        return ""
+    return (
+        f"unknown column {name!r}: a table of points has σ along x, y, z of the frame; σ along "
+        "east, north, up is that of a control point: a row of observations.csv of the kind "
+        f"control with axes enu, all of x, y, z, and sigma_{found[1][0]}_mm"
+    )
 
 
 def _sigmas(row: Row, axes: Iterable[str], units: Iterable[str]) -> tuple[float, ...] | None:
@@ -93,6 +107,8 @@ class UnknownsReader:
         """Whether all names and flags are in the network, so that its structure can be checked."""
         self.unreadable: set[str] = set()
         """Entities (point, photo) whose names are unknown because their table cannot be read."""
+        self.cameras_named = True
+        """Whether the names of all cameras could be read."""
         self.sources: dict[tuple[str, str], str] = {}
         """File and line by entity (point, photo) and name."""
 
@@ -199,11 +215,24 @@ class UnknownsReader:
         """Read photos.csv; a project with one camera may leave the column camera out."""
         if "name" not in table.columns:
             self.unreadable.add("photo")
+        strangers: dict[str, list[Row]] = {}
         for row, name in self._named(table, PHOTO_COLUMNS, "photo"):
-            self.photo(row, name)
+            self.photo(row, name, strangers)
+        for camera, rows in strangers.items() if self.cameras_named else ():
+            names = known(self.network.cameras, meant=camera)
+            also = known([row.where for row in rows[1:]])
+            what = f"unknown camera {camera!r}; known: {names}"
+            rows[0].wrong(f"{what} (also in {also})" if len(rows) > 1 else what)
 
-    def photo(self, row: Row, name: str) -> None:
-        """Read one photo; its name must be new; a network with one camera may omit the camera."""
+    def photo(self, row: Row, name: str, strangers: dict[str, list[Row]] | None = None) -> None:
+        """Read one photo; its name must be new; a network with one camera may omit the camera.
+
+        Args:
+            row: its fields.
+            name: its name.
+            strangers: rows by cameras that the network does not have, to which this one is added
+                instead of a problem; None: it is a problem.
+        """
         only = next(iter(self.network.cameras), None) if len(self.network.cameras) == 1 else None
         camera = row.text("camera", required=only is None, default=only)
         units = self.units
@@ -218,7 +247,9 @@ class UnknownsReader:
         fixed = self._fixed_parts(row)
         sigma = _sigmas(row, "xyz", LENGTH)
         attitude = row.quantity("sigma_attitude", ANGLE, positive=True)
-        if not row.failed and camera is not None:
+        if strangers is not None and camera is not None and camera not in self.network.cameras:
+            strangers.setdefault(camera, []).append(row)
+        elif not row.failed and camera is not None:
             try:
                 self.network.add_photo(
                     name,

@@ -22,6 +22,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..models.variables import Quantity
 from ..observations import KINDS, ImagePoint, Observation
+from ..observations.registry import IN_MEMORY
 from ..stochastic import COMBINATIONS, Combine, StandardDeviation
 from ..types import Array
 from ..units import ANGLE, LENGTH
@@ -253,7 +254,10 @@ def _take_vector_sigma(
     sigma = [stated.quantity(f"sigma_{a}", LENGTH, positive=True) for a in axes]
     for a, s in zip(axes, sigma, strict=True):
         if s is None and for_all is None and not row.failed:
-            row.wrong(f"no standard deviation of {a}: give sigma_{a}_mm or sigma_mm")
+            other = "xyz" if set(axes) <= set("enu") else "enu"
+            given = [f for f in stated.fields if f.startswith(tuple(f"sigma_{b}_" for b in other))]
+            belongs = f"; {given[0]} belongs to axes {other}: state axes = {other}" if given else ""
+            row.wrong(f"no standard deviation of {a}: give sigma_{a}_mm or sigma_mm{belongs}")
     if not row.failed:
         arguments["sigma"] = tuple(for_all if s is None else s for s in sigma)
 
@@ -333,6 +337,12 @@ def record(
         units: units of the record.
         axes: unit and direction of y in files, for image coordinates.
     """
+    if found.kind in IN_MEMORY:
+        what = (
+            f"no file can hold a {found.kind}: leave it out (fga.without), or register what it "
+            "observes as a kind of observation (register_observation)"
+        )
+        raise InputError(Problem(what, found.label()))
     units, given = units or Units(), cast(Any, found)
     kind, have = found.kind, attributes(found.kind)
     out = {"kind": kind, "id": given.id or id or ""}

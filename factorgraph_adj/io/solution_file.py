@@ -64,7 +64,6 @@ def save_solution(solution: Solution, path: str | Path) -> None:
         "what": WHAT,
         "format": FORMAT,
         "files": network_files(solution.network),
-        "doubts": [(p.what, p.where) for p in solution.network.doubts],
         "converged": solution.converged,
         "reason": solution.reason,
         "iterations": solution.iterations,
@@ -138,7 +137,6 @@ def load_solution(path: str | Path) -> Solution:
 
 def _solution(header: dict[str, Any], entries: Mapping[str, Any]) -> Solution:
     network = network_of(header["files"])
-    network.doubts = [Problem(str(what), str(where)) for what, where in header["doubts"]]
     network.datum = "free" if "datum/motions" in entries else network.datum
     weights = entries.get("weights")
     equations = _with_sigmas(compile_network(network), entries["sigmas"], weights)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from ..errors import InputError, Problem, known
 from . import numbers
+from .text import read_text
 
 TRUE, FALSE = ("yes", "true", "1"), ("no", "false", "0", "")
 MOST_CHARACTERS = 500
@@ -54,12 +55,9 @@ def read_table(path: Path, problems: list[Problem]) -> Table | None:
     """
     name = path.name
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        problems.append(Problem(f"cannot be read: {error.strerror}", name))
-        return None
-    except UnicodeDecodeError as error:
-        problems.append(Problem(f"is not UTF-8 text (byte {error.start})", name))
+        text = read_text(path, name)
+    except InputError as error:
+        problems += error.problems
         return None
     lines = ["\n" if line.startswith("#") else line + "\n" for line in text.split("\n")]
     first = next((line for line in lines if line.strip()), "")
@@ -99,10 +97,36 @@ def read_table(path: Path, problems: list[Problem]) -> Table | None:
             rows.append((number, cells))
             continue
         what = f"{len(cells)} cells, but the header has {len(header)} columns"
+        joined = _joined(cells, len(cells) - len(header)) if separator == "," else None
+        if joined is not None and len(cells) > len(header):
+            what += "; is one of the commas a decimal comma? Write numbers with a decimal point"
+            cells = joined
         problems.append(Problem(what, f"{name}:{number}"))
         # Cells that fit the header are kept, so that later checks see the row.
         rows.append((number, (cells + [""] * len(header))[: len(header)]))
     return Table(name, tuple(header), tuple(rows))
+
+
+def _joined(cells: Sequence[str], extra: int) -> list[str] | None:
+    """Return the cells of a row with as many decimal commas as it has cells too many.
+
+    Names and kinds come first in most rows, so that numbers are joined from the right. Beside
+    numbers with a decimal point, single digits are rather cells of their own.
+
+    Returns:
+        The cells with decimal points; None if so many commas cannot stand between digits.
+    """
+    fewest = 2 if any(_POINT.fullmatch(c) for c in cells) else 1
+    out = list(cells)
+    at = len(out) - 2
+    while extra and at >= 0:
+        rest = out[at + 1]
+        if _WHOLE.fullmatch(out[at]) and rest.isdecimal() and len(rest) >= fewest:
+            out[at : at + 2] = [f"{out[at]}.{rest}"]
+            extra -= 1
+            at -= 1
+        at -= 1
+    return None if extra else out
 
 
 def write_table(columns: Sequence[str], records: Iterable[Mapping[str, str]]) -> str:
@@ -119,6 +143,8 @@ def write_columns(columns: Mapping[str, Sequence[str]]) -> str:
     return "\n".join(lines) + "\n"
 
 
+_POINT = re.compile(r"[+-]?[0-9]*\.[0-9]*")
+_WHOLE = re.compile(r"[+-]?[0-9]+")
 _QUOTED = re.compile(r'^#|[,;\t"]')
 
 

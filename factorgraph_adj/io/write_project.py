@@ -22,7 +22,7 @@ from .context import ImageAxes
 from .fields import columns as observation_columns
 from .numbers import Units
 from .parameter_tables import columns_of, parameter_records, table_of
-from .read_observations import COVARIANCE_COLUMNS, IMAGE_COLUMNS
+from .read_observations import COVARIANCE_COLUMNS, DOUBT_COLUMNS, IMAGE_COLUMNS
 from .read_unknowns import (
     ANGLES,
     CHECK,
@@ -82,6 +82,7 @@ def network_files(
         ("images", IMAGE_COLUMNS, _images(network)),
         ("observations", observation_columns(), _observations(network, units)),
         ("covariances", COVARIANCE_COLUMNS, _covariances(network)),
+        ("doubts", DOUBT_COLUMNS, _doubts(network)),
         *(
             (table_of(k).file, columns_of(k), _parameters(network, k, units))
             for k in parameter_kinds()
@@ -254,6 +255,15 @@ def _covariances(network: Network) -> Records:
                     "component2": c2,
                     "covariance_si": numbers.write(value),
                 }
+
+
+def _doubts(network: Network) -> Records:
+    """Write each doubt in its first row, and an observation that it is about in each row."""
+    for number, doubt in enumerate(network.doubts, start=1):
+        said = {"where": doubt.where, "what": doubt.what}
+        for ident in doubt.ids or ("",):
+            yield {"doubt": str(number), "id": ident, **said}
+            said = {}
 
 
 def _parameters(network: Network, kind: UnknownKind, units: Units) -> Records:

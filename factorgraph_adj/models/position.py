@@ -65,7 +65,15 @@ def split_pose(pose: Array) -> tuple[Array, Array]:
 
 
 def photo_position(frame: Frame, pose: Array, *, observed: Array, lever_arm: Array) -> Linearised:
-    """Compute X₀ + R a − observed, metres, (n, 3); a in photogrammetric axes (n, 3)."""
+    """Compute X₀ + R a − observed, metres, (n, 3).
+
+    Args:
+        frame: not used.
+        pose: stored poses, (n, 12).
+        observed: positions of the antennas, (n, 3).
+        lever_arm: a, antenna − projection centre, (n, 3), metres in photogrammetric axes of the
+            camera: x right, y up, z backwards.
+    """
     rotation, centre = split_pose(pose)
     arm = lever_arm @ TURN_ABOUT_X
     v = (centre - observed) + np.einsum("nij,nj->ni", rotation, arm)

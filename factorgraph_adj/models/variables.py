@@ -364,6 +364,15 @@ _BUILT_IN: Sequence[UnknownKind] = (
         late=1,
     ),
     UnknownKind(
+        "calibration",
+        "calibration of camera",
+        "k",
+        short="camera",
+        variable_size=True,
+        late=2,
+        additional=True,
+    ),
+    UnknownKind(
         "frame",
         "frame",
         "f",
@@ -375,15 +384,6 @@ _BUILT_IN: Sequence[UnknownKind] = (
         connects=True,
         late=1,
         table=UnknownTable("frames", held_unless_free=True),
-    ),
-    UnknownKind(
-        "calibration",
-        "calibration of camera",
-        "k",
-        short="camera",
-        variable_size=True,
-        late=2,
-        additional=True,
     ),
 )
 for _kind in _BUILT_IN:

@@ -3,14 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..models.lens import Lens
+from ..models.variables import UNKNOWNS
 from ..rotation import world_R_camera
 from ..types import Array
-from .entities import ORIGINS, Camera, Origin, Photo, Point, sigmas, triple
+from .entities import (
+    ORIGINS,
+    Camera,
+    Origin,
+    Parameter,
+    Photo,
+    Point,
+    parameter,
+    sigmas,
+    triple,
+)
 
 ROUGH = 5e-4
 """Largest deviation from orthogonality that few digits explain: those of four."""
@@ -194,6 +206,39 @@ def checked_photo(
         None if sigma_position is None else sigmas(sigma_position, 3, where),  # type: ignore[arg-type]
         sigma_attitude,
     )
+
+
+def checked_frame(
+    name: str,
+    free: Iterable[str],
+    values: Mapping[str, float],
+    sigma: Mapping[str, float],
+    origin: str | Sequence[float],
+    level: bool,
+    known_points: Mapping[str, Point],
+) -> Parameter:
+    """Return a frame; arguments and errors are those of `Network.add_frame`."""
+    where, kind, wanted = f"frame {name!r}", UNKNOWNS["frame"], list(free)
+    names = kind.names()
+    unknown = [n for n in (*wanted, *values, *sigma) if n not in names]
+    if unknown:
+        what = f"unknown component {unknown[0]!r}; valid: {known(names, meant=unknown[0])}"
+        raise InputError(Problem(what, where))
+    both = [n for n in wanted if n in sigma]
+    if both:
+        raise InputError(Problem(f"{', '.join(both)}: either free or sigma, not both", where))
+    station = origin if isinstance(origin, str) else ""
+    if station and station not in known_points:
+        there = known(known_points, meant=station)
+        raise InputError(Problem(f"unknown point {station!r}; known: {there}", where))
+    at = (0.0, 0.0, 0.0) if isinstance(origin, str) else triple(origin, "origin", where)
+    if np.isnan(at).any():
+        raise InputError(Problem(f"origin must be finite, not {at}", where))
+    found = [n for n in wanted if n != "ln_scale"]
+    start = [values.get(n, np.nan if n in found else 0.0) for n in names]
+    held = [n for n in names if n not in wanted and n not in sigma]
+    stated = parameter(kind, start, held, sigma, where)
+    return replace(stated, constants=(*at, float(level)), origin=station)
 
 
 def checked_image_points(

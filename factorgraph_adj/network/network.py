@@ -8,41 +8,39 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ..errors import InputError, Problem, known
+from ..errors import Doubt, InputError, Problem, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
-from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds, unknown_kind
+from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
 from ..observations import AnyObservation, Correlated, ImagePoint, Observation
 from ..shown import Rows, Shown
 from ..types import Array, Mask
-from .checked import checked_camera, checked_image_points, checked_photo, checked_point
+from .checked import (
+    checked_camera,
+    checked_image_points,
+    checked_photo,
+    checked_point,
+)
 from .entities import (
     FREE_ORIENTATION,
-    REFRACTION_OF_THE_NETWORK,
     Camera,
     ImageTable,
-    Key,
     Origin,
     Parameter,
     Photo,
     Point,
-    parameter,
-    parameter_key,
-    parameter_name,
-    triple,
 )
-from .of_kind import OfKind
+from .stated import StatedUnknowns, refuse_duplicate, required
 
 DatumChoice: TypeAlias = Literal["given", "free"]
 """Datum from control points and from held and weighted unknowns (given), or a free network."""
 
 
-class Network(Shown):
+class Network(StatedUnknowns, Shown):
     """Points, cameras, photos and observations in one frame.
 
     Example:
@@ -73,7 +71,7 @@ class Network(Shown):
         self.observations: dict[str, Observation] = {}
         self.clusters: list[tuple[tuple[str, ...], Array]] = []
         self.images = ImageTable()
-        self.doubts: list[Problem] = []
+        self.doubts: list[Doubt] = []
         """Readings that did not agree when they were reduced to observations."""
         self.point_number: dict[str, int] = {}
         self.photo_number: dict[str, int] = {}
@@ -107,7 +105,7 @@ class Network(Shown):
         Raises:
             InputError: duplicate name, bad numbers, a held or weighted component without value.
         """
-        self._new(name, self.points, "point")
+        refuse_duplicate(name, self.points, "point")
         self.points[name] = checked_point(
             name, coordinates, fixed=fixed, sigma=sigma, datum=datum, check=check
         )
@@ -122,7 +120,7 @@ class Network(Shown):
             row = int(np.flatnonzero(np.isinf(xyz).any(axis=1))[0])
             raise InputError(Problem("coordinates must be finite", f"point {names[row]!r}"))
         for name, at in zip(names, xyz.tolist(), strict=True):
-            self._new(name, self.points, "point")
+            refuse_duplicate(name, self.points, "point")
             self.points[name] = Point(name, tuple(at))
             self.point_number[name] = len(self.point_number)
 
@@ -157,7 +155,7 @@ class Network(Shown):
             origin: place of the origin of image coordinates on the sensor, for the same.
             y_down_in_files: whether y and y0 point down in files and reports; here y is up.
         """
-        self._new(name, self.cameras, "camera")
+        refuse_duplicate(name, self.cameras, "camera")
         options = (sigma, unit, per_photo, format, origin, y_down_in_files)
         self.cameras[name] = checked_camera(name, lens, values, free, *options)
 
@@ -187,8 +185,8 @@ class Network(Shown):
             sigma_attitude: standard deviation of a weighted attitude, radians.
         """
         where = f"photo {name!r}"
-        self._new(name, self.photos, "photo")
-        self._known(camera, self.cameras, "camera", where)
+        refuse_duplicate(name, self.photos, "photo")
+        required(camera, self.cameras, "camera", where)
         if self.frame.left_handed:
             raise InputError(
                 Problem("photos need a right-handed frame: choose axes en, nw, ws or se", where)
@@ -204,197 +202,6 @@ class Network(Shown):
             sigma_attitude=sigma_attitude,
         )
         self.photo_number[name] = len(self.photo_number)
-
-    # -- other unknowns -----------------------------------------------------------------------
-
-    def set_unknown(
-        self,
-        kind: VariableKind,
-        key: Key,
-        values: Sequence[float] | None = None,
-        *,
-        fixed: bool | Iterable[str] = False,
-        sigma: float | Sequence[float] | Mapping[str, float] | None = None,
-    ) -> None:
-        """State an unknown of any kind; its components are free unless held or weighted.
-
-        Args:
-            kind: name of the kind, see `factorgraph_adj.models.variables.UNKNOWNS`.
-            key: name of the unknown, or several names such as station and set.
-            values: values of the components, SI; None: the start values of the kind.
-            fixed: whether all components are held, or the names of the held components.
-            sigma: standard deviations of weighted components, SI: one for all, one for each, or
-                some by name.
-
-        Raises:
-            InputError: an unknown kind or point, a value that is not finite, a wrong number of
-                values, or a component that is both held and weighted.
-        """
-        record = unknown_kind(kind)
-        if record.table is None:
-            raise InputError(f"a {record.noun} is no parameter: use add_{record.noun}")
-        keys = (key,) if isinstance(key, str) else tuple(key)
-        if len(keys) != len(record.table.keys):
-            what = " and ".join(record.table.keys)
-            raise InputError(Problem(f"it is named by {what}, not by {key!r}", record.noun))
-        where = f"{record.noun} {parameter_name(key)!r}"
-        if record.at_point:
-            self._known(keys[0], self.points, "point", where)
-        start = [c.start for c in record.components] if values is None else values
-        self.of_kind(kind)[key] = parameter(record, start, fixed, sigma, where)
-
-    def of_kind(self, kind: VariableKind) -> dict[Any, Parameter]:
-        """Return the stated unknowns of a kind by key."""
-        return self.parameters.setdefault(kind, {})
-
-    def set_orientation(
-        self,
-        station: str,
-        *,
-        set: str = "1",
-        value: float,
-        sigma: float | None = None,
-        fixed: bool = False,
-    ) -> None:
-        """State the orientation unknown of a set of directions, radians.
-
-        Without this call the unknown is free; its start value is computed from the directions.
-        """
-        self.set_unknown("orientation", (station, set), (value,), fixed=fixed, sigma=sigma)
-
-    def set_refraction(
-        self,
-        group: str = REFRACTION_OF_THE_NETWORK,
-        *,
-        value: float = 0.13,
-        sigma: float | None = None,
-        fixed: bool = False,
-    ) -> None:
-        """State the coefficient of refraction κ of a group; free unless held or weighted.
-
-        The group of the network is that of observations without one; not stated, its κ is 0, held.
-        """
-        self.set_unknown("refraction", group, (value,), fixed=fixed, sigma=sigma)
-
-    def set_vertical(
-        self,
-        station: str,
-        *,
-        xi: float = 0.0,
-        eta: float = 0.0,
-        sigma: float | Sequence[float] | None = None,
-        fixed: bool = False,
-    ) -> None:
-        """State the deflection of the vertical of a station; free unless held or weighted.
-
-        Args:
-            station: the point.
-            xi: ξ = Φ − φ, radians, north positive.
-            eta: η = (Λ − λ) cosφ, radians, east positive.
-            sigma: standard deviations, radians.
-            fixed: whether ξ and η are held. A station without this call has ξ = η = 0, held.
-        """
-        self.set_unknown("vertical", station, (xi, eta), fixed=fixed, sigma=sigma)
-
-    def set_distance_meter(
-        self,
-        name: str,
-        *,
-        scale: float = 0.0,
-        zero: float = 0.0,
-        sigma_scale: float | None = None,
-        sigma_zero: float | None = None,
-        free: Iterable[Literal["scale", "zero"]] = (),
-    ) -> None:
-        """State a distance meter: observed = (1 + scale) S + zero.
-
-        Args:
-            name: its name, as in ``instrument`` of the distances.
-            scale: m, dimensionless (1e-6 is one ppm).
-            zero: additive constant, metres.
-            sigma_scale: standard deviation of a weighted scale.
-            sigma_zero: standard deviation of a weighted constant, metres.
-            free: components to estimate without a prior. Components that are neither free nor
-                weighted are held.
-        """
-        asked = set(free)
-        if not asked <= {"scale", "zero"}:
-            where = f"distance meter {name!r}"
-            raise InputError(Problem(f"free must be some of scale, zero, not {asked}", where))
-        given = {"scale": sigma_scale, "zero": sigma_zero}
-        sigma = {n: np.inf if s is None else s for n, s in given.items()}
-        held = [n for n, s in sigma.items() if s == np.inf and n not in asked]
-        self.set_unknown("edm", name, (scale, zero), fixed=held, sigma=sigma)
-
-    def add_frame(
-        self,
-        name: str,
-        *,
-        free: Iterable[str] = ("rx", "ry", "rz", "x", "y", "z"),
-        values: Mapping[str, float] | None = None,
-        sigma: Mapping[str, float] | None = None,
-        origin: str | Sequence[float] = (0.0, 0.0, 0.0),
-        level: bool = False,
-    ) -> None:
-        """State a frame of its own: of a model, a scanner or tracker station, a shape.
-
-        Coordinates in the frame are q = e^{−ℓ} Rᵀ E (X − O) − c, see
-        `factorgraph_adj.models.sub_frame`. Its components are the rotation vector rx, ry, rz of R
-        (radians, frame → object), the offset x, y, z = c (unit of the frame) and ln_scale = ℓ.
-
-        Args:
-            name: its name.
-            free: components to estimate without a prior; those that are neither free nor weighted
-                are held. Steps of a rotation are about the axes of the frame: with rx and ry held
-                its z axis keeps its direction.
-            values: values of components by name, SI; a held or weighted component without one has
-                0; a free one without one is computed from common points.
-            sigma: standard deviations of weighted components by name; of the rotations, rx and ry
-                (the tilts) or all three.
-            origin: O, the name of a point, such as the station of a scanner, whose offset is then
-                held unless it is free; or constant coordinates, metres. Choose them near the
-                middle of the points of the frame: far away, offset and rotation have nearly the
-                same effect.
-            level: whether R counts from the horizon (east, north, up) at O, as that of a levelled
-                instrument does.
-
-        Raises:
-            InputError: a frame of this name is there, an unknown point or component, numbers that
-                are not finite, a component that is both free and weighted.
-        """
-        where = f"frame {name!r}"
-        self._new(name, self.of_kind("frame"), "frame")
-        kind = UNKNOWNS["frame"]
-        names, given, weights = kind.names(), dict(values or {}), dict(sigma or {})
-        wanted = list(free)
-        unknown = [n for n in (*wanted, *given, *weights) if n not in names]
-        if unknown:
-            what = f"unknown component {unknown[0]!r}; valid: {known(names, meant=unknown[0])}"
-            raise InputError(Problem(what, where))
-        both = [n for n in wanted if n in weights]
-        if both:
-            raise InputError(Problem(f"{', '.join(both)}: either free or sigma, not both", where))
-        station = origin if isinstance(origin, str) else ""
-        if station:
-            self._known(station, self.points, "point", where)
-        at = (0.0, 0.0, 0.0) if isinstance(origin, str) else triple(origin, "origin", where)
-        if np.isnan(at).any():
-            raise InputError(Problem(f"origin must be finite, not {at}", where))
-        start = [given.get(n, np.nan if n in wanted and n != "ln_scale" else 0.0) for n in names]
-        held = [n for n in names if n not in wanted and n not in weights]
-        stated = parameter(kind, start, held, weights, where)
-        self.of_kind("frame")[name] = replace(stated, constants=(*at, float(level)), origin=station)
-
-    frames = OfKind("frame")
-    """Frames by name."""
-    orientations = OfKind("orientation")
-    """Orientation unknowns by station and set."""
-    refractions = OfKind("refraction")
-    """Coefficients of refraction by group."""
-    verticals = OfKind("vertical")
-    """Deflections of the vertical by station."""
-    distance_meters = OfKind("edm")
-    """Scales and zero constants by distance meter."""
 
     # -- observations -------------------------------------------------------------------------
 
@@ -444,7 +251,7 @@ class Network(Shown):
             sigma: one standard deviation, two for x and y, or (n, 2).
         """
         where = f"photo {photo!r}"
-        self._known(photo, self.photos, "photo", where)
+        required(photo, self.photos, "photo", where)
         measured, weights = checked_image_points(
             photo, points, xy, sigma=sigma, known_points=self.point_number
         )
@@ -491,9 +298,9 @@ class Network(Shown):
         """Check an observation's names, and its id, which ``seen`` gets; refuse bad ones."""
         record, where = o.record, o.label()
         for name in o.points():
-            self._known(name, self.points, "point", where)
+            required(name, self.points, "point", where)
         for name in o.photos():
-            self._known(name, self.photos, "photo", where)
+            required(name, self.photos, "photo", where)
         for kind, attribute in record.parameters:
             unknown, name = UNKNOWNS[kind], getattr(o, attribute)
             if unknown.absent != "refused":
@@ -501,7 +308,7 @@ class Network(Shown):
             if name is None and unknown.default is None:
                 raise InputError(Problem(f"{attribute} must name a {unknown.noun}", where))
             if name is not None:
-                self._known(name, self.parameters.get(kind, {}), unknown.noun, where)
+                required(name, self.parameters.get(kind, {}), unknown.noun, where)
         ident = getattr(o, "id", None)
         if ident is not None:
             if ident in self.observations or ident in seen:
@@ -526,23 +333,15 @@ class Network(Shown):
             while str(self._next_id) in self.observations:
                 self._next_id += 1
             ident = str(self._next_id)
-        for kind, attribute in o.record.parameters:
-            if UNKNOWNS[kind].absent == "found":
-                key = parameter_key(UNKNOWNS[kind], attribute, o)
-                self.of_kind(kind).setdefault(key, FREE_ORIENTATION)
+        self.state_found(o)
         self.observations[ident] = o
         return ident
 
-    def _new(self, name: str, names: Mapping[str, object], what: str) -> None:
-        if not isinstance(name, str) or not name:
-            raise InputError(Problem(f"the name of a {what} must be non-empty text, not {name!r}"))
-        if name in names:
-            raise InputError(Problem(f"duplicate name of a {what}", f"{what} {name!r}"))
-
-    def _known(self, name: str, names: Mapping[Any, object], what: str, where: str) -> None:
-        if name not in names:
-            there = known(names, meant=name)
-            raise InputError(Problem(f"unknown {what} {name!r}; known: {there}", where))
+    def state_found(self, o: Observation) -> None:
+        """State the unknowns of an observation that nobody has to state, such as orientations."""
+        for kind, key in o.parameters():
+            if UNKNOWNS[kind].absent == "found":
+                self.of_kind(kind).setdefault(key, FREE_ORIENTATION)
 
     def headline(self) -> str:
         """Say what the network has."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
@@ -12,10 +12,10 @@ from ..errors import InputError, Problem, known
 from ..graph.image_blocks import find_images
 from ..graph.make_blocks import weighted_blocks
 from ..graph.variables import Unknowns, calibration_name
-from ..models.variables import UNKNOWNS, VariableKind, parameter_kinds
+from ..models.variables import VariableKind, parameter_kinds
 from ..observations import Observation
 from ..types import Array, Mask
-from .entities import ImageTable, Key, Parameter, parameter_key, parameter_name
+from .entities import ImageTable, Key, Parameter, parameter_name
 from .network import Network
 
 Stated: TypeAlias = tuple[VariableKind, Key]
@@ -27,7 +27,8 @@ Weighted: TypeAlias = tuple[VariableKind, str, int]
 def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ()) -> Network:
     """Return a new network without some observations; ``network`` stays unchanged.
 
-    The remaining observations of a correlated group keep their part of the covariance. A free
+    The remaining observations of a correlated group keep their part of the covariance. A doubt
+    about readings ends with an observation that was made from them. A free
     orientation unknown, refraction group, vertical or distance meter is removed together with
     its last observation; held and weighted parameters stay. A weighted unknown is an observation
     of its given value; without this observation the unknown is free.
@@ -79,6 +80,7 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
     out = network.copy()
     out.observations = {i: o for i, o in network.observations.items() if i not in gone}
     out.clusters = [c for group in network.clusters if (c := _remaining(network, group, gone))]
+    out.doubts = [d for d in network.doubts if gone.isdisjoint(d.ids)]
     _drop_unobserved(out, [network.observations[i] for i in gone])
     for i in rest:
         _free(out, weights[i])
@@ -112,7 +114,7 @@ def only(
     for o in out.observations.values():
         wanted["point"].update(o.points())
         wanted["pose"].update(o.photos())
-        for kind, key in parameters_of(o):
+        for kind, key in o.parameters():
             wanted[kind].add(parameter_name(key))
             if (origin := origin_of(network, kind, key)) is not None:
                 wanted["point"].add(origin)
@@ -151,12 +153,6 @@ def weighted_unknowns(network: Network) -> dict[str, Weighted]:
                 component = int(np.argmax(block.constants["axis"][i]))
             out[ident] = (kind, names[number], component)
     return out
-
-
-def parameters_of(o: Observation) -> Iterator[Stated]:
-    """Return kind and key of every parameter that an observation may depend on."""
-    for kind, attribute in o.record.parameters:
-        yield kind, parameter_key(UNKNOWNS[kind], attribute, o)
 
 
 def origin_of(network: Network, kind: VariableKind, key: Key) -> str | None:
@@ -198,12 +194,12 @@ def _drop_unobserved(network: Network, gone: list[Observation]) -> None:
     loose = {
         (kind, key)
         for o in gone
-        for kind, key in parameters_of(o)
+        for kind, key in o.parameters()
         if key in (table := network.of_kind(kind)) and _is_free(table[key])
     }
     if loose:
         for o in network.observations.values():
-            loose.difference_update(parameters_of(o))
+            loose.difference_update(o.parameters())
     for kind, key in loose:
         del network.of_kind(kind)[key]
 

@@ -11,6 +11,8 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..frames import Frame
+from ..models.variables import ENTITIES, UNKNOWNS
+from ..network.entities import Key, parameter_key, parameter_name
 from ..stochastic import PARTS, StandardDeviation, whitening
 from ..types import Array
 from .registry import KINDS, ObservationKind, observation_kind
@@ -62,17 +64,30 @@ class Observation:
         """Record of the kind; InputError if the kind is not registered."""
         return observation_kind(self.kind)
 
+    @property
+    def further(self) -> tuple[tuple[str, Key], ...]:
+        """Kind and key of the unknowns that it depends on beside those of its record."""
+        return ()
+
     def names(self) -> tuple[str, ...]:
-        """Return the names of points and photos that the observation joins."""
-        return self._stated(self.record.named)
+        """Return the names of points and photos that the observation joins; of `further` all."""
+        own = self._stated(self.record.named)
+        return own + tuple(parameter_name(key) for _, key in self.further)
 
     def points(self) -> tuple[str, ...]:
         """Return the names of the points that the observation joins."""
-        return self._stated(self.record.points)
+        own = self._stated(self.record.points)
+        return own + tuple(str(name) for kind, name in self.further if kind == "point")
 
     def photos(self) -> tuple[str, ...]:
         """Return the names of the photos that the observation joins."""
-        return self._stated(self.record.photos)
+        own = self._stated(self.record.photos)
+        return own + tuple(str(name) for kind, name in self.further if kind == "pose")
+
+    def parameters(self) -> tuple[tuple[str, Key], ...]:
+        """Return kind and key of every parameter that the observation may depend on."""
+        own = ((k, parameter_key(UNKNOWNS[k], a, self)) for k, a in self.record.parameters)
+        return (*own, *((k, key) for k, key in self.further if k not in ENTITIES))
 
     def _stated(self, attributes: Sequence[str]) -> tuple[str, ...]:
         """Return the names in some attributes, without those that name nothing."""

@@ -87,7 +87,14 @@ _BUILT_IN: Sequence[ObservationKind] = (
         circular=True,
     ),
     ObservationKind(
-        Azimuth, _SIGHT, terrestrial.azimuth, _HEIGHTS, "rad", weight=DIRECTIONS, circular=True
+        Azimuth,
+        _SIGHT,
+        terrestrial.azimuth,
+        _HEIGHTS,
+        "rad",
+        weight=DIRECTIONS,
+        circular=True,
+        fixes="direction",
     ),
     ObservationKind(
         HeightDifference,

@@ -49,9 +49,10 @@ class ObservationKind:
     """Whether the partials are independent of the positions of the points."""
     circular: bool = False
     """Whether the value is an angle of the full circle, from 0 to 2π."""
-    fixes: Literal["nothing", "coordinates", "place"] = "nothing"
-    """Information about the position of the network: nothing, coordinates in the frame of the
-    network, or a place on the Earth (astronomic latitude, longitude)."""
+    fixes: Literal["nothing", "direction", "coordinates", "place"] = "nothing"
+    """Information about the position of the network: nothing, its direction from north,
+    coordinates in the frame of the network, or a place on the Earth (astronomic latitude,
+    longitude)."""
     by_axis: bool = False
     """Whether an observation has one row for each of its known coordinates, ``axes``."""
 
@@ -201,6 +202,13 @@ class ObservationKind:
 
 KINDS: dict[str, ObservationKind] = {}
 """Registered kinds of observations by name."""
+IN_MEMORY: dict[str, ObservationKind] = {}
+"""Kinds whose observations no file, record or journal can hold, by name."""
+
+
+def register_in_memory(kind: ObservationKind) -> None:
+    """Add a kind whose observations stand in memory alone; its name is not valid in files."""
+    IN_MEMORY[kind.name] = kind
 
 
 def register_observation(kind: ObservationKind) -> ObservationKind:
@@ -217,7 +225,7 @@ def register_observation(kind: ObservationKind) -> ObservationKind:
     """
     found = kind.problems()
     name: Any = getattr(kind.observation, "kind", kind.observation)
-    if name in KINDS:
+    if name in KINDS or name in IN_MEMORY:
         found.append("a kind of this name is registered already")
     if found:
         raise InputError([Problem(what, f"kind of observation {name!r}") for what in found])
@@ -227,7 +235,7 @@ def register_observation(kind: ObservationKind) -> ObservationKind:
 
 def observation_kind(name: str) -> ObservationKind:
     """Return the record of a kind; InputError if no kind has this name."""
-    found = KINDS.get(name)
+    found = KINDS.get(name) or IN_MEMORY.get(name)
     if found is None:
         raise InputError(
             f"unknown kind of observation {name!r}; valid: {known(KINDS, most=30, meant=name)}"

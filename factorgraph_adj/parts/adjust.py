@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known
 from ..solve.batch import MOST_WEIGHINGS, VARIANCES
+from ..solve.both_ways import BETWEEN, TIMES
 from ..solve.damping import Damping
 from ..solve.iterate import Ended, Progress
 from ..solve.normal import POOR
@@ -26,7 +27,18 @@ from .messages import At, Begun, Surveyed, in_part, packed
 from .part import Source, parts_of
 from .result import PartsSolution, Quality
 from .solution import Totals
-from .tasks import JUNCTIONS, begin, finish, labels_of, observations_at, share, survey, weighs_as
+from .tasks import (
+    JUNCTIONS,
+    begin,
+    finish,
+    is_between,
+    labels_of,
+    leave,
+    observations_at,
+    share,
+    survey,
+    weighs_as,
+)
 from .workers import Workers, check_client
 
 if TYPE_CHECKING:
@@ -258,15 +270,25 @@ def _weighed(
     if point.ended is not None:
         return point, point.ended
     for _ in range(MOST_WEIGHINGS):
-        point, ended = iterate(
-            whole,
-            point,
-            tolerance=tolerance,
-            max_iterations=max_iterations,
-            note=note,
-            progress=progress,
-        )
-        at = At(point.state, point.weights)
+        for _ in range(TIMES):
+            point, ended = iterate(
+                whole,
+                point,
+                tolerance=tolerance,
+                max_iterations=max_iterations,
+                note=note,
+                progress=progress,
+            )
+            at = At(point.state, point.weights)
+            if not ended.converged or ended.iterations >= max_iterations:
+                break
+            n = len(whole.workers.jobs)
+            if not any(whole.workers.all(is_between, [(at,)] * n)):
+                break
+            whole.workers.all(leave, [(at, point.state + 1)] * n)
+            point = Point(point.state + 1, point.weights, point.iterations)
+        else:
+            return point, replace(ended, converged=False, reason=BETWEEN, left=np.inf)
         if not ended.converged or ended.iterations >= max_iterations:
             break
         if all(whole.workers.all(weighs_as, [(at,)] * len(whole.workers.jobs))):

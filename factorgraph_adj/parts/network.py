@@ -96,8 +96,9 @@ def adjust(
         max_iterations: largest number of iterations; a solution that needs more is returned as
             not converged.
         extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`, in a list or
-            by name; they take part in solution and covariance, and have test values in
-            `Reliability.factors`. Not with a client.
+            by name, or functions by name that make them, as for `IncrementalAdjustment.add`; they
+            take part in solution and covariance, and have test values in `Reliability.factors`.
+            Not with a client.
         progress: called after each iteration; an exception in it ends the adjustment.
 
     Returns:

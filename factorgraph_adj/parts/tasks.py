@@ -17,11 +17,15 @@ import numpy as np
 
 from ..blas import one_blas_thread
 from ..errors import AdjustmentError, ApproximationError, DatumError, InputError
+from ..graph.variables import State
 from ..quality.reliability import reliability
+from ..solve.both_ways import better_place, standing_free
 from ..solve.datum import find_defects
+from ..solve.extra import NOTHING_MORE
 from ..solve.memory import available
 from ..solve.normal import NormalEquations, Solver
 from ..solve.rank import undetermined
+from ..solve.run import Run
 from ..solve.sides import before_the_cameras, refuse_points_behind
 from ..solve.singular import SingularError
 from ..types import Array, Keys
@@ -156,6 +160,31 @@ def move(part: Loaded, at: At, junctions: Array, to: int) -> Moved:
         after = np.inf
     part.write_state(to, moved, at.weights)
     return Moved(after if np.isfinite(after) else np.inf, downhill, damped)
+
+
+@_task
+def is_between(part: Loaded, at: At) -> bool:
+    """Return whether points of this part alone are between two places, where all is at rest."""
+    return _beside(part, at) is not None
+
+
+@_task
+def leave(part: Loaded, at: At, to: int) -> None:
+    """Write the state where such points have left; without any it is the same state."""
+    found = _beside(part, at)
+    part.write_state(to, part.state(at.state) if found is None else found, at.weights)
+
+
+def _beside(part: Loaded, at: At) -> State | None:
+    """Return the state where points of this part alone have left places between two, if any."""
+    state = part.state(at.state)
+    normal = part.eliminated(at).normal
+    nothing = np.zeros(part.unknowns.n_columns)
+    run = Run(normal.solver, NOTHING_MORE, state, state, state, False, nothing)
+    inside = standing_free(run.equations)
+    inside[[part.number(v) for v in part.setup.variables if v.kind == "point"]] = False
+    found = better_place(run, normal, inside, normal.system.vtpv) if inside.any() else None
+    return None if found is None else found[0]
 
 
 @_task

@@ -33,7 +33,6 @@ photos are given only in the TOML file. Readings are optional.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -42,6 +41,7 @@ from typing import Any, cast
 from ..errors import InputError, Problem, known
 from ..io.project import Project
 from ..io.tables import Row
+from ..io.text import parse_toml, read_text
 from ..units import LENGTH
 from .candidates import Candidate
 from .drafts import Drafts, tables
@@ -76,12 +76,7 @@ def read_wishes(path: str | Path, project: Project, *, candidates: bool = True) 
     """
     path = Path(path)
     problems: list[Problem] = []
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read: {error.strerror}", str(path))) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(Problem(f"is not TOML: {error}", path.name)) from None
+    document = parse_toml(read_text(path), path.name)
     top = Row(document, path.name, problems)
     for key in document:
         if key not in ("target", "candidate", "files"):

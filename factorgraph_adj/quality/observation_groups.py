@@ -14,7 +14,7 @@ from ..errors import InputError, Problem, known
 from ..graph.blocks import Block
 from ..models.variables import UNKNOWNS
 from ..network.network import Network
-from ..observations import KINDS
+from ..observations import observation_kind
 from ..solve.observation_table import ObservationRecord
 from ..solve.solution import Solution
 from ..types import Array, Index
@@ -112,7 +112,7 @@ def _by_rule(network: Network, block: Block, rule: str) -> Sequence[str]:
         of_photo = [f"photo {f.name}" if rule == "photo" else f"camera {f.camera}" for f in photos]
         return [of_photo[i] for i in block.variables[0][1].tolist()]
     if rule == "instrument" and not block.prior and block.lens is None:
-        named = [a for k, a in KINDS[block.kind].parameters if UNKNOWNS[k].instrument]
+        named = [a for k, a in observation_kind(block.kind).parameters if UNKNOWNS[k].instrument]
         if not named:
             return [block.kind] * block.n
         instruments = [getattr(network.observations[i], named[0]) for i in block.ids]

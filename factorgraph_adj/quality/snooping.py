@@ -92,7 +92,7 @@ def snoop(
         problems.append(f"share must lie between 0 and 1, not {share}")
     if max_rounds < 1:
         problems.append(f"max_rounds must be 1 or more, not {max_rounds}")
-    extra = Extra.of(extra_factors)
+    extra = Extra.of(extra_factors, network)
     if extra.factors and robust is not None:
         problems.append("there is no robust estimator with factors: leave robust out")
     if problems:

@@ -52,6 +52,14 @@ def sentence(report: Report, cause: Cause) -> str:
     return cause.said(lambda size: unit_of(report, size), short, space=NO_BREAK)
 
 
+def likeliest(report: Report) -> str:
+    """Return the cause that explains most; empty if none explains more than single readings."""
+    found = report.causes
+    if found is None or not found.likelier:
+        return ""
+    return f"likeliest cause: {sentence(report, found.likelier[0])}"
+
+
 def _members(cause: Cause) -> str:
     n = len(cause.ids)
     return f"{n} observation{'s' * (n != 1)}: {listed(cause.ids, NAMED)}"

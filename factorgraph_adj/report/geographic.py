@@ -5,16 +5,20 @@ from __future__ import annotations
 from math import log10
 
 from ..frames import MEAN_EARTH_RADIUS, LocalFrame
+from ..types import Array
 from ..units import ANGLE, decimal, format_angle
 from .context import Report
 from .coordinates import digits_of_points
-from .layout import paragraph, table, title
+from .layout import exponent, paragraph, table, title
 from .observation_tables import figures
-from .rows import exact
+from .rows import tidy
 
 ENU = ("east", "north", "up")
 MARGIN = 0.1
 """Part of a decimal by which the last digit of an angle may be coarser than that of a length."""
+RESOLVED = 8
+"""Decimals of a metre that latitude, longitude and height have in tables: they are computed from
+X Y Z, of which float64 resolves 1e-9 m at the distance of the Earth's centre."""
 WORDS = {"dms": "degrees-minutes-seconds", "deg": "decimal degrees", "gon": "gon"}
 """Names of units of latitudes and longitudes."""
 
@@ -71,11 +75,17 @@ def geographic_columns(report: Report) -> dict[str, list[str]]:
     if found is None:
         return {}
     unit, small = report.units.geographic, report.units.sigma_length
+    length, metre = report.units.length, report.metre
+    fine, digits = angle_digits(unit, RESOLVED, 1.0), max(RESOLVED + exponent(metre), 0)
+
+    def angles(values: Array) -> list[str]:
+        return [tidy(format_angle(v, unit, fine), unit) for v in values.tolist()]
+
     out = {
-        "latitude": [exact(v, unit) for v in found.latitude.tolist()],
-        "longitude": [exact(v, unit) for v in found.longitude.tolist()],
+        "latitude": angles(found.latitude),
+        "longitude": angles(found.longitude),
         "geographic_unit": [unit] * len(found.height),
-        "height": [exact(v, report.units.length) for v in found.height.tolist()],
+        "height": [tidy(decimal(v / metre, digits), length) for v in found.height.tolist()],
     }
     return out | {
         f"sigma_{a}_{small}": figures(found.sigma[:, i] / report.small) for i, a in enumerate(ENU)

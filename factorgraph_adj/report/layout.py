@@ -102,7 +102,7 @@ def short(value: float) -> str:
     if value == 0 or not isfinite(value):
         return "0" if value == 0 else "–"
     size = exponent(abs(value))
-    return f"{value:.2e}" if size > 5 or size < -4 else f"{value:.{max(2 - size, 0)}f}"
+    return f"{value:.2e}" if size > 8 or size < -4 else f"{value:.{max(2 - size, 0)}f}"
 
 
 def with_sigma(value: float, sigma: float) -> str:

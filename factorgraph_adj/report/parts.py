@@ -92,6 +92,7 @@ def _whole(s: PartsSolution, run: Run) -> list[str]:
         f"{s.sum_of_redundancy_numbers:.6f}",
         f"  junctions             {kinds or 'none'}; {s.junctions.n_columns} components",
         f"  iterations            {s.iterations}, {ended}: {s.reason}",
+        "  second places         not looked for",
         f"  vᵀPv                  {s.vtpv:.6g}",
     ]
     if test.redundancy <= 0:

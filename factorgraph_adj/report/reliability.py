@@ -10,7 +10,7 @@ from ..quality.groups import GroupReliability
 from ..quality.reliability import Reliability
 from ..quality.unit_weight import global_test
 from ..types import Index
-from ..units import decimal
+from ..units import decimal, significant
 from .adjusted import lists_every_row, short_r
 from .context import Report
 from .layout import listed, paragraph, percent, short, table, title, whole, without_empty
@@ -267,9 +267,9 @@ def _caution(report: Report, above: int) -> list[str]:
     if not above:
         return []
     return paragraph(
-        f"σ̂0 = {test.sigma0:.4g}: one gross error makes other test values large too, only the "
-        "first is to be trusted (--snoop goes on from there); if all σ are stated too small, "
-        "all are large (--test pope, --variance-components)"
+        f"σ̂0 = {significant(test.sigma0, 4)}: one gross error makes other test values large "
+        "too, only the first is to be trusted (--snoop goes on from there); if all σ are stated "
+        "too small, all are large (--test pope, --variance-components)"
     )
 
 

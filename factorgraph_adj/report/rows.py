@@ -12,7 +12,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.image_blocks import ImageIds
 from ..graph.variables import camera_of_calibration
-from ..io.numbers import Units, write
+from ..io.numbers import Units, parse, write
 from ..models.base import within
 from ..network.entities import Camera
 from ..observations import Unit, observation_kind
@@ -315,6 +315,11 @@ def image_scale(camera: Camera) -> Scale:
 def exact(value: float, unit: str = "") -> str:
     """Write a value with all its digits in a unit; −0 is 0."""
     return write(value + 0.0, unit)
+
+
+def tidy(text: str, unit: str) -> str:
+    """Return a rounded number in a unit, or in dms, without the zeros at its end."""
+    return exact(parse(text, unit), unit)
 
 
 def kind_name(kind: str, *, weighted: bool = False) -> str:

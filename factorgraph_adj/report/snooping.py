@@ -8,7 +8,7 @@ import numpy as np
 
 from ..quality.rejections import Rejected, Snooping
 from ..quality.variance_components import VarianceComponent
-from ..units import decimal
+from ..units import decimal, significant
 from .context import Report
 from .layout import listed, paragraph, percent, short, table, title, whole, without_empty
 from .reliability import NAMES, PARTNERS, names_of
@@ -48,7 +48,7 @@ def _rounds(report: Report, found: Snooping, name: str) -> list[str]:
     rows = [
         [
             str(r.number) if r.number else "robust",
-            f"{r.sigma0:.4g}",
+            significant(r.sigma0, 4),
             f"{r.largest:.2f}",
             str(r.suspects),
             str(r.set_aside or "–"),

@@ -55,8 +55,9 @@ def write_solution(
     The tables have a header line with units in the names of the columns, such as ``sigma_x_mm``:
     coordinates in metres or the unit of the project, angles in its unit of angles. Numbers are
     written with the digits that bring the double precision back, so that they can be read as data;
-    the protocol rounds. `reference/command` lists every file and its columns. `adjust --out` writes
-    the same files.
+    latitudes, longitudes and heights, which are computed from X Y Z, to 10 nm. The
+    protocol rounds. `reference/command` lists every file and its columns. `adjust --out` writes the
+    same files.
 
     Args:
         solution: the result of `adjust`.

@@ -11,7 +11,7 @@ from ..solve.solution import Solution
 from ..units import format_angle
 from ..version import __version__
 from .adjusted import observations, weighted_coordinates
-from .causes import causes, given, sentence
+from .causes import causes, given, likeliest
 from .context import Report
 from .coordinates import check_points, photos, points
 from .geographic import geographic
@@ -119,10 +119,8 @@ def _doubts(report: Report) -> list[str]:
     if not report.doubts:
         return []
     out = paragraph(f"DOUBTFUL RESULT: {'; '.join(report.doubts)}")
-    found = report.causes
-    if found is not None and found.likelier:
-        out += paragraph(f"likeliest cause: {sentence(report, found.likelier[0])}", indent=4)
-    return [*out, ""]
+    cause = likeliest(report)
+    return [*out, *(paragraph(cause, indent=4) if cause else []), ""]
 
 
 def _frame(frame: Frame) -> str:

@@ -14,11 +14,11 @@ Example:
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 
 from ..errors import InputError, Problem, known
+from ..io.text import parse_toml, read_text
 from .spec import Spec
 
 
@@ -32,10 +32,7 @@ def read_spec(source: str | Path) -> Spec:
         InputError: all problems, each with the path of its key.
     """
     text, where = _text(source)
-    try:
-        document = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(Problem(f"is not TOML: {error}", where)) from None
+    document = parse_toml(text, where)
     names = [f.name for f in fields(Spec)]
     found = [
         Problem(f"unknown key; valid: {known(names, meant=key, most=40)}", key)
@@ -61,9 +58,4 @@ def _text(source: str | Path) -> tuple[str, str]:
     if isinstance(source, str) and ("\n" in source or "=" in source):
         return source, "spec"
     path = Path(source)
-    try:
-        return path.read_text(encoding="utf-8"), path.name
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read: {error.strerror}", path.name)) from None
-    except UnicodeDecodeError as error:
-        raise InputError(Problem(f"is not UTF-8 text (byte {error.start})", path.name)) from None
+    return read_text(path, path.name), path.name

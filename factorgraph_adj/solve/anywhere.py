@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..graph.blocks import Block
-from ..observations import KINDS
+from ..observations import observation_kind
 from .solution import Solution
 
 WITHIN = 3.0
@@ -128,4 +128,4 @@ def narrow(solution: Solution) -> list[str]:
 
 def _curved(block: Block) -> bool:
     """Return whether partials by points depend on where these are."""
-    return block.lens is not None or (not block.prior and KINDS[block.kind].curved)
+    return block.lens is not None or (not block.prior and observation_kind(block.kind).curved)

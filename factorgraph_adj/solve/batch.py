@@ -68,8 +68,8 @@ def adjust(
         max_iterations: largest number of iterations; a solution that needs more is returned as
             not converged.
         extra_factors: any ``gtsam.NonlinearFactor`` over the keys of `build_graph`, in a list or
-            by name; they take part in solution and covariance, and have test values in
-            `Reliability.factors`.
+            by name, or functions by name that make them, as for `IncrementalAdjustment.add`; they
+            take part in solution and covariance, and have test values in `Reliability.factors`.
         progress: called after each iteration; an exception in it ends the adjustment.
 
     Returns:
@@ -77,7 +77,8 @@ def adjust(
 
     Raises:
         InputError: an observation cannot be computed, a point lies behind a camera, there is
-            nothing to adjust, or too little memory; the error names all of them at once.
+            nothing to adjust, the Jacobian of a factor contradicts its error, or too little
+            memory; the error names all of them at once.
         ApproximationError: the points, photos or sets that it names have no approximate values.
         DatumError: the observations do not determine the unknowns that it names, or the network
             has datum defects and no free network is asked for.
@@ -90,15 +91,17 @@ def adjust(
             f"unknown variance {variance!r}; valid: {known(VARIANCES, meant=variance)}"
         )
     equations = compile_network(network)
+    begin, extra = start_of(equations, choice, start), Extra.of(extra_factors, network)
+    extra.refuse_wrong_partials(equations, begin.state)
     return adjust_from(
         equations,
-        start_of(equations, choice, start),
+        begin,
         free=choice == "free",
         variance=variance,
         weights=weights,
         tolerance=tolerance,
         max_iterations=max_iterations,
-        extra=Extra.of(extra_factors),
+        extra=extra,
         progress=progress,
         astray=True,
     )
@@ -296,7 +299,8 @@ def _carry_to_datum_points(run: Run, ended: Ended, tolerance: float) -> Ended:
     if carried.left > tolerance:
         resolution = 0.0 if carried.normal is None else carried.normal.resolution
         why = at_rest(carried.left, tolerance, resolution)
-        ended = replace(ended, reason=why, left=carried.left)
+        left = max(carried.left, ended.left) if ended.crept else carried.left
+        ended = replace(ended, reason=why, left=left)
     if ended.converged and not carried.at_rest:
         lost_shape = not no_worse(vtpv, ended.vtpv)
         if lost_shape:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import AdjustmentError
+from ..graph.equations import Equations
 from ..graph.variables import State
 from ..types import Array, Index, Mask
 from .datum import middle
@@ -71,13 +72,13 @@ def look_both_ways(
         How it ended at last, and what is to be told of points that fit as well elsewhere.
     """
     between: dict[int, Array] = {}
-    candidates = _candidates(run)
+    candidates = standing_free(run.equations)
     for _ in range(TIMES):
         if not candidates.any():
             break
         normal = run.at_solution or run.normal_at(run.state)
         run.at_solution = normal
-        better = _better(run, _weakest(run, normal, candidates), ended.vtpv)
+        better = better_place(run, normal, candidates, ended.vtpv)
         if better is None:
             break
         between |= {number: run.state["point"][number] for number in better[1]}
@@ -91,9 +92,8 @@ def look_both_ways(
     return ended, tuple(told)
 
 
-def _candidates(run: Run) -> Mask:
+def standing_free(equations: Equations) -> Mask:
     """Return which points have unknown coordinates and are in no photo, (points,)."""
-    equations = run.equations
     table = equations.unknowns["point"]
     out = np.asarray(table.offset >= 0)
     for place in equations.rays:
@@ -132,13 +132,22 @@ def _touched(run: Run, e: ExtraRows) -> list[int]:
     return np.flatnonzero((offset >= 0) & np.isin(offset, e.columns)).tolist()
 
 
-def _better(run: Run, weakest: Weakest, vtpv: float) -> tuple[State, list[int]] | None:
+def better_place(
+    run: Run, normal: NormalEquations, candidates: Mask, vtpv: float
+) -> tuple[State, list[int]] | None:
     """Return a state with a smaller vᵀPv and the points that moved; none: there is none.
 
     All points move at once, and each is judged by its own observations. Those that gain go to
     their best places together; where that is no gain, as points observe each other, the best one
     goes alone.
+
+    Args:
+        run: an adjustment at rest.
+        normal: its normal equations.
+        candidates: which points may move, (points,).
+        vtpv: vᵀPv at rest.
     """
+    weakest = _weakest(run, normal, candidates)
     if not len(weakest.points):
         return None
     extent = middle(run.state)[1]

@@ -11,12 +11,11 @@ pivoting), and transformed to inner constraints over the datum points by an S-tr
 
 with G at the solution. The iteration itself keeps the minimal datum; when the iteration is at
 rest, a finite similarity transformation, which no observation notices, moves the whole solution
-onto the inner constraints (`transform`).
+onto the inner constraints (`similarity`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -30,10 +29,8 @@ from ..frames import LocalFrame
 from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.motions import Motions
-from ..models.sub_frame import split_frame
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import parameter_name
-from ..rotation import exp_rotation
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
 
@@ -54,6 +51,12 @@ UNNOTICED = 1e-9
 unknowns are independent."""
 UNNOTICED_IF_FREE = 1e-7
 """Ratio as `UNNOTICED` where a free network is asked for, at least; see `unnoticed_ratio`."""
+UNNOTICED_BY_AZIMUTHS = 3e-6
+"""The same of azimuths on the curved Earth: steps of what tells less are lost in the rounding of
+geocentric coordinates."""
+CONVERGING = 10.0
+"""Times D/R, what azimuths tell of a shift along the Earth, by the convergence of meridians,
+relative to what they tell of a rotation, at most: tan φ up to latitudes of 84°."""
 CURVED = 6.7e-3
 """Ratio of what the change of the vertical along an ellipsoid tells of a motion to what it would
 tell if it did not change likewise on a sphere: the square of the Earth's eccentricity."""
@@ -252,7 +255,7 @@ def find_defects(
     for part in found:
         inside = (label == part) | (shared & (len(found) == 1))
         part_g = np.where(inside[:, None], g, 0.0)
-        defect = _unnoticed(system, part_g, diagonal, ratio)
+        defect = _unnoticed(system, part_g, diagonal, ratio, about[1])
         if defect is not None:
             columns = np.flatnonzero(label == part)
             out.append(Defect(columns, part_g @ defect, defect, about, inside))
@@ -267,7 +270,9 @@ def unnoticed_ratio(equations: Equations, size: float, *, free: bool) -> float:
     eccentricity times size / R. Such a notice says nothing about where the network is, to within
     hundreds of metres or more; in a free network it is a defect, as on a plane. Observations of
     places (control, GNSS positions, astronomic ones, weighted values) and a user's factors count
-    from `UNNOTICED_IF_FREE` on, however weak they are beside the sights.
+    from `UNNOTICED_IF_FREE` on, however weak they are beside the sights. So do azimuths, from
+    `UNNOTICED_BY_AZIMUTHS` on, for the direction of the network; what they tell of its latitude,
+    by the convergence of meridians, does not count.
 
     Args:
         equations: the network.
@@ -281,8 +286,18 @@ def unnoticed_ratio(equations: Equations, size: float, *, free: bool) -> float:
     return UNNOTICED_IF_FREE if flat else max(UNNOTICED_IF_FREE, CURVED * size / frame.radius)
 
 
-def _unnoticed(system: LinearSystem, g: Array, diagonal: Array, threshold: float) -> Array | None:
-    """Return the mixtures (7, d) of motions that no observation notices."""
+def _unnoticed(
+    system: LinearSystem, g: Array, diagonal: Array, threshold: float, size: float
+) -> Array | None:
+    """Return the mixtures (7, d) of motions that no observation notices.
+
+    Args:
+        system: the linearised network.
+        g: motions, (n_columns, 7).
+        diagonal: diagonal of N, (n_columns,).
+        threshold: limit of what is noticed, see `unnoticed_ratio`.
+        size: mean distance of the points from their centre, metres.
+    """
     weighted = np.sqrt(diagonal)[:, None] * g
     length = np.linalg.norm(weighted, axis=0)
     real = _independent(weighted, length)
@@ -293,35 +308,52 @@ def _unnoticed(system: LinearSystem, g: Array, diagonal: Array, threshold: float
     keep = s > 1e-9 * s[0]
     basis = (vt[keep].T / s[keep]) / length[real][:, None]
     noticed = system.times(g[:, real] @ basis)
-    _, values, right = np.linalg.svd(noticed, full_matrices=False)
-    null = right[values < threshold].T
-    # With fewer rows than motions, the other motions are unnoticed too.
-    if len(values) < basis.shape[1]:
-        _, values, right = np.linalg.svd(noticed, full_matrices=True)
-        padded = np.zeros(basis.shape[1])
-        padded[: len(values)] = values
-        null = right[padded < threshold].T
+    curved = threshold > UNNOTICED_IF_FREE
+    of_places, of_azimuths = _of_places(system)
+    sights = np.where(of_azimuths[:, None], 0.0, noticed) if curved else noticed
+    null = _null(sights, np.eye(basis.shape[1]), threshold)
+    if curved:
+        # What tells where the network is counts, however weak it is beside all else.
+        null = _null(noticed[of_places], null, UNNOTICED_IF_FREE)
+        told = noticed[of_azimuths] @ null
+        most = float(np.linalg.norm(told, 2)) if told.size else 0.0
+        converging = CONVERGING * size / system.equations.network.frame.radius * most
+        null = _null(noticed[of_azimuths], null, max(UNNOTICED_BY_AZIMUTHS, converging))
     if null.shape[1] == 0:
         return None
-    if threshold > UNNOTICED_IF_FREE:
-        # What tells where the network is counts, however weak it is beside all else.
-        told = noticed[_of_places(system)] @ null
-        _, values, right = np.linalg.svd(told.T @ told)
-        null = null @ right[np.sqrt(values) < UNNOTICED_IF_FREE].T
-        if null.shape[1] == 0:
-            return None
     mixture = np.zeros((7, null.shape[1]))
     mixture[real] = basis @ null
     return np.asarray(mixture / np.linalg.norm(mixture, axis=0))
 
 
-def _of_places(system: LinearSystem) -> Mask:
-    """Return which rows may tell where the network is: all but sights, extra rows at the end."""
-    out = np.ones(len(system.every_residual), dtype=bool)
+def _null(noticed: Array, among: Array, threshold: float) -> Array:
+    """Return the motions among some of which rows notice less than a threshold.
+
+    Args:
+        noticed: what the rows notice of each motion, (rows, n).
+        among: combinations of the motions, orthonormal, (n, d).
+        threshold: limit.
+    """
+    told = noticed @ among
+    # With fewer rows than motions, the other motions are unnoticed too.
+    _, values, right = np.linalg.svd(told, full_matrices=len(told) < told.shape[1])
+    padded = np.zeros(told.shape[1])
+    padded[: len(values)] = values
+    return np.asarray(among @ right[padded < threshold].T)
+
+
+def _of_places(system: LinearSystem) -> tuple[Mask, Mask]:
+    """Return which rows may tell where the network is, and which are azimuths; extra rows last.
+
+    All but sights may tell where it is.
+    """
+    places = np.ones(len(system.every_residual), dtype=bool)
+    azimuths = np.zeros_like(places)
     for block in system.equations.blocks:
-        if block.fixes == "nothing" and not block.prior:
-            out[block.rows] = False
-    return out
+        if block.fixes in ("nothing", "direction") and not block.prior:
+            places[block.rows] = False
+            azimuths[block.rows] = block.fixes == "direction"
+    return places, azimuths
 
 
 def _independent(motions: Array, length: Array) -> Mask:
@@ -353,71 +385,6 @@ def minimal_datum(motions: Array, datum: Mask) -> Index:
     candidates = np.flatnonzero(datum & np.any(motions != 0, axis=1))
     _, _, order = qr(motions[candidates].T, mode="economic", pivoting=True)
     return np.asarray(candidates[order[: motions.shape[1]]], dtype=np.intp)
-
-
-def transform(equations: Equations, state: State, defect: Defect, amounts: Array) -> State:
-    """Move the part of a defect by a finite similarity transformation.
-
-    Points and projection centres: X ← c + e^s R (X − c) + t; attitudes turn with R. Orientation
-    unknowns, verticals and scales of distance meters follow linearly; the next step of the
-    adjustment corrects their second-order terms, and those of motions that do not commute.
-
-    Args:
-        equations: the network.
-        state: the values before the motion.
-        defect: the motions that may be used, at ``state``.
-        amounts: amount of each motion, (d,).
-    """
-    centre, size = defect.about
-    motion = defect.mixture @ amounts
-    moved = equations.unknowns.retract(state, defect.motions @ amounts)
-    rotation = exp_rotation(motion[3:6] / size)
-    factor = np.exp(motion[6] / size)
-    inside = np.zeros(equations.unknowns.n_columns, dtype=bool)
-    inside[defect.part] = True
-
-    def place(x: Array) -> Array:
-        return np.asarray(centre + factor * (x - centre) @ rotation.T + motion[:3])
-
-    table = equations.unknowns["point"]
-    on = in_part(table, inside)
-    points = np.where(on[:, None] & table.free, place(state["point"]), moved["point"])
-    table = equations.unknowns["pose"]
-    on = in_part(table, inside) & table.free.all(axis=1)
-    poses = moved["pose"].copy()
-    turned = rotation @ state["pose"][on, :9].reshape(-1, 3, 3)
-    poses[on, :9] = turned.reshape(-1, 9)
-    poses[on, 9:] = place(state["pose"][on, 9:])
-    numbers = np.flatnonzero(in_part(equations.unknowns["frame"], inside))
-    frames = moved["frame"].copy()
-    origins = places_of(equations, "frame", numbers)
-    alone = numbers[(origins < 0) & (split_frame(state["frame"][numbers]).level == 0)]
-    frames[alone] = _moved_frames(state["frame"][alone], rotation, motion[6] / size, place)
-    return {**moved, "point": points, "pose": poses, "frame": frames}
-
-
-def _moved_frames(
-    frames: Array, rotation: Array, ln_scale: float, place: Callable[[Array], Array]
-) -> Array:
-    """Return frames with constant origins moved by a similarity: what they measure stays.
-
-    R' = Q R, ℓ' = ℓ + ln m; the place with q = 0, O + e^ℓ R c, moves as a point does.
-
-    Args:
-        frames: stored frames, (n, 17).
-        rotation: Q, (3, 3).
-        ln_scale: ln m.
-        place: the similarity of places (n, 3).
-    """
-    turned, offset, scale, origin, _ = split_frame(frames)
-    out = frames.copy()
-    to_object = np.exp(scale)[:, None, None] * turned
-    zero = place(origin + np.einsum("nij,nj->ni", to_object, offset))
-    after = np.exp(ln_scale) * (rotation @ to_object)
-    out[:, :9] = (rotation @ turned).reshape(-1, 9)
-    out[:, 9:12] = np.linalg.solve(after, (zero - origin)[..., None])[..., 0]
-    out[:, 12] = scale + ln_scale
-    return out
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -12,7 +12,11 @@ import gtsam
 from ..errors import InputError
 from ..graph.equations import Equations
 from ..graph.extra import linearise_extra, name_of
+from ..graph.keys import KeyMap
+from ..graph.made import MakesFactor, made
+from ..graph.partials import refuse_wrong_partials
 from ..graph.variables import State, Unknowns
+from ..network.network import Network
 from .linear import ExtraRows
 
 
@@ -37,8 +41,12 @@ class Extra:
     """The unknowns that their keys belong to; none: those of the network that is adjusted first."""
 
     @classmethod
-    def of(cls, given: ExtraFactors) -> Extra:
+    def of(cls, given: ExtraFactors, network: Network) -> Extra:
         """Return factors that a user gives: in order, or by name; rows that are there as they are.
+
+        Args:
+            given: factors, or functions by name that make them.
+            network: network whose unknowns the keys belong to.
 
         Raises:
             InputError: names that are no texts, or what is no factor.
@@ -47,15 +55,16 @@ class Extra:
             return given
         if isinstance(given, gtsam.NonlinearFactor):
             raise InputError("give factors in a list, [factor], or by name, {'name': factor}")
-        every = list(given.values() if isinstance(given, Mapping) else given)
-        if other := [f for f in every if not isinstance(f, gtsam.NonlinearFactor)]:
-            kind = type(other[0]).__name__
-            raise InputError(f"factors must be a `gtsam.NonlinearFactor` each, not {kind}")
         if not isinstance(given, Mapping):
-            return cls(tuple(every))
+            return cls(tuple(_checked(given)))
         if wrong := [name for name in given if not isinstance(name, str)]:
             raise InputError(f"names of factors must be texts, not {wrong[0]!r}")
-        return cls(tuple(given.values()), names=tuple(given))
+        found: dict[str, object] = dict(given)
+        makers = {name: f for name, f in given.items() if callable(f)}
+        if makers:
+            keys = KeyMap(Unknowns(network))
+            found |= {name: made(name, make, keys) for name, make in makers.items()}
+        return cls(tuple(_checked(found.values())), names=tuple(given))
 
     def named(self) -> dict[str, gtsam.NonlinearFactor]:
         """Return the factors by their names.
@@ -91,6 +100,15 @@ class Extra:
         rows = tuple(ExtraRows(columns, a, r, name) for name, columns, a, r in found)
         return Extra(factors, rows, self.names, keyed)
 
+    def refuse_wrong_partials(self, equations: Equations, state: State) -> None:
+        """Compare the partials of the factors with differences, see `refuse_wrong_partials`.
+
+        Raises:
+            InputError: the partial of each factor that is most wrong; or as `at`.
+        """
+        if self.given():
+            refuse_wrong_partials(self.named(), equations, state, self.keyed)
+
     def given(self) -> tuple[gtsam.NonlinearFactor, ...]:
         """Return the factors.
 
@@ -119,9 +137,25 @@ class Extra:
         return {"factors": None if self.factors else (), **kept}
 
 
+def _checked(given: Iterable[object]) -> list[gtsam.NonlinearFactor]:
+    """Return factors as they are.
+
+    Raises:
+        InputError: one is none.
+    """
+    out: list[gtsam.NonlinearFactor] = []
+    for f in given:
+        if not isinstance(f, gtsam.NonlinearFactor):
+            kind = type(f).__name__
+            raise InputError(f"factors must be a `gtsam.NonlinearFactor` each, not {kind}")
+        out.append(f)
+    return out
+
+
 ExtraFactors: TypeAlias = (
-    Sequence[gtsam.NonlinearFactor] | Mapping[str, gtsam.NonlinearFactor] | Extra
+    Sequence[gtsam.NonlinearFactor] | Mapping[str, gtsam.NonlinearFactor | MakesFactor] | Extra
 )
-"""Factors of a user: in order, or by name; or with the unknowns that their keys belong to."""
+"""Factors of a user: in order, or by name, or functions by name that make them; or with the
+unknowns that their keys belong to."""
 NOTHING_MORE = Extra()
 """No rows beside the observations."""

@@ -18,8 +18,9 @@ from ..graph.variables import State
 from ..models.variables import UNKNOWNS
 from ..rotation import log_rotation
 from ..types import Array, Mask
-from .datum import MOTIONS, Defect, FreeDatum, find_defects, transform
+from .datum import MOTIONS, Defect, FreeDatum, find_defects
 from .normal import NormalEquations
+from .similarity import transform
 from .step import Step
 from .stopping import STOPPING
 

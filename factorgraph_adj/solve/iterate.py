@@ -28,6 +28,7 @@ from .determine import (
 )
 from .extrapolation import Extrapolation
 from .inner import follow
+from .newton import NEWTON, newton_step
 from .normal import NormalEquations
 from .run import Run
 from .sides import before_the_cameras
@@ -81,12 +82,15 @@ class Ended:
     """Bound of the distance from the minimum relative to σ; infinite: it is not known."""
     second_places: tuple[str, ...] = ()
     """Sentences on points that fit equally well at a second place."""
+    crept: bool = False
+    """Whether it came to rest by steps that shrank slowly, whose length is no bound."""
 
     @classmethod
     def at_rest(cls, stop: Stop[S], iterations: int, left: float, vtpv: float) -> Ended:
         """Return the end of an iteration that came to rest."""
         reason = at_rest(left, stop.tolerance, stop.resolution)
-        return cls(iterations, True, reason, vtpv, max(left, stop.tolerance))
+        left = max(left, stop.tolerance)
+        return cls(iterations, True, reason, vtpv, left, crept=stop.creeping)
 
 
 class Movement(NamedTuple):
@@ -110,6 +114,8 @@ def iterate(
 ) -> Ended:
     """Step until the unknowns are at rest; ``run.state`` is the last state.
 
+    Where steps shrank slowly Newton's steps are the last ones, and tell how far the minimum is.
+
     Args:
         run: the adjustment.
         tolerance: bound on the last step of every unknown, relative to its own σ.
@@ -121,6 +127,14 @@ def iterate(
         InputError: an observation cannot be computed.
         DatumError: the observations do not determine all unknowns.
     """
+    ended = _gauss_newton(run, tolerance, max_iterations, earlier, progress)
+    return _newton(run, ended, tolerance) if ended.converged and ended.crept else ended
+
+
+def _gauss_newton(
+    run: Run, tolerance: float, max_iterations: int, earlier: int, progress: Progress | None
+) -> Ended:
+    """Take Gauss-Newton steps, damped where they fail, as `iterate`."""
     damping, beyond = Damping(), Extrapolation()
     stop: Stop[State] = Stop(tolerance)
     vtpv = np.inf
@@ -274,6 +288,37 @@ def _movement(
 
 
 # -- ends -----------------------------------------------------------------------------------------
+
+
+def _newton(run: Run, ended: Ended, tolerance: float) -> Ended:
+    """Take Newton's steps from a state at rest; end at the one that is nearest to the minimum."""
+    nearest, last, taken = np.inf, np.inf, 0
+    best = run.state, run.at_solution, ended.vtpv
+    while True:
+        normal = run.at_solution
+        if normal is None or normal.state is not run.state:
+            normal = run.normal_at(run.state)
+        vtpv = normal.system.vtpv
+        step = newton_step(run, normal)
+        if step is None or not no_higher(vtpv, ended.vtpv):
+            break
+        if step.bound < nearest:
+            nearest, best = step.bound, (run.state, normal, vtpv)
+        slowly = step.bound > NEWTON.shrinking * last
+        if step.bound < tolerance or slowly or taken == NEWTON.steps:
+            break
+        there = run.equations.unknowns.retract(run.state, step.movement)
+        moved = before_the_cameras(run.equations, run.state, there)
+        if moved is None:
+            break
+        run.state, run.at_solution, last, taken = moved, None, step.bound, taken + 1
+    run.state, run.at_solution, vtpv = best
+    if not np.isfinite(nearest):  # no product could be computed
+        return ended
+    assert run.at_solution is not None
+    reason = at_rest(nearest, tolerance, run.at_solution.resolution)
+    left = max(nearest, tolerance)
+    return replace(ended, iterations=ended.iterations + taken, reason=reason, vtpv=vtpv, left=left)
 
 
 def _undamped(run: Run, normal: NormalEquations) -> float:

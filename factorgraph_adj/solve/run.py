@@ -15,6 +15,7 @@ from ..types import Array, Mask
 from .datum import Defect, FreeDatum
 from .extra import NOTHING_MORE, Extra
 from .extrapolation import NONE_TAKEN, Extrapolated
+from .linear import LinearSystem
 from .normal import NormalEquations, Solver
 
 
@@ -89,6 +90,15 @@ class Run:
         evaluated = last[1] if last is not None and last[0] is state else None
         extra = self.extra.at(self.equations, state).rows
         return NormalEquations(self.solver, state, extra, evaluated)
+
+    def gradient_at(self, state: State) -> Array:
+        """Return AᵀPv at any state, (n_columns,).
+
+        Raises:
+            InputError: an observation cannot be computed there.
+        """
+        extra = self.extra.at(self.equations, state).rows
+        return LinearSystem(self.equations, state, extra).gradient()
 
     def vtpv(self, state: State) -> float:
         """Return vᵀPv; infinite where an observation cannot be computed."""

@@ -56,6 +56,9 @@ class StoppingRule:
     rounded: int = 5
     """As many steps in vain as one counts that does not shrink below the resolution of the
     coordinates: the next one is as short by chance alone."""
+    creeping: float = 0.03
+    """Ratio of a step to the last one above which the distance from the minimum is looked at with
+    second derivatives: a direction in which steps shrink slowly may hide behind the others."""
     divergent: float = 0.9
     """Largest ratio of a step to the last one with which the remaining way b r/(1 − r) is
     estimated."""
@@ -165,6 +168,8 @@ class Stop(Generic[S]):
     """Bound of a movement by one unit in the last digit of every value, relative to σ."""
     expecting: bool = False
     """Whether the last step is expected to have come to rest."""
+    creeping: bool = False
+    """Whether a step near the minimum was not much shorter than the one before it."""
     trusting: bool = False
     """Whether the expectation ends the iteration, because what comes after it looks anyway."""
 
@@ -243,7 +248,10 @@ class Stop(Generic[S]):
         extrapolated = bound < STOPPING.still
         more = 2 if extrapolated else 1
         slow = self.slow + more if no_progress and bound > STOPPING.shrinking * self.last else 0
-        return replace(self, last=bound, plain=plain, slow=slow)
+        told = self.resolution < bound < STOPPING.still
+        creeps = told and (not plain or bound > STOPPING.creeping * self.last)
+        creeping = self.creeping or creeps
+        return replace(self, last=bound, plain=plain, slow=slow, creeping=creeping)
 
     @property
     def in_vain(self) -> bool:

@@ -41,6 +41,39 @@ def test_a_prediction_and_few_digits_do_not_end_an_adjustment(seed: int) -> None
     assert (case.told, case.fault) == ("converged", "")
 
 
+def creeping(seed: int) -> fga.Network:
+    """Return points between two stations each, across whose line a weak σ holds them.
+
+    The distances are too long, so that vᵀPv is flatter across the line than N says: Gauss-Newton
+    steps leave a share of the way, of up to 0.995, that differs from point to point.
+    """
+    rng = np.random.default_rng(seed)
+    rates = rng.uniform(0.3, 0.995, int(rng.integers(1, 14)))
+    far, sigma = 10 ** rng.uniform(2.0, 6.8), 10 ** rng.uniform(-6.0, -4.0)
+    weak = sigma * 10 ** rng.uniform(1.0, 3.0)
+    network = fga.Network("creeping")
+    for i, rate in enumerate(rates.tolist()):
+        x, y = far + 10 * i, far + weak * rng.uniform(-10.0, 10.0)
+        network.add_point(f"A{i}", (x - 1.0, far, 0.0), fixed="xyz")
+        network.add_point(f"B{i}", (x + 1.0, far, 0.0), fixed="xyz")
+        network.add_point(f"P{i}", (x, y, 0.0), fixed="z", sigma=(np.inf, weak, np.inf))
+        longer = rate * sigma**2 / weak**2 / 2
+        for station in "AB":
+            network.add(SlopeDistance(f"{station}{i}", f"P{i}", 1.0 + longer, sigma=sigma))
+    return network
+
+
+def test_where_steps_shrink_slowly_the_bound_is_that_of_the_way_left() -> None:
+    """The last step was 1e-5 σ, and the minimum up to 1.5e-4 σ away, with and without digits."""
+    found = []
+    for seed in range(12):
+        solution = fga.adjust(creeping(seed))
+        if solution.converged:
+            found.append(nearest(solution).unknown / solution.within)
+    assert len(found) >= 10
+    assert max(found) < 2.0
+
+
 def test_the_reference_finds_what_is_moved_away() -> None:
     """A solution that is moved by a hundredth of its σ is a hundredth of its σ away."""
     solution = fga.adjust(badly_posed(12).network)

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.errors import Problem
+from factorgraph_adj.errors import Doubt
 from factorgraph_adj.field.faces import reduce_faces
 from factorgraph_adj.field.readings import FaceReading
+from factorgraph_adj.network.selection import without
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
 from tests.support.same import assert_same_network
 
@@ -169,6 +170,44 @@ def test_what_no_instrument_has_is_doubted_with_one_target_too():
     longer = [readings[0], FaceReading(**{**vars(readings[1]), "distance": 52.0})]
     (doubt,) = reduce_faces(longer, **SIGMAS).doubts
     assert "its distances differ by 2000.0 mm, tolerance 9.3 mm" in str(doubt)
+
+
+@pytest.mark.parametrize("faces", ["means", "both"])
+def test_a_doubt_ends_with_the_observation_that_is_taken_out(faces):
+    readings, _, _ = book(3, index=MGON, noise=0.0)
+    readings = [replace(r, station="S") for r in readings]
+    wrong = next(i for i, r in enumerate(readings) if (r.target, r.face) == ("T2", 2))
+    readings[wrong] = replace(readings[wrong], zenith=readings[wrong].zenith + 20 * MGON)
+    network = fga.Network()
+    for name in ("S", "T0", "T1", "T2"):
+        network.add_point(name, (0, 0, 0), fixed="xyz")
+    reduce_faces(readings, **SIGMAS, faces=faces).add_to(network)
+    (doubt,) = network.doubts
+    about = [network.observations[i] for i in doubt.ids]
+    assert {(o.kind, o.target) for o in about} == {("zenith_angle", "T2")}
+    assert len(about) == (2 if faces == "both" else 1)
+    assert without(network, [doubt.ids[0]]).doubts == []
+    others = [i for i in network.observations if i not in doubt.ids]
+    assert without(network, others).doubts == [doubt]
+
+
+def test_both_faces_announced_and_one_read_are_doubted_unless_the_errors_are_given():
+    readings = [r for r in book(3)[0] if r.face == 1]
+    found = reduce_faces(readings, **SIGMAS, faces="both")
+    network = fga.Network()
+    for name in {r.station for r in readings} | {r.target for r in readings}:
+        network.add_point(name, (0, 0, 0), fixed="xyz")
+    given = network.copy()
+    found.add_to(network)
+    name = f"{readings[0].station}/{readings[0].set}"
+    assert [d.where for d in network.doubts] == [
+        f"collimation error {name!r}",
+        f"index error {name!r}",
+    ]
+    for kind in ("index_error", "collimation_error"):
+        given.set_unknown(kind, name, (0.0,), sigma=MGON)
+    found.add_to(given)
+    assert given.doubts == []
 
 
 def test_a_wrong_reading_does_not_make_the_others_doubtful():
@@ -359,9 +398,12 @@ def test_a_network_with_both_faces_comes_back_from_files(tmp_path):
     header = (tmp_path / "observations.csv").read_text().splitlines()[0].split(",")
     assert {"face", "index_error", "collimation_error"} <= set(header)
     assert "S1/1" in (tmp_path / "index_errors.csv").read_text()
-    network.doubts.append(Problem("what", "where"))
+    network.doubts.append(Doubt("what, and why", "where", ("1", "2")))
+    network.doubts.append(Doubt("what else", "elsewhere"))
+    fga.write_project(network, tmp_path / "doubted" / "project.toml")
+    assert fga.read_project(tmp_path / "doubted").doubts == network.doubts
     solution = fga.adjust(network)
     solution.save(tmp_path / "end.npz")
     loaded = fga.load_solution(tmp_path / "end.npz")
-    assert loaded.network.doubts == [Problem("what", "where")]
+    assert loaded.network.doubts == network.doubts
     assert np.array_equal(loaded.covariance("N"), solution.covariance("N"))

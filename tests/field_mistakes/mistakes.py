@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .projects import Project, Row, facade, yard
+from .projects import Project, Row, book_of_both, facade, field_book, yard
 
-DOUBTFUL, BAD_INPUT = 1, 2
+FINE, DOUBTFUL, BAD_INPUT = 0, 1, 2
 CHECK, ADJUST, SNOOP = ("check",), ("adjust",), ("adjust", "--snoop")
 
 
@@ -304,6 +304,72 @@ def _(p: Project) -> None:
     p.tables["observations.csv"].append(dict(p.rows("direction", station="S2")[3]))
 
 
+def sight(p: Project, station: str, target: str, face: str) -> Row:
+    """Return a row of the field book."""
+    wanted = (station, target, face)
+    book = p.tables["readings.csv"]
+    return next(r for r in book if (r["station"], r["target"], r["face"]) == wanted)
+
+
+TWO_FACES = "1 doubt about the two faces of targets, the first: station 'S2', set '1', target 'E'"
+
+
+@mistake(
+    "a zenith angle wrong by 10 mgon in one face",
+    ADJUST,
+    DOUBTFUL,
+    f"{TWO_FACES}: its two faces give index",
+    field_book,
+)
+def _(p: Project) -> None:
+    add(sight(p, "S2", "E", "2"), "zenith", 0.01)
+
+
+@mistake(
+    "a direction wrong by 10 mgon in one face",
+    CHECK,
+    DOUBTFUL,
+    "station 'S2', set '1', target 'E': its two faces give collimation",
+    field_book,
+)
+def _(p: Project) -> None:
+    add(sight(p, "S2", "E", "1"), "direction", -0.01)
+
+
+@mistake(
+    "the same with both faces as observations",
+    ADJUST,
+    DOUBTFUL,
+    f"{TWO_FACES}: its two faces give collimation",
+    book_of_both,
+)
+def _(p: Project) -> None:
+    add(sight(p, "S2", "E", "1"), "direction", -0.01)
+
+
+@mistake(
+    "a wrong reading of both faces, which data snooping sets aside",
+    SNOOP,
+    FINE,
+    "1 observation set aside",
+    book_of_both,
+)
+def _(p: Project) -> None:
+    add(sight(p, "S2", "E", "1"), "direction", -0.01)
+
+
+@mistake(
+    "both faces announced, one face read",
+    CHECK,
+    DOUBTFUL,
+    "index error 'S1/1': no target was read in both faces: only the geometry of the network tells",
+    book_of_both,
+)
+def _(p: Project) -> None:
+    book = p.tables["readings.csv"]
+    p.tables["readings.csv"] = [r for r in book if (r["station"], r["face"]) != ("S1", "2")]
+
+
 # -- units, signs, frames -------------------------------------------------------------------------
 
 
@@ -452,6 +518,48 @@ def _(p: Project) -> None:
 )
 def _(p: Project) -> None:
     p.rows("direction", station="S1", target="S2")[0]["target"] = "s2"
+
+
+@mistake(
+    "a table under another name",
+    ADJUST,
+    BAD_INPUT,
+    "problems: observation.csv: is not read: the table is named observations.csv",
+)
+def _(p: Project) -> None:
+    p.tables["observation.csv"] = p.tables.pop("observations.csv")
+
+
+@mistake(
+    "a field book under another name",
+    ADJUST,
+    FINE,
+    "warning: reading.csv: is not read: the table is named readings.csv",
+)
+def _(p: Project) -> None:
+    p.tables["reading.csv"] = [{"station": "S1", "target": "A", "direction": "0"}]
+
+
+@mistake(
+    "the same, before the adjustment",
+    CHECK,
+    DOUBTFUL,
+    "1 doubt about files, readings or given values; nothing was changed: Reading.CSV: is not read",
+)
+def _(p: Project) -> None:
+    p.tables["Reading.CSV"] = [{"station": "S1", "target": "A", "direction": "0"}]
+
+
+@mistake(
+    "a decimal comma",
+    CHECK,
+    BAD_INPUT,
+    "1 problem: observations.csv:4: 10 cells, but the header has 9 columns; is one of the "
+    "commas a decimal comma?",
+)
+def _(p: Project) -> None:
+    row = p.rows("slope_distance", station="S1")[0]
+    row["value"] = row["value"].replace(".", ",")
 
 
 @mistake(

@@ -82,12 +82,15 @@ class Project:
         return next(row for row in self.tables["points.csv"] if row["name"] == name)
 
 
-def yard(seed: int = 5, *, beside: dict[str, tuple[float, float]] | None = None) -> Project:
+def yard(
+    seed: int = 5, *, beside: dict[str, tuple[float, float]] | None = None, noise: float = 1.0
+) -> Project:
     """Return the yard: total station at S1, S2, S3, levelling, GNSS vectors.
 
     Args:
         seed: of the errors of the readings.
         beside: by how much instruments stand east and north of their marks, metres.
+        noise: size of the errors of the total station, in their standard deviations.
     """
     rng = np.random.default_rng(seed)
     points: list[Row] = []
@@ -107,9 +110,9 @@ def yard(seed: int = 5, *, beside: dict[str, tuple[float, float]] | None = None)
             d[:2] -= (beside or {}).get(station, (0.0, 0.0))
             d[2] += TARGET_HEIGHT - height
             length = float(np.linalg.norm(d))
-            noise = rng.normal(size=3)
-            direction = (np.arctan2(d[0], d[1]) - orientation) / GON + 1e-3 * noise[0]
-            zenith = np.arccos(d[2] / length) / GON + 1e-3 * noise[1]
+            errors = noise * rng.normal(size=3)
+            direction = (np.arctan2(d[0], d[1]) - orientation) / GON + 1e-3 * errors[0]
+            zenith = np.arccos(d[2] / length) / GON + 1e-3 * errors[1]
             common = {
                 "station": station,
                 "target": target,
@@ -119,7 +122,7 @@ def yard(seed: int = 5, *, beside: dict[str, tuple[float, float]] | None = None)
             for kind, value in (
                 ("direction", f"{direction % 400:.4f}"),
                 ("zenith_angle", f"{zenith:.4f}"),
-                ("slope_distance", f"{length + 2e-3 * noise[2]:.4f}"),
+                ("slope_distance", f"{length + 2e-3 * errors[2]:.4f}"),
             ):
                 rows.append({"kind": kind, **common, "value": value})
     for a, b in pairwise(LEVELLED):
@@ -133,6 +136,56 @@ def yard(seed: int = 5, *, beside: dict[str, tuple[float, float]] | None = None)
         rows.append({"kind": "gnss_vector", "station": a, "target": b, "x": x, "y": y, "z": z})
     toml = 'name = "yard"\n[units]\nangle = "gon"\n' + SIGMAS
     return Project(toml, {"points.csv": points, "observations.csv": rows})
+
+
+INDEX, COLLIMATION = 0.0021, -0.0034
+"""Errors of the instrument of the field book, gon."""
+
+
+def field_book(seed: int = 8, *, faces: str = "means") -> Project:
+    """Return the yard with the readings of the total station in two faces.
+
+    Args:
+        seed: of the differences between the faces.
+        faces: what the project makes of them: means, or both.
+    """
+    rng = np.random.default_rng(seed)
+    out = yard(noise=0.0)
+    read: dict[tuple[str, str], Row] = {}
+    rest: list[Row] = []
+    for row in out.tables["observations.csv"]:
+        if "instrument_height" in row:
+            sight = read.setdefault((row["station"], row["target"]), dict(row))
+            sight[row["kind"]] = row["value"]
+        else:
+            rest.append(row)
+    book: list[Row] = []
+    for row in read.values():
+        d, z = float(row["direction"]), float(row["zenith_angle"])
+        c = COLLIMATION / np.sin(z * GON)
+        names = ("station", "target", "instrument_height", "target_height")
+        for face, circle, zenith in (
+            (1, d - c, z + INDEX),
+            (2, d + c + 200.0, 400.0 - z + INDEX),
+        ):
+            circle, zenith = np.array([circle, zenith]) + 1e-3 * rng.normal(size=2)
+            book.append(
+                {
+                    **{n: row[n] for n in names},
+                    "face": str(face),
+                    "direction": f"{circle % 400:.4f}",
+                    "zenith": f"{zenith:.4f}",
+                    "distance": f"{float(row['slope_distance']) + 2e-3 * rng.normal():.4f}",
+                }
+            )
+    out.toml += f'[readings]\nfaces = "{faces}"\n'
+    out.tables |= {"observations.csv": rest, "readings.csv": book}
+    return out
+
+
+def book_of_both() -> Project:
+    """Return the field book with both faces as observations."""
+    return field_book(faces="both")
 
 
 FACADE = [(x, 0.3 * np.sin(3.0 * x + z), z) for x in (0.0, 3.0, 6.0, 9.0) for z in (0.0, 2.5, 5.0)]

@@ -7,7 +7,7 @@ import pytest
 from factorgraph_adj.cli.main import main
 
 from .mistakes import MISTAKES, Mistake
-from .projects import facade, yard
+from .projects import book_of_both, facade, field_book, yard
 
 
 def told(text: str) -> str:
@@ -24,7 +24,7 @@ def test_a_mistake_is_named(mistake: Mistake, tmp_path, capsys) -> None:
     assert code == mistake.code
 
 
-@pytest.mark.parametrize("project", [yard, facade])
+@pytest.mark.parametrize("project", [yard, facade, field_book, book_of_both])
 @pytest.mark.parametrize("command", [("check",), ("adjust",), ("adjust", "--snoop")])
 def test_without_a_mistake_nothing_is_told(command, project, tmp_path, capsys) -> None:
     assert main([command[0], str(project().write(tmp_path / "yard")), *command[1:]]) == 0

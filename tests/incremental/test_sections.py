@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 
+import gtsam
 import numpy as np
 import pytest
 
@@ -129,6 +130,32 @@ def test_everything_is_as_in_the_batch_inside_a_section_and_outside():
     driving.inc.settle()
     assert deviations(driving, driving.batch())[0] < 1e-6
     assert driving.system.section is None
+
+
+def test_a_factor_of_a_user_enters_a_section():
+    driving = Driving()
+    for _ in driving.play():
+        if driving.system.section is not None:
+            break
+    else:
+        pytest.fail("no arrival took a section")
+    batch = driving.batch()
+    free = [p.name for p in batch.network.points.values() if not all(p.fixed)]
+    inside = next(n for n in free if driving.system.covers([("point", n)]))
+    outside = next(n for n in free if not driving.system.covers([("point", n)]))
+    value = float(np.linalg.norm(batch.point(inside) - batch.point(outside))) + 0.01
+    noise = gtsam.noiseModel.Isotropic.Sigma(1, 0.002)
+
+    def tape(key):
+        return gtsam.RangeFactor3(key("point", inside), key("point", outside), value, noise)
+
+    (verdict,) = driving.inc.add(factors={"tape": tape}).verdicts
+    batch = driving.batch()
+    found = fga.reliability(batch)
+    assert verdict.verdict == "accepted"
+    assert driving.inc.redundancy == batch.redundancy
+    assert deviations(driving, batch)[0] < PROMISE
+    assert verdict.w[0] == pytest.approx(found.w[found.row("tape")], rel=0.02)
 
 
 @pytest.mark.parametrize("name", BLOCKS)

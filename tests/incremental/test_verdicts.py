@@ -10,8 +10,10 @@ These are the quick ones of ``python -m tests.benchmarks verdicts``.
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+import factorgraph_adj as fga
 from tests.networks.arriving import CASES
 from tests.networks.random_small import random_network
 from tests.support.predicted import BOUND, Compared, verdicts_of_drawn, verdicts_of_network
@@ -46,3 +48,19 @@ def test_verdicts_in_random_networks_are_predictions_of_the_batch() -> None:
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_verdicts_in_published_networks_are_predictions_of_the_batch(name: str) -> None:
     assert_predicted(list(verdicts_of_network(name, CASES[name].make(), 1, 6)), 2)
+
+
+def test_a_free_network_whose_place_is_hardly_known_stands_on_its_inner_constraints() -> None:
+    """GNSS vectors and zenith angles tell the place to 500 m, and notice a motion of metres."""
+    drawn = random_network(101)
+    inc = fga.IncrementalAdjustment(drawn.bare, policy="accept")
+    order = np.random.default_rng([101, 11]).permutation(len(drawn.items)).tolist()
+    half = len(order) // 2
+    inc.add([drawn.items[i] for i in order[:half]])
+    for i in order[half:]:
+        inc.add(drawn.items[i])
+        assert not inc.determined("P0") or inc.solution().converged, inc.solution().reason
+    found, batch = inc.solution(), fga.adjust(inc.network())
+    assert found.datum_defect == batch.datum_defect == 2
+    off = np.abs(found.point("P0") - batch.point("P0"))
+    assert np.all(off < ACCURACY * batch.standard_deviations("P0"))

@@ -468,7 +468,9 @@ def test_files_that_make_no_network_are_named():
     files = {**j.network_files(small_block()), "points.csv": 3}
     assert problems_of(j.network_of, files) == [("must be text, not 3", "files: 'points.csv'")]
     files["points.csv"] = "name,x\nA,\ud800\n"
-    assert problems_of(j.network_of, files)[0] == ("is not UTF-8 text (byte 9)", "points.csv")
+    what, where = problems_of(j.network_of, files)[0]
+    assert where == "points.csv:2"
+    assert what.startswith("is not UTF-8 text (byte 9)")
 
 
 def test_half_a_character_is_no_name(tmp_path):

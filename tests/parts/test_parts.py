@@ -456,3 +456,29 @@ def test_missing_approximate_values_are_named_with_their_part():
     with pytest.raises(fga.ApproximationError, match=r"part 'north', .*D") as error:
         fga.adjust_parts([part_of("south", south), part_of("north", north)])
     assert "'south'" not in str(error.value)
+
+
+def test_a_point_of_one_part_leaves_the_plane_of_its_stations(tmp_path):
+    """Slope distances alone: vᵀPv has no gradient across the plane, and a weak weight held it."""
+    network = Network("two halves")
+    for half in range(2):
+        corners = [(0.0, 0.0), (100.0, 0.0), (100.0, 100.0), (0.0, 100.0)]
+        for i, (x, y) in enumerate(corners):
+            network.add_point(f"S{half}{i}", (x + 500 * half, y, 10.0), fixed="xyz")
+        e, n = 40.0 + 500 * half, 55.0
+        network.add_point(f"P{half}", (e, n, 10.0), sigma=(np.inf, np.inf, 1000.0))
+        for i, (x, y) in enumerate(corners):
+            d = float(np.sqrt((x + 500 * half - e) ** 2 + (y - n) ** 2 + 12.0**2))
+            network.add(SlopeDistance(f"S{half}{i}", f"P{half}", d + 1e-4 * (-1) ** i, sigma=0.001))
+    network.add_point("J", (250.0, 50.0, 10.0), sigma=(1.0, 1.0, 1.0))
+    network.add(HeightDifference("P0", "J", 0.0, sigma=10.0))
+    network.add(HeightDifference("P1", "J", 0.0, sigma=10.0))
+    regions = {n: "a" if n.startswith(("S0", "P0")) else "b" for n in network.points}
+    parts = cut_network(network, regions, Folder(tmp_path))
+    found = fga.adjust_parts(parts, folder=tmp_path)
+    assert found.converged
+    assert found.vtpv < 10.0
+    for half in range(2):
+        at = found.point(f"P{half}")
+        assert abs(at[2] - 10.0) == pytest.approx(12.0, abs=0.01)
+    assert "second places         not looked for" in parts_protocol(found)

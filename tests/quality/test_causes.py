@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.sparse import csc_array
 
 import factorgraph_adj as fga
+from factorgraph_adj.quality.causes import photos
 from factorgraph_adj.quality.causes.columns import explain, whitening
 from factorgraph_adj.quality.causes.given import given_values
 from factorgraph_adj.quality.causes.photos import Oriented, told_apart
 from factorgraph_adj.quality.causes.search import evidence, explanations
 from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
 from tests.benchmarks.causes import adjusted, count, detectable, searched, spoiled
 from tests.networks.arriving import CASES
 from tests.networks.building_site import site
@@ -158,6 +161,33 @@ def test_a_photo_that_does_not_fit_for_another_reason_is_not_called_mirrored() -
     found = fga.snoop(network).causes
     assert found is not None
     assert not [c for c in found.found if "photo 'F3'" in c.where and not c.sizes]
+
+
+def test_a_mirrored_photo_is_left_out_with_its_position(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without its rays the photo is held anywhere, which its GNSS position would contradict."""
+    network = simulate_geocentric_block(seed=1).network
+    f, p, xy, sigma = network.images.columns()
+    mine = f == network.photo_number["photo 03"]
+    names = np.array(list(network.points))[p[mine]].tolist()
+    network.image_mask(~mine)
+    network.add_image_points("photo 03", names, xy[mine] * [1.0, -1.0], sigma=sigma[mine])
+    for ident, o in network.observations.items():
+        if "photo 03" in o.photos():  # so weak that it is not set aside with the rays
+            weak = {"sigma": (1e3, 1e3, 1e3), "covariance": None}
+            network.observations[ident] = replace(o, **weak)  # type: ignore[arg-type]
+    found: list[fga.Solution] = []
+    left_out = photos._without
+
+    def seen(*args: Any) -> fga.Solution:
+        found.append(left_out(*args))
+        return found[-1]
+
+    monkeypatch.setattr(photos, "_without", seen)
+    best = fga.snoop(network).causes.found[0]  # type: ignore[union-attr]
+    assert (best.cause, best.where) == ("the direction of y", "of photo 'photo 03'")
+    (clean,) = found
+    assert not [o for o in clean.network.observations.values() if "photo 03" in o.photos()]
+    assert clean.sigma0 < 1.2
 
 
 def test_mirrored_axes_are_told_apart_by_the_attitude_that_was_given() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
-from factorgraph_adj.io.numbers import Units
+from factorgraph_adj.io.numbers import Units, parse
 from factorgraph_adj.io.project import read_project
 from factorgraph_adj.io.write_project import write_project
 from factorgraph_adj.network.network import Network
@@ -120,7 +120,7 @@ def test_the_tables_and_the_file_for_programs_have_them(frame, tmp_path):
         for name in ("latitude", "longitude"):
             assert parse_angle(record[name], "dms") == pytest.approx(table[name][i], abs=1e-15)
             assert found[record["name"]][name] == table[name][i]
-        assert float(record["height"]) == table["height"][i]
+        assert float(record["height"]) == pytest.approx(table["height"][i], abs=5.001e-9)
         assert found[record["name"]]["height"] == table["height"][i]
         sigma = [table[f"sigma_{a}"][i] for a in ("east", "north", "up")]
         assert found[record["name"]]["sigma_east_north_up"] == sigma
@@ -150,3 +150,26 @@ def test_a_local_network_has_no_latitudes(tmp_path):
     write_solution(s, tmp_path)
     assert "latitude" not in (tmp_path / "points.csv").read_text()
     assert "latitude" not in (tmp_path / "solution.json").read_text()
+
+
+@ON_AN_ELLIPSOID
+@pytest.mark.parametrize(
+    "unit, latitude, longitude",
+    [("dms", "46-57-0", "7-26-24"), ("deg", "46.95", "7.44"), ("gon", "52.1666", "8.2666")],
+)
+def test_tables_have_given_geographic_coordinates_without_the_noise_of_x_y_z(
+    frame, unit, latitude, longitude, tmp_path
+):
+    network = Network("as given", frame=frame)
+    at = [parse(text, unit) for text in (latitude, longitude)]
+    for name, height in (("A", 600.0), ("B", 600.5)):
+        xyz = GeocentricFrame().ellipsoid.to_cartesian(*(np.array([v]) for v in (*at, height)))
+        if isinstance(frame, TopocentricFrame):
+            xyz = frame.from_geocentric(xyz)
+        network.add_point(name, xyz[0], fixed="xyz" if name == "A" else "")
+    a, b = (p.coordinates for p in network.points.values())
+    network.add(GnssVector("A", "B", tuple(np.subtract(b, a)), sigma=(MM, MM, MM)))
+    write_solution(adjust(network), tmp_path, ReportOptions(Units(geographic=unit)))
+    rows = csv.DictReader(io.StringIO((tmp_path / "points.csv").read_text()))
+    found = [(r["latitude"], r["longitude"], r["height"]) for r in rows]
+    assert found == [(latitude, longitude, "600"), (latitude, longitude, "600.5")]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.errors import InputError
+from factorgraph_adj.errors import Doubt, InputError
 from factorgraph_adj.observations import SlopeDistance
 from factorgraph_adj.planning.plan import plan
 from factorgraph_adj.simulation.industry_block import industry_block_plan, simulate_industry_block
@@ -20,6 +20,7 @@ pytest.importorskip("matplotlib")
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
+from matplotlib.quiver import Quiver
 from matplotlib.text import Text
 
 from factorgraph_adj.report.plots import (
@@ -107,6 +108,39 @@ def test_every_figure_says_in_its_title_that_its_result_is_doubtful(doubtful, cl
         assert figure.get_suptitle().count("DOUBTFUL") == 1
     for name, figure in figures_of(clean[0].solution, clean[0].reliability).items():
         assert "DOUBTFUL" not in figure.get_suptitle(), name
+
+
+def test_figures_say_what_faces_do_not_agree_and_the_likeliest_cause(clean, tmp_path, monkeypatch):
+    network = clean[0].solution.network.copy()
+    network.doubts.append(Doubt("its two faces give index 9 mgon", "target 'T'"))
+    solution = fga.adjust(network)
+    title = plot_network(solution).get_suptitle().replace("\n", " ")
+    assert title.startswith("DOUBTFUL RESULT: 1 doubt about the two faces of targets, the first: ")
+    drawn = []
+    monkeypatch.setattr(
+        "factorgraph_adj.report.plots.save._bytes",
+        lambda figure, format: drawn.append(figure) or b"",
+    )
+    save_plots(solution, tmp_path, cause="likeliest cause: it")
+    titles = [figure.get_suptitle() for figure in drawn]
+    assert len(titles) > 4 and all(t.endswith("\nlikeliest cause: it") for t in titles)
+
+
+def test_arrows_and_counts_lie_within_the_picture():
+    network = simulate_industry_block(seed=2).network
+    network.cameras["P31"] = replace(network.cameras["P31"], format=None)
+    solution = fga.adjust(network)
+    figures = [plot_photo_residuals(solution, name) for name in network.photos]
+    for figure in (*figures, plot_photos(solution), plot_mean_photo(solution, "P31", cells=3)):
+        figure.draw_without_rendering()
+        for axes in figure.axes:
+            low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
+            for arrows in axes.findobj(Quiver):
+                tips = arrows.get_offsets() + np.column_stack([arrows.U, arrows.V])
+                assert np.all((tips > low) & (tips < high))
+            for count in marked(axes, "number of points", Text):
+                box = count.get_window_extent()
+                assert axes.get_window_extent().y0 <= box.y0
 
 
 def test_figures_that_know_the_test_values_count_those_above_the_critical_value(doubtful):

@@ -298,7 +298,14 @@ def test_no_line_of_the_protocol_ends_in_blanks():
 
 @pytest.mark.parametrize(
     ("value", "expected"),
-    [(0.0, "0"), (1234.5, "1234"), (12.345, "12.3"), (0.012345, "0.0123"), (1e-7, "1.00e-07")],
+    [
+        (0.0, "0"),
+        (1234.5, "1234"),
+        (12.345, "12.3"),
+        (37.69e6, "37690000"),
+        (0.012345, "0.0123"),
+        (1e-7, "1.00e-07"),
+    ],
 )
 def test_short_numbers_have_three_digits(value, expected):
     assert layout.short(value) == expected

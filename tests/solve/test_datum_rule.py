@@ -8,6 +8,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame
 from factorgraph_adj.observations import (
+    Azimuth,
     Direction,
     GnssPosition,
     GnssVector,
@@ -24,8 +25,13 @@ FRAMES: dict[str, tuple[Frame, tuple[float, float, float]]] = {
 }
 
 
-def total_stations(frame: Frame, origin: tuple[float, float, float], size: float) -> fga.Network:
-    """Return a free network of six stations that measure to each other."""
+def total_stations(
+    frame: Frame,
+    origin: tuple[float, float, float],
+    size: float,
+    azimuths: tuple[int, float] = (0, 1.0),
+) -> fga.Network:
+    """Return a free network of six stations that measure to each other; azimuths: number and σ."""
     rng = np.random.default_rng(3)
     network = fga.Network("total stations", frame=frame, datum="free")
     enu = frame.basis(np.array([origin]), np.zeros((1, 2))).enu[0]
@@ -42,6 +48,9 @@ def total_stations(frame: Frame, origin: tuple[float, float, float], size: float
                     ZenithAngle(a, b, 1.5, sigma=1e-5),
                     SlopeDistance(a, b, 1.0, sigma=0.001),
                 )
+    n, sigma = azimuths
+    sights = [o for o in network.observations.values() if isinstance(o, Direction)]
+    network.add(*(Azimuth(o.station, o.target, 0.0, sigma=sigma) for o in sights[:n]))
     return disturb(measure(network, seed=1), seed=1, points=0.01)
 
 
@@ -80,3 +89,23 @@ def test_weak_positions_are_a_datum_beside_strong_vectors(size: float) -> None:
     assert free.converged and free.datum_defect == 0
     assert free.redundancy == given.redundancy
     assert free.vtpv == pytest.approx(given.vtpv, rel=1e-9)
+
+
+@pytest.mark.parametrize(("n", "sigma"), [(1, 1e-3), (30, 1e-5)])
+@pytest.mark.parametrize("size", [1000.0, 50_000.0])
+@pytest.mark.parametrize("name", FRAMES)
+def test_azimuths_tell_the_direction_as_on_the_plane_and_no_latitude(
+    name: str, size: float, n: int, sigma: float
+) -> None:
+    """One of 3.4′ beside sights of 1e-5 counts; meridians that converge are no place."""
+    found = []
+    for frame in (name, "flat"):
+        found.append(fga.adjust(total_stations(*FRAMES[frame], size, (n, sigma))))
+    for solution in found:
+        assert solution.converged
+        assert solution.datum_defect == 3
+    ours, theirs = (
+        np.sqrt(np.mean([np.sum(s.standard_deviations(p) ** 2) for p in s.network.points]))
+        for s in found
+    )
+    assert ours == pytest.approx(theirs, rel=0.5)

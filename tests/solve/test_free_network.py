@@ -7,9 +7,10 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.graph.variables import State
-from factorgraph_adj.solve.datum import FreeDatum, find_defects, middle, transform
+from factorgraph_adj.solve.datum import FreeDatum, find_defects, middle
 from factorgraph_adj.solve.free_network import datum_columns, moved_from, onto_constraints
 from factorgraph_adj.solve.linear import LinearSystem
+from factorgraph_adj.solve.similarity import transform
 from factorgraph_adj.types import Array
 from tests.networks.free import FREE, adjusted
 from tests.networks.trilateration import trilateration

@@ -121,6 +121,35 @@ READING = {
         *("points", "C,5.01,8,1,", "C,5.01,8,1,,7"),
         "points.csv:4: 6 cells, but the header has 5 columns",
     ),
+    "a decimal comma between commas": (
+        *("points", "C,5.01,8,1,", "C,5,01,8,1,"),
+        "points.csv:4: 6 cells, but the header has 5 columns; is one of the commas a decimal "
+        "comma? Write numbers with a decimal point",
+    ),
+    "a decimal comma in quotation marks": (
+        *("points", "C,5.01,", 'C,"5,01",'),
+        "points.csv:4: point 'C': x: '5,01' is not a number; write a decimal point",
+    ),
+    "a decimal comma after a point for thousands": (
+        *("points", "C,5.01,", 'C,"1.005,01",'),
+        "points.csv:4: point 'C': x: '1.005,01' is not a number; write a decimal point",
+    ),
+    "a decimal comma in TOML": (
+        *("project", 'name = "yard"', 'name = "yard"\n[adjust]\nmax_iterations = 1,5'),
+        "project.toml:3: 1,5 is not a number: write a decimal point, 1.5 (is not TOML: Expected "
+        "newline or end of document after a statement (at line 3, column 19))",
+    ),
+    "a decimal comma in an inline table of TOML": (
+        *("project", "value = 0.01, sigma", "value = 0,01, sigma"),
+        "project.toml:13: 0,01 is not a number: write a decimal point, 0.01 (is not TOML: Expected "
+        "'=' after a key in a key/value pair (at line 13, column 20))",
+    ),
+    "σ of a point in east, north, up": (
+        *("points", "name,x,y,z,fixed", "name,x,y,z,sigma_e_mm"),
+        "points.csv:1: unknown column 'sigma_e_mm': a table of points has σ along x, y, z of the "
+        "frame; σ along east, north, up is that of a control point: a row of observations.csv of "
+        "the kind control with axes enu, all of x, y, z, and sigma_e_mm",
+    ),
     "σ of zero": (
         *("observations", "6.344,1.5", "6.344,0"),
         "observations.csv:4: slope_distance A D (id 3): sigma_mm must be greater than zero, not 0",
@@ -296,7 +325,53 @@ def test_an_unknown_name_in_many_rows_of_images_is_one_problem(tmp_path):
 def test_text_that_is_not_utf_8_is_named(tmp_path):
     path = write(tmp_path)
     (tmp_path / "points.csv").write_bytes(POINTS.replace("A,", "Ä,", 1).encode("latin-1"))
-    assert problems(path)[0].startswith("points.csv: is not UTF-8 text (byte ")
+    assert problems(path)[0] == (
+        "points.csv:2: is not UTF-8 text (byte 17): the last character of 'Ä' is in another "
+        "encoding, such as Latin-1 (Windows-1252); save the file as UTF-8 (of a spreadsheet: as "
+        "CSV UTF-8)"
+    )
+    path = write(tmp_path)
+    text = '# lines\nname = "Höhennetz"\n'
+    path.write_bytes(text.encode("latin-1"))
+    assert problems(path)[0].startswith("project.toml:2: is not UTF-8 text (byte 17): the last")
+    path.write_text(text, encoding="utf-16")
+    assert problems(path) == ["project.toml: is UTF-16 text: save it as UTF-8"]
+
+
+def test_sigma_in_east_north_up_without_its_axes_is_told_what_to_state(tmp_path):
+    control = "kind,point,x,y,z,sigma_e_mm,sigma_n_mm,sigma_u_mm\ncontrol,C,5,8,1,3,3,5\n"
+    assert problems(write(tmp_path, observations=control))[0] == (
+        "observations.csv:2: control C: no standard deviation of x: give sigma_x_mm or sigma_mm; "
+        "sigma_e_mm belongs to axes enu: state axes = enu"
+    )
+
+
+THREE_PHOTOS = "name,x,y,z,omega,phi,kappa,camera\n" + "".join(
+    f"P{i},5,5,20,0,0,0,CAM\n" for i in "123"
+)
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "expected"),
+    [
+        ('name = "cam"', 'nam = "CAM"', "project.toml: [[camera]] 1: name is missing"),
+        ("[[camera]]", "[camera]", "project.toml: camera: cameras must be tables [[camera]]"),
+        ("[[camera]]", "[[cameras]]", "project.toml: unknown key 'cameras'; known: "),
+        (
+            *('name = "cam"', 'name = "cam"'),
+            "photos.csv:2: photo 'P1': unknown camera 'CAM'; known: cam; did you mean 'cam'? "
+            "(also in photos.csv:3, photos.csv:4)",
+        ),
+    ],
+)
+def test_photos_do_not_repeat_what_is_wrong_with_their_camera(tmp_path, good, bad, expected):
+    project = PROJECT.replace(good, bad, 1)
+    if bad == "[[cameras]]":
+        project = project.replace("[camera.parameters]", "[cameras.parameters]")
+    path = write(tmp_path, project=project, photos=THREE_PHOTOS, images=IMAGES.replace("P,", "P1,"))
+    found = problems(path)
+    assert found[0].startswith(expected)
+    assert sum("camera" in p for p in found) == 1 + (bad.startswith("nam ="))
 
 
 def test_a_project_that_is_not_there_is_named(tmp_path):

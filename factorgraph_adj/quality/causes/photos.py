@@ -152,7 +152,7 @@ def _without(
 
     Rays of a mirrored photo that fit by chance have stayed in, and bend the points that they touch,
     so that good rays were set aside. Those come back; points that the other photos do not determine
-    are left out.
+    are left out, and so is what else was observed of these photos.
     """
     unknowns = equations.unknowns
     photos = np.array([unknowns["pose"].number[rays.photo] for rays in suspect])
@@ -172,7 +172,11 @@ def _without(
         block.ids[int(i)] for block, lost in _images(equations, aside) for i in lost.nonzero()[0]
     }
     gone += [i for i in ids if i not in images]
-    others = {p for o in equations.network.observations.values() for p in o.points()}
+    observed = equations.network.observations
+    left = {rays.photo for rays in suspect}
+    gone += [i for i, o in observed.items() if not left.isdisjoint(o.photos())]
+    lost_ids = set(gone)
+    others = {p for i, o in observed.items() if i not in lost_ids for p in o.points()}
     free: list[bool] = np.all(unknowns["point"].free, axis=1).tolist()
     few = [p for p, k, f in zip(unknowns["point"].names, counted, free, strict=True) if f and k < 2]
     few = [p for p in few if p not in others]

@@ -19,6 +19,7 @@ from ...models.variables import UNKNOWNS
 from ...shown import FIRST, Rows, Shown
 from ...solve.solution import Solution
 from ...types import Array, Index
+from ...units import significant
 from ..distributions import chi2_quantile
 from ..reliability import Reliability
 from .columns import Explained, explain, whitening
@@ -46,8 +47,8 @@ _UNIT: dict[Size, tuple[float, str]] = {
 
 
 def _figure(value: float) -> str:
-    """Return a number with three significant digits, or as a whole number below a million."""
-    return f"{value:.0f}" if 100.0 <= abs(value) < 1e6 else f"{value:.3g}"
+    """Return a number with three significant digits, or as a whole number."""
+    return significant(value, 3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,7 @@ from .vectors import (
     draw_key,
     draw_vectors,
     factor_for,
+    make_room,
     set_format,
     size_of,
     summary,
@@ -268,6 +269,7 @@ def plot_mean_photo(
     covered = draw_sensor(axes, cameras[camera], own.xy)
     axes.set_axisbelow(True)
     x, y = mean.x_edges, mean.y_edges
+    make_room(axes, np.array([(x[0], y[0]), (x[-1], y[-1])]))
     axes.vlines(x, y[0], y[-1], color=PALE, lw=0.6, zorder=0)
     axes.hlines(y, x[0], x[-1], color=PALE, lw=0.6, zorder=0)
     size = np.hypot(*mean.residual[enough].T)

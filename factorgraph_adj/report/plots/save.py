@@ -21,7 +21,7 @@ from .image_rows import image_rows
 from .images import plot_mean_photo, plot_photos
 from .network import plot_network
 from .statistics import plot_qq, plot_redundancy
-from .style import drawn, nothing
+from .style import drawn, nothing, write_cause
 from .vectors import tests_of
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def save_plots(
     format: Format = "png",
     confidence: float = CONFIDENCE,
     photos: int = 12,
+    cause: str = "",
 ) -> list[Path]:
     """Write all figures of an adjustment into a folder, or none on an error.
 
@@ -57,6 +58,7 @@ def save_plots(
         format: format of the files.
         confidence: probability of the error ellipses.
         photos: largest number of photos in the figure ``photos``.
+        cause: the likeliest cause of misfits, which is written over figures of a doubtful result.
 
     Returns:
         The files, in this order.
@@ -91,6 +93,8 @@ def save_plots(
         ]
         for camera, key in zip(many, _names(many), strict=True):
             figures[key] = plot_mean_photo(solution, camera, reliability=rel)
+    for figure in figures.values():
+        write_cause(figure, cause)
     files = {f"{key}.{format}": _bytes(figure, format) for key, figure in figures.items()}
     write_files(folder, files)
     return [Path(folder) / file for file in files]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from ...errors import InputError
 from ...quality.reliability import Reliability
 from ...solve.solution import Solution
-from ..doubts import above_critical, doubts_about
+from ..doubts import above_critical, doubts_about, of_readings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -120,6 +120,15 @@ def write_doubts(figure: Figure, doubts: Sequence[str]) -> None:
     figure.suptitle(text, x=0.01, ha="left", color=VERMILLION, fontsize=9.0)
 
 
+def write_cause(figure: Figure, cause: str) -> None:
+    """Write the likeliest cause under the doubts over a figure; nothing where there are none."""
+    before = figure.get_suptitle()
+    if cause and DOUBTFUL in before:
+        width = max(len(line) for line in before.splitlines())
+        text = f"{before}\n{fill(cause, width)}"
+        figure.suptitle(text, x=0.01, ha="left", color=VERMILLION, fontsize=9.0)
+
+
 def doubts_of(solution: Solution, rel: Reliability | None) -> list[str]:
     """Return why a result is doubtful; with its reliability, test values count too.
 
@@ -127,7 +136,7 @@ def doubts_of(solution: Solution, rel: Reliability | None) -> list[str]:
     """
     if has_computed_readings(solution):
         return []
-    doubts = doubts_about(solution)
+    doubts = [*doubts_about(solution), *of_readings(solution.network)]
     if rel is not None:
         doubts += above_critical(rel.w, rel.critical_w, "w", rel.alpha)
     return doubts

@@ -19,6 +19,12 @@ from .style import BLACK, BLUE, VERMILLION, multiple, readable, scale_key
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+ROOM = 0.25
+"""Largest part of a picture's size that it grows by on a side at a time, so that a gross error does
+not make all else small."""
+PAD = 0.01
+"""Blank beyond the tip of an arrow, in the larger side of the picture."""
+
 
 @dataclass(frozen=True, eq=False)
 class Tests:
@@ -130,8 +136,9 @@ def draw_arrows(
     *,
     fine: bool = False,
 ) -> None:
-    """Draw vectors (n, 2) times ``factor`` from positions (n, 2), image units."""
+    """Draw vectors (n, 2) times ``factor`` from positions (n, 2), image units, with their tips."""
     if len(at):
+        make_room(axes, at + factor * vectors)
         axes.quiver(
             *at.T,
             *(factor * vectors).T,
@@ -145,6 +152,18 @@ def draw_arrows(
             label=label,
             zorder=3,
         )
+
+
+def make_room(axes: Axes, places: Array) -> None:
+    """Widen the limits of a picture for places (n, 2), by at most `ROOM` of its size a time."""
+    left, right, bottom, top = (*axes.get_xlim(), *axes.get_ylim())
+    low, high = np.array([left, bottom]), np.array([right, top])
+    room = ROOM * (high - low)
+    pad = PAD * float(np.max(high - low))
+    low = np.minimum(low, np.maximum(places.min(axis=0) - pad, low - room))
+    high = np.maximum(high, np.minimum(places.max(axis=0) + pad, high + room))
+    axes.set_xlim(float(low[0]), float(high[0]))
+    axes.set_ylim(float(low[1]), float(high[1]))
 
 
 def draw_key(

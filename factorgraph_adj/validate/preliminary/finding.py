@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import nan
 
+from ...units import significant
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -23,9 +25,11 @@ class Finding:
 
     def __str__(self) -> str:
         """Return the finding as text."""
-        size = f": {self.size:.4g} {self.unit}".rstrip() if self.size == self.size else ""
+        size = (
+            f": {significant(self.size, 4)} {self.unit}".rstrip() if self.size == self.size else ""
+        )
         if self.tolerance == self.tolerance:
-            size += f", tolerance {self.tolerance:.3g} {self.unit}".rstrip()
+            size += f", tolerance {significant(self.tolerance, 3)} {self.unit}".rstrip()
         return f"{self.what}{size}; {self.remedy}"
 
 

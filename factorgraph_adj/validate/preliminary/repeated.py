@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +49,8 @@ def _duplicates(network: Network) -> Iterator[Finding]:
     """Rows that are there twice: the same kind, names, value and σ."""
     seen: dict[tuple[object, ...], Observation] = {}
     for o in network.observations.values():
-        value = o.value if np.ndim(o.value) == 0 else tuple(o.value)  # type: ignore[attr-defined]
+        reading: Any = getattr(o, "value", o)  # what has no value is the same as itself alone
+        value = reading if np.ndim(reading) == 0 else tuple(reading)
         group = getattr(o, "set", None)
         key = (o.kind, o.names(), value, repr(getattr(o, "sigma", None)), group)
         if key in seen:

@@ -1,0 +1,78 @@
+"""Text of files that people write: UTF-8 and TOML, with the line of what is wrong."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, Problem
+
+QUOTED = 8
+"""Number of characters before one of another encoding that a message quotes."""
+DECIMAL_COMMA = re.compile(r"[=,\[]\s*([+-]?\d+,\d+)\s*(?=[,}\]#]|$)")
+"""A number with a decimal comma in a line that is not TOML."""
+
+
+def read_text(path: Path, name: str = "") -> str:
+    """Return the text of a UTF-8 file, without a byte order mark.
+
+    Args:
+        path: the file.
+        name: its name in messages; default: the path for a file that cannot be read, otherwise
+            the name of the file.
+
+    Raises:
+        InputError: the file cannot be read, or is not UTF-8.
+    """
+    try:
+        found = path.read_bytes()
+    except OSError as error:
+        raise InputError(Problem(f"cannot be read: {error.strerror}", name or str(path))) from None
+    name = name or path.name
+    try:
+        text = found.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(_not_utf_8(error.object, error.start, name)) from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _not_utf_8(found: bytes, at: int, name: str) -> Problem:
+    if found.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return Problem("is UTF-16 text: save it as UTF-8", name)
+    before = found[:at]
+    begun = max(before.rfind(b"\n") + 1, at - QUOTED)
+    quoted = found[begun : at + 1].decode("latin-1").strip()
+    what = (
+        f"is not UTF-8 text (byte {at}): the last character of {quoted!r} is in another encoding, "
+        "such as Latin-1 (Windows-1252); save the file as UTF-8 (of a spreadsheet: as CSV UTF-8)"
+    )
+    line = re.sub(rb"\r\n?", b"\n", before).count(b"\n") + 1
+    return Problem(what, f"{name}:{line}")
+
+
+def parse_toml(text: str, name: str) -> dict[str, Any]:
+    """Return the document of a TOML text.
+
+    Args:
+        text: the text.
+        name: name of its file in messages.
+
+    Raises:
+        InputError: the text is not TOML; the problem has the line.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        at = re.search(r"line (\d+)", str(error))
+        what, where = f"is not TOML: {error}", name
+        if at is not None:
+            where = f"{name}:{at[1]}"
+            comma = DECIMAL_COMMA.search(text.split("\n")[int(at[1]) - 1])
+            if comma is not None:
+                right = comma[1].replace(",", ".")
+                what = f"{comma[1]} is not a number: write a decimal point, {right} ({what})"
+        raise InputError(Problem(what, where)) from None
+    except RecursionError:
+        raise InputError(Problem("is nested too deeply", name)) from None

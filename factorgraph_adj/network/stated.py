@@ -1,0 +1,216 @@
+"""The unknowns that a network states besides points, photos and cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from ..errors import InputError, Problem, known
+from ..models.variables import VariableKind, unknown_kind
+from .checked import checked_frame
+from .entities import (
+    REFRACTION_OF_THE_NETWORK,
+    Key,
+    Parameter,
+    Point,
+    parameter,
+    parameter_name,
+)
+from .of_kind import OfKind
+
+
+def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:
+    """Refuse a name that is there already, or is none."""
+    if not isinstance(name, str) or not name:
+        raise InputError(Problem(f"the name of a {what} must be non-empty text, not {name!r}"))
+    if name in names:
+        raise InputError(Problem(f"duplicate name of a {what}", f"{what} {name!r}"))
+
+
+def required(name: str, names: Mapping[Any, object], what: str, where: str) -> None:
+    """Refuse a name that is not there."""
+    if name not in names:
+        there = known(names, meant=name)
+        raise InputError(Problem(f"unknown {what} {name!r}; known: {there}", where))
+
+
+class StatedUnknowns:
+    """Part of a network: its unknowns besides points, photos and cameras, by kind and name."""
+
+    points: dict[str, Point]
+    """Points by name."""
+    parameters: dict[VariableKind, dict[Any, Parameter]]
+    """Unknowns by kind and name."""
+
+    def set_unknown(
+        self,
+        kind: VariableKind,
+        key: Key,
+        values: Sequence[float] | None = None,
+        *,
+        fixed: bool | Iterable[str] = False,
+        sigma: float | Sequence[float] | Mapping[str, float] | None = None,
+    ) -> None:
+        """State an unknown of any kind; its components are free unless held or weighted.
+
+        Args:
+            kind: name of the kind, see `factorgraph_adj.models.variables.UNKNOWNS`.
+            key: name of the unknown, or several names such as station and set.
+            values: values of the components, SI; None: the start values of the kind.
+            fixed: whether all components are held, or the names of the held components.
+            sigma: standard deviations of weighted components, SI: one for all, one for each, or
+                some by name.
+
+        Raises:
+            InputError: an unknown kind or point, a value that is not finite, a wrong number of
+                values, or a component that is both held and weighted.
+        """
+        record = unknown_kind(kind)
+        if record.table is None:
+            raise InputError(f"a {record.noun} is no parameter: use add_{record.noun}")
+        keys = (key,) if isinstance(key, str) else tuple(key)
+        if len(keys) != len(record.table.keys):
+            what = " and ".join(record.table.keys)
+            raise InputError(Problem(f"it is named by {what}, not by {key!r}", record.noun))
+        where = f"{record.noun} {parameter_name(key)!r}"
+        if record.at_point:
+            required(keys[0], self.points, "point", where)
+        start = [c.start for c in record.components] if values is None else values
+        self.of_kind(kind)[key] = parameter(record, start, fixed, sigma, where)
+
+    def of_kind(self, kind: VariableKind) -> dict[Any, Parameter]:
+        """Return the stated unknowns of a kind by key."""
+        return self.parameters.setdefault(kind, {})
+
+    def set_orientation(
+        self,
+        station: str,
+        *,
+        set: str = "1",
+        value: float,
+        sigma: float | None = None,
+        fixed: bool = False,
+    ) -> None:
+        """State the orientation unknown of a set of directions, radians.
+
+        Without this call the unknown is free; its start value is computed from the directions.
+        """
+        self.set_unknown("orientation", (station, set), (value,), fixed=fixed, sigma=sigma)
+
+    def set_refraction(
+        self,
+        group: str = REFRACTION_OF_THE_NETWORK,
+        *,
+        value: float = 0.13,
+        sigma: float | None = None,
+        fixed: bool = False,
+    ) -> None:
+        """State the coefficient of refraction κ of a group; free unless held or weighted.
+
+        The group of the network is that of observations without one; not stated, its κ is 0, held.
+        """
+        self.set_unknown("refraction", group, (value,), fixed=fixed, sigma=sigma)
+
+    def set_vertical(
+        self,
+        station: str,
+        *,
+        xi: float = 0.0,
+        eta: float = 0.0,
+        sigma: float | Sequence[float] | None = None,
+        fixed: bool = False,
+    ) -> None:
+        """State the deflection of the vertical of a station; free unless held or weighted.
+
+        Args:
+            station: the point.
+            xi: ξ = Φ − φ, radians, north positive.
+            eta: η = (Λ − λ) cosφ, radians, east positive.
+            sigma: standard deviations, radians.
+            fixed: whether ξ and η are held. A station without this call has ξ = η = 0, held.
+        """
+        self.set_unknown("vertical", station, (xi, eta), fixed=fixed, sigma=sigma)
+
+    def set_distance_meter(
+        self,
+        name: str,
+        *,
+        scale: float = 0.0,
+        zero: float = 0.0,
+        sigma_scale: float | None = None,
+        sigma_zero: float | None = None,
+        free: Iterable[Literal["scale", "zero"]] = (),
+    ) -> None:
+        """State a distance meter: observed = (1 + scale) S + zero.
+
+        Args:
+            name: its name, as in ``instrument`` of the distances.
+            scale: m, dimensionless (1e-6 is one ppm).
+            zero: additive constant, metres.
+            sigma_scale: standard deviation of a weighted scale.
+            sigma_zero: standard deviation of a weighted constant, metres.
+            free: components to estimate without a prior. Components that are neither free nor
+                weighted are held.
+        """
+        asked = set(free)
+        if not asked <= {"scale", "zero"}:
+            where = f"distance meter {name!r}"
+            raise InputError(Problem(f"free must be some of scale, zero, not {asked}", where))
+        given = {"scale": sigma_scale, "zero": sigma_zero}
+        sigma = {n: np.inf if s is None else s for n, s in given.items()}
+        held = [n for n, s in sigma.items() if s == np.inf and n not in asked]
+        self.set_unknown("edm", name, (scale, zero), fixed=held, sigma=sigma)
+
+    def add_frame(
+        self,
+        name: str,
+        *,
+        free: Iterable[str] = ("rx", "ry", "rz", "x", "y", "z"),
+        values: Mapping[str, float] | None = None,
+        sigma: Mapping[str, float] | None = None,
+        origin: str | Sequence[float] = (0.0, 0.0, 0.0),
+        level: bool = False,
+    ) -> None:
+        """State a frame of its own: of a model, a scanner or tracker station, a shape.
+
+        Coordinates in the frame are q = e^{−ℓ} Rᵀ E (X − O) − c, see
+        `factorgraph_adj.models.sub_frame`. Its components are the rotation vector rx, ry, rz of R
+        (radians, frame → object), the offset x, y, z = c (unit of the frame) and ln_scale = ℓ.
+
+        Args:
+            name: its name.
+            free: components to estimate without a prior; those that are neither free nor weighted
+                are held. Steps of a rotation are about the axes of the frame: with rx and ry held
+                its z axis keeps its direction.
+            values: values of components by name, SI; a held or weighted component without one has
+                0; a free one without one is computed from common points.
+            sigma: standard deviations of weighted components by name; of the rotations, rx and ry
+                (the tilts) or all three.
+            origin: O, the name of a point, such as the station of a scanner, whose offset is then
+                held unless it is free; or constant coordinates, metres. Choose them near the
+                middle of the points of the frame: far away, offset and rotation have nearly the
+                same effect.
+            level: whether R counts from the horizon (east, north, up) at O, as that of a levelled
+                instrument does.
+
+        Raises:
+            InputError: a frame of this name is there, an unknown point or component, numbers that
+                are not finite, a component that is both free and weighted.
+        """
+        refuse_duplicate(name, self.of_kind("frame"), "frame")
+        self.of_kind("frame")[name] = checked_frame(
+            name, free, values or {}, sigma or {}, origin, level, self.points
+        )
+
+    frames = OfKind("frame")
+    """Frames by name."""
+    orientations = OfKind("orientation")
+    """Orientation unknowns by station and set."""
+    refractions = OfKind("refraction")
+    """Coefficients of refraction by group."""
+    verticals = OfKind("vertical")
+    """Deflections of the vertical by station."""
+    distance_meters = OfKind("edm")
+    """Scales and zero constants by distance meter."""

@@ -1,0 +1,79 @@
+"""Finite similarity transformations of a part of a network along the motions of its datum."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..models.sub_frame import split_frame
+from ..rotation import exp_rotation
+from ..types import Array
+from .datum import Defect, in_part, places_of
+
+
+def transform(equations: Equations, state: State, defect: Defect, amounts: Array) -> State:
+    """Move the part of a defect by a finite similarity transformation.
+
+    Points and projection centres: X ← c + e^s R (X − c) + t; attitudes turn with R. Orientation
+    unknowns, verticals and scales of distance meters follow linearly; the next step of the
+    adjustment corrects their second-order terms, and those of motions that do not commute.
+
+    Args:
+        equations: the network.
+        state: the values before the motion.
+        defect: the motions that may be used, at ``state``.
+        amounts: amount of each motion, (d,).
+    """
+    centre, size = defect.about
+    motion = defect.mixture @ amounts
+    moved = equations.unknowns.retract(state, defect.motions @ amounts)
+    rotation = exp_rotation(motion[3:6] / size)
+    factor = np.exp(motion[6] / size)
+    inside = np.zeros(equations.unknowns.n_columns, dtype=bool)
+    inside[defect.part] = True
+
+    def place(x: Array) -> Array:
+        return np.asarray(centre + factor * (x - centre) @ rotation.T + motion[:3])
+
+    table = equations.unknowns["point"]
+    on = in_part(table, inside)
+    points = np.where(on[:, None] & table.free, place(state["point"]), moved["point"])
+    table = equations.unknowns["pose"]
+    on = in_part(table, inside) & table.free.all(axis=1)
+    poses = moved["pose"].copy()
+    turned = rotation @ state["pose"][on, :9].reshape(-1, 3, 3)
+    poses[on, :9] = turned.reshape(-1, 9)
+    poses[on, 9:] = place(state["pose"][on, 9:])
+    numbers = np.flatnonzero(in_part(equations.unknowns["frame"], inside))
+    frames = moved["frame"].copy()
+    origins = places_of(equations, "frame", numbers)
+    alone = numbers[(origins < 0) & (split_frame(state["frame"][numbers]).level == 0)]
+    frames[alone] = _moved_frames(state["frame"][alone], rotation, motion[6] / size, place)
+    return {**moved, "point": points, "pose": poses, "frame": frames}
+
+
+def _moved_frames(
+    frames: Array, rotation: Array, ln_scale: float, place: Callable[[Array], Array]
+) -> Array:
+    """Return frames with constant origins moved by a similarity: what they measure stays.
+
+    R' = Q R, ℓ' = ℓ + ln m; the place with q = 0, O + e^ℓ R c, moves as a point does.
+
+    Args:
+        frames: stored frames, (n, 17).
+        rotation: Q, (3, 3).
+        ln_scale: ln m.
+        place: the similarity of places (n, 3).
+    """
+    turned, offset, scale, origin, _ = split_frame(frames)
+    out = frames.copy()
+    to_object = np.exp(scale)[:, None, None] * turned
+    zero = place(origin + np.einsum("nij,nj->ni", to_object, offset))
+    after = np.exp(ln_scale) * (rotation @ to_object)
+    out[:, :9] = (rotation @ turned).reshape(-1, 9)
+    out[:, 9:12] = np.linalg.solve(after, (zero - origin)[..., None])[..., 0]
+    out[:, 12] = scale + ln_scale
+    return out
