@@ -63,6 +63,10 @@ def times(row: Row, column: str, by: float, digits: int = 4) -> None:
     row[column] = f"{float(row[column]) * by:.{digits}f}"
 
 
+POLES = {"B": 1.3, "E": 1.75}
+"""Heights of targets that differ, metres."""
+
+
 def exchange_axes(p: Project, photo: str) -> None:
     """Exchange x and y of a photo."""
     for row in p.tables["images.csv"]:
@@ -129,6 +133,21 @@ def _(p: Project) -> None:
     for row in p.tables["observations.csv"]:
         if row["station"] == "S1" and "instrument_height" in row:
             row["target"] = other.get(row["target"], row["target"])
+
+
+@mistake(
+    "two targets exchanged, whose heights were looked up by name",
+    SNOOP,
+    DOUBTFUL,
+    "1. two targets, exchanged: 'B' and 'E' seen from 'S1', with the height that goes with",
+    lambda: yard(heights=POLES),
+)
+def _(p: Project) -> None:
+    other = {"B": "E", "E": "B"}
+    for row in p.tables["observations.csv"]:
+        if row["station"] == "S1" and row["target"] in other and "target_height" in row:
+            row["target"] = other[row["target"]]
+            row["target_height"] = f"{POLES[row['target']]:.3f}"
 
 
 @mistake(
@@ -392,6 +411,45 @@ def _(p: Project) -> None:
 def _(p: Project) -> None:
     for row in p.tables["images.csv"]:
         times(row, "y", -1.0)
+
+
+def in_pixels(y0: float, *, y_axis: str = "") -> Project:
+    """Return the wall in pixels of 0.01 mm, whose rows count down from the upper left corner.
+
+    Args:
+        y0: row of the principal point in the project; the true one is 1500.
+        y_axis: line of the camera that says where y points.
+    """
+    out = facade()
+    for row in out.tables["images.csv"]:
+        row["x"] = f"{2000.0 + 100.0 * float(row['x']):.2f}"
+        row["y"] = f"{1500.0 - 100.0 * float(row['y']):.2f}"
+    out.toml = out.toml.replace(
+        'unit = "mm"\nsigma_um = 3', f'unit = "px"\nsigma_px = 0.3\n{y_axis}'
+    )
+    out.toml = out.toml.replace("c = 50.0", f"c = 5000\nx0 = 2000\ny0 = {y0}")
+    return out
+
+
+MISTAKES += [
+    Mistake(
+        f"pixels counted down, the project has y up and y0 = {y0}",
+        lambda y0=y0: in_pixels(y0),  # type: ignore[misc]
+        CHECK,
+        DOUBTFUL,
+        "times better with the image y axis the other way: 1, 2, 3; state y_axis, and y0 in",
+    )
+    for y0 in (1500, -1500)
+]
+MISTAKES.append(
+    Mistake(
+        "pixels counted down, y0 with the sign of y up",
+        lambda: in_pixels(-1500, y_axis='y_axis = "down"'),
+        CHECK,
+        DOUBTFUL,
+        "times better with the other sign of y0: 1, 2, 3; give y0 in the direction of y",
+    )
+)
 
 
 @mistake(

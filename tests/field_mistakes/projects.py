@@ -82,12 +82,18 @@ class Project:
         return next(row for row in self.tables["points.csv"] if row["name"] == name)
 
 
-def yard(seed: int = 5, *, beside: dict[str, tuple[float, float]] | None = None) -> Project:
+def yard(
+    seed: int = 5,
+    *,
+    beside: dict[str, tuple[float, float]] | None = None,
+    heights: dict[str, float] | None = None,
+) -> Project:
     """Return the yard: total station at S1, S2, S3, levelling, GNSS vectors.
 
     Args:
         seed: of the errors of the readings.
         beside: by how much instruments stand east and north of their marks, metres.
+        heights: heights of targets by name, metres; the others have `TARGET_HEIGHT`.
     """
     rng = np.random.default_rng(seed)
     points: list[Row] = []
@@ -105,7 +111,8 @@ def yard(seed: int = 5, *, beside: dict[str, tuple[float, float]] | None = None)
                 continue
             d = np.array(POINTS[target]) - np.array(POINTS[station])
             d[:2] -= (beside or {}).get(station, (0.0, 0.0))
-            d[2] += TARGET_HEIGHT - height
+            above = (heights or {}).get(target, TARGET_HEIGHT)
+            d[2] += above - height
             length = float(np.linalg.norm(d))
             noise = rng.normal(size=3)
             direction = (np.arctan2(d[0], d[1]) - orientation) / GON + 1e-3 * noise[0]
@@ -114,7 +121,7 @@ def yard(seed: int = 5, *, beside: dict[str, tuple[float, float]] | None = None)
                 "station": station,
                 "target": target,
                 "instrument_height": f"{height:.3f}",
-                "target_height": f"{TARGET_HEIGHT:.3f}",
+                "target_height": f"{above:.3f}",
             }
             for kind, value in (
                 ("direction", f"{direction % 400:.4f}"),
