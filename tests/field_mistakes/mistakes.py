@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .projects import Project, Row, facade, yard
+from .projects import LATITUDE, LONGITUDE, Project, Row, facade, yard, yard_on_earth
 
 DOUBTFUL, BAD_INPUT = 1, 2
 CHECK, ADJUST, SNOOP = ("check",), ("adjust",), ("adjust", "--snoop")
@@ -61,6 +61,18 @@ def add(row: Row, column: str, by: float, digits: int = 4) -> None:
 def times(row: Row, column: str, by: float, digits: int = 4) -> None:
     """Multiply a cell by a number."""
     row[column] = f"{float(row[column]) * by:.{digits}f}"
+
+
+def make_geocentric(p: Project) -> None:
+    """Turn the GNSS vectors of the yard from east, north, up into geocentric axes."""
+    lat, lon = np.deg2rad((LATITUDE, LONGITUDE))
+    e = np.array([-np.sin(lon), np.cos(lon), 0.0])
+    n = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
+    u = np.cross(e, n)
+    for row in p.rows("gnss_vector"):
+        x, y, z = (float(row[a]) for a in "xyz")
+        for axis, value in zip("xyz", x * e + y * n + z * u, strict=True):
+            row[axis] = f"{value:.4f}"
 
 
 POLES = {"B": 1.3, "E": 1.75}
@@ -366,14 +378,48 @@ def _(p: Project) -> None:
     "they are geocentric, or in another frame",
 )
 def _(p: Project) -> None:
-    lat, lon = np.deg2rad((45.0, 7.0))
-    e = np.array([-np.sin(lon), np.cos(lon), 0.0])
-    n = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
-    u = np.cross(e, n)
-    for row in p.rows("gnss_vector"):
-        x, y, z = (float(row[a]) for a in "xyz")
-        for axis, value in zip("xyz", x * e + y * n + z * u, strict=True):
-            row[axis] = f"{value:.4f}"
+    make_geocentric(p)
+
+
+@mistake(
+    "GNSS vectors geocentric in a topocentric frame, between points without coordinates",
+    CHECK,
+    DOUBTFUL,
+    "times better as geocentric X, Y, Z, in a topocentric frame",
+    lambda: yard_on_earth(geographic=False),
+)
+def _(p: Project) -> None:
+    make_geocentric(p)
+    for row in p.tables["points.csv"]:
+        if not row["fixed"]:
+            row["x"] = row["y"] = row["z"] = ""
+
+
+@mistake(
+    "latitude and longitude of two points exchanged",
+    CHECK,
+    DOUBTFUL,
+    "2 points, far away as given, would be among the others with latitude and longitude "
+    "exchanged: B, E",
+    yard_on_earth,
+)
+def _(p: Project) -> None:
+    for name in "BE":
+        row = p.point(name)
+        row["latitude"], row["longitude"] = row["longitude"], row["latitude"]
+
+
+@mistake(
+    "latitude and longitude of the origin exchanged",
+    CHECK,
+    DOUBTFUL,
+    "far from the origin of the frame, and would not with latitude and longitude of the origin",
+    yard_on_earth,
+)
+def _(p: Project) -> None:
+    p.toml = p.toml.replace(f"latitude = {LATITUDE}", "latitude = swap")
+    p.toml = p.toml.replace(f"longitude = {LONGITUDE}", f"longitude = {LATITUDE}")
+    p.toml = p.toml.replace("latitude = swap", f"latitude = {LONGITUDE}")
 
 
 @mistake(

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from factorgraph_adj.frames import TopocentricFrame
+
 Row = dict[str, str]
 """One row of a table: cells by column."""
 GON = np.pi / 200.0
@@ -140,6 +142,30 @@ def yard(
         rows.append({"kind": "gnss_vector", "station": a, "target": b, "x": x, "y": y, "z": z})
     toml = 'name = "yard"\n[units]\nangle = "gon"\n' + SIGMAS
     return Project(toml, {"points.csv": points, "observations.csv": rows})
+
+
+LATITUDE, LONGITUDE, HEIGHT = 48.0, 11.0, 500.0
+"""Where the yard lies on the Earth: degrees, metres."""
+
+
+def yard_on_earth(*, geographic: bool = True) -> Project:
+    """Return the yard in a topocentric frame.
+
+    Args:
+        geographic: whether its points are given by latitude, longitude and height.
+    """
+    out = yard()
+    out.toml += f'[frame]\nkind = "topocentric"\nlatitude = {LATITUDE}\n'
+    out.toml += f"longitude = {LONGITUDE}\nheight = {HEIGHT}\n"
+    frame = TopocentricFrame(np.deg2rad(LATITUDE), np.deg2rad(LONGITUDE), HEIGHT)
+    for row in out.tables["points.csv"] if geographic else ():
+        found = frame.geodetic(np.array([[float(row.pop(axis)) for axis in "xyz"]]))
+        assert found is not None
+        latitude, longitude, height = (float(x[0]) for x in found)
+        row["latitude"] = f"{np.rad2deg(latitude):.9f}"
+        row["longitude"] = f"{np.rad2deg(longitude):.9f}"
+        row["height"] = f"{height:.4f}"
+    return out
 
 
 FACADE = [(x, 0.3 * np.sin(3.0 * x + z), z) for x in (0.0, 3.0, 6.0, 9.0) for z in (0.0, 2.5, 5.0)]

@@ -7,7 +7,7 @@ import pytest
 from factorgraph_adj.cli.main import main
 
 from .mistakes import MISTAKES, POLES, Mistake, in_pixels
-from .projects import Project, facade, yard
+from .projects import Project, facade, yard, yard_on_earth
 
 
 def pixels() -> Project:
@@ -34,7 +34,7 @@ def test_a_mistake_is_named(mistake: Mistake, tmp_path, capsys) -> None:
     assert code == mistake.code
 
 
-@pytest.mark.parametrize("project", [yard, facade, pixels, poles])
+@pytest.mark.parametrize("project", [yard, facade, pixels, poles, yard_on_earth])
 @pytest.mark.parametrize("command", [("check",), ("adjust",), ("adjust", "--snoop")])
 def test_without_a_mistake_nothing_is_told(command, project, tmp_path, capsys) -> None:
     assert main([command[0], str(project().write(tmp_path / "yard")), *command[1:]]) == 0

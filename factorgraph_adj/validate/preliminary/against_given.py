@@ -8,19 +8,18 @@ coordinates `BETTER` times better, in the median of the misfits.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 
 import numpy as np
 
-from ...errors import InputError
 from ...frames import LocalFrame
-from ...graph.blocks import Block
 from ...graph.equations import Equations
 from ...models.terrestrial import direction_in_face_one
 from ...network.network import Network
 from ...types import Array, Index
 from .finding import Finding
-from .given_rows import BETTER, LEAST, given_rows, median
+from .geographic import exchanged_latitudes
+from .given_rows import BETTER, LEAST, computed_values, given_rows, median
+from .gnss_frames import vector_frames
 from .photo_axes import photo_axes
 
 FAR = 100_000.0
@@ -46,31 +45,20 @@ ANGLES: Mapping[str, float] = {
 
 
 def against_given(equations: Equations) -> Iterator[Finding]:
-    """Iterate over mistakes that given coordinates tell of."""
+    """Iterate over mistakes that given coordinates tell of.
+
+    Where places are on another part of the Earth, nothing else is compared with them.
+    """
+    elsewhere = tuple(exchanged_latitudes(equations))
+    yield from elsewhere
+    if elsewhere:
+        return
     yield from _units(equations)
     yield from _signs(equations)
-    yield from _vectors(equations)
+    yield from vector_frames(equations)
     yield from _axes(equations)
     yield from _origin(equations.network)
     yield from photo_axes(equations)
-
-
-def _computed(equations: Equations, block: Block, rows: Index) -> tuple[Array, Array]:
-    """Return observed and computed values of rows, (k, d); observed ones where there is no answer.
-
-    Points may coincide in rough coordinates, and sights be vertical.
-    """
-    state = {k: np.nan_to_num(v) for k, v in equations.unknowns.start().items()}
-    part, frame = block.select(rows), equations.network.frame
-    try:
-        v = part.evaluate(frame, state, jacobians=False).residual
-    except InputError:
-        v = np.zeros_like(part.observed)
-        for i in range(part.n):
-            with suppress(InputError):
-                one = part.select(np.array([i]))
-                v[i] = one.evaluate(frame, state, jacobians=False).residual[0]
-    return part.observed, v + part.observed
 
 
 def _units(equations: Equations) -> Iterator[Finding]:
@@ -83,7 +71,7 @@ def _units(equations: Equations) -> Iterator[Finding]:
         ("vertical_angle", ANGLES),
     ):
         for block, rows in given_rows(equations, kind):
-            observed, computed = _computed(equations, block, rows)
+            observed, computed = computed_values(equations, block, rows)
             now = median(observed - computed)
             left = {unit: median(f * observed - computed) for unit, f in factors.items()}
             unit = min(left, key=lambda u: left[u])
@@ -99,7 +87,7 @@ def _units(equations: Equations) -> Iterator[Finding]:
 def _signs(equations: Equations) -> Iterator[Finding]:
     """Height differences that fit with the other sign."""
     for block, rows in given_rows(equations, "height_difference"):
-        observed, computed = _computed(equations, block, rows)
+        observed, computed = computed_values(equations, block, rows)
         usual = max(median(observed - computed), 1e-3)
         off, turned = np.abs(observed - computed)[:, 0], np.abs(observed + computed)[:, 0]
         wrong = np.flatnonzero((off > BETTER * usual) & (turned * BETTER < off))
@@ -110,25 +98,6 @@ def _signs(equations: Equations) -> Iterator[Finding]:
                 "look at its sign, and at the order of its points",
                 float(off[i]),
                 float(BETTER * usual),
-                "m",
-            )
-
-
-def _vectors(equations: Equations) -> Iterator[Finding]:
-    """GNSS vectors that are geocentric in a local frame: their lengths fit, components do not."""
-    for block, rows in given_rows(equations, "gnss_vector"):
-        observed, computed = _computed(equations, block, rows)
-        length = np.linalg.norm(computed, axis=1)
-        by_length = median(np.linalg.norm(observed, axis=1) - length)
-        by_components = median(np.linalg.norm(observed - computed, axis=1))
-        if by_components > 0.05 * float(np.median(length)) and by_length * BETTER < by_components:
-            yield Finding(
-                f"{len(rows)} GNSS vectors have the lengths of the given coordinates, but other "
-                "components",
-                "they are geocentric, or in another frame: give the frame of the network, or turn "
-                "the vectors into it",
-                by_components,
-                by_length,
                 "m",
             )
 

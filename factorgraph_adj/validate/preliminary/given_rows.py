@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 
+from ...errors import InputError
 from ...graph.blocks import Block
 from ...graph.equations import Equations
 from ...types import Array, Index
@@ -32,6 +34,24 @@ def given_rows(equations: Equations, kind: str) -> Iterator[tuple[Block, Index]]
         rows = np.flatnonzero(fine)
         if len(rows) >= LEAST:
             yield block, rows
+
+
+def computed_values(equations: Equations, block: Block, rows: Index) -> tuple[Array, Array]:
+    """Return observed and computed values of rows, (k, d); observed ones where there is no answer.
+
+    Points may coincide in rough coordinates, and sights be vertical.
+    """
+    state = {k: np.nan_to_num(v) for k, v in equations.unknowns.start().items()}
+    part, frame = block.select(rows), equations.network.frame
+    try:
+        v = part.evaluate(frame, state, jacobians=False).residual
+    except InputError:
+        v = np.zeros_like(part.observed)
+        for i in range(part.n):
+            with suppress(InputError):
+                one = part.select(np.array([i]))
+                v[i] = one.evaluate(frame, state, jacobians=False).residual[0]
+    return part.observed, v + part.observed
 
 
 def median(misfit: Array) -> float:
