@@ -11,7 +11,7 @@ from ..solve.solution import Solution
 from ..units import format_angle
 from ..version import __version__
 from .adjusted import observations, weighted_coordinates
-from .causes import causes, given, sentence
+from .causes import causes, exchanges_untested, given, sentence
 from .context import Report
 from .coordinates import check_points, photos, points
 from .geographic import geographic
@@ -120,8 +120,10 @@ def _doubts(report: Report) -> list[str]:
         return []
     out = paragraph(f"DOUBTFUL RESULT: {'; '.join(report.doubts)}")
     found = report.causes
+    hints = exchanges_untested(report)
     if found is not None and found.likelier:
-        out += paragraph(f"likeliest cause: {sentence(report, found.likelier[0])}", indent=4)
+        hints.insert(0, f"likeliest cause: {sentence(report, found.likelier[0])}")
+    out += paragraph("; ".join(hints), indent=4) if hints else []
     return [*out, ""]
 
 

@@ -134,6 +134,14 @@ def _(p: Project) -> None:
         row["instrument_height"] = ""
 
 
+def exchange_targets(p: Project, station: str, a: str, b: str) -> None:
+    """Exchange two targets of a station."""
+    other = {a: b, b: a}
+    for row in p.tables["observations.csv"]:
+        if row["station"] == station and "instrument_height" in row:
+            row["target"] = other.get(row["target"], row["target"])
+
+
 @mistake(
     "two targets exchanged",
     SNOOP,
@@ -141,10 +149,29 @@ def _(p: Project) -> None:
     "1. two targets, exchanged: 'A' and 'E' seen from 'S1'",
 )
 def _(p: Project) -> None:
-    other = {"A": "E", "E": "A"}
-    for row in p.tables["observations.csv"]:
-        if row["station"] == "S1" and "instrument_height" in row:
-            row["target"] = other.get(row["target"], row["target"])
+    exchange_targets(p, "S1", "A", "E")
+
+
+@mistake(
+    "two targets exchanged, adjusted without data snooping",
+    ADJUST,
+    DOUBTFUL,
+    "its size is not that of such an error: readings may be exchanged; exchanges (of targets, "
+    "names of points, ends of vectors, faces, axes of photos) are tested by data snooping only "
+    "(adjust --snoop)",
+)
+def _(p: Project) -> None:
+    exchange_targets(p, "S1", "A", "D")
+
+
+@mistake(
+    "two targets exchanged, with which the adjustment has no minimum",
+    ADJUST,
+    DOUBTFUL,
+    "gross errors may keep an adjustment from a minimum; exchanges (of targets",
+)
+def _(p: Project) -> None:
+    exchange_targets(p, "S1", "A", "E")
 
 
 @mistake(
