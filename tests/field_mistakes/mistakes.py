@@ -763,6 +763,21 @@ def _(p: Project) -> None:
 
 
 @mistake(
+    "a point intersected in line with its two stations",
+    CHECK,
+    DOUBTFUL,
+    "what is observed of point 'W' determines it",
+)
+def _(p: Project) -> None:
+    a, b = p.point("S1"), p.point("S2")
+    middle = {axis: f"{(float(a[axis]) + float(b[axis])) / 2:.3f}" for axis in "xyz"}
+    p.tables["points.csv"].append({"name": "W", **middle, "fixed": "z"})
+    for station, target in (("S1", "S2"), ("S2", "S1")):
+        row = p.rows("direction", station=station, target=target)[0]
+        p.tables["observations.csv"].append(dict(row) | {"target": "W", "target_height": "0"})
+
+
+@mistake(
     "x and y of one photo exchanged",
     SNOOP,
     DOUBTFUL,

@@ -67,7 +67,7 @@ def test_of_two_points_the_observed_length_tells() -> None:
         for name in "AB":
             latitude, longitude = PLACES[name]
             place = at(longitude, latitude) if name in exchanged else at(latitude, longitude)
-            network.add_point(name, tuple(place.tolist()))
+            network.add_point(name, tuple(place.tolist()), fixed="xyz")
         length = float(np.linalg.norm(at(*PLACES["B"]) - at(*PLACES["A"])))
         network.add(SlopeDistance("A", "B", length, sigma=0.01))
         found = told(network)
