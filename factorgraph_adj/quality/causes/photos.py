@@ -119,10 +119,17 @@ def photos(
 
 def told_apart(same: Sequence[Oriented], given: Array | None) -> str:
     """Return which of several axes that fit it is: those with the attitude that was given."""
-    if len({o.cause for o in same}) > 1 and given is not None and np.isfinite(given).all():
-        same = [o for o in same if _angle(o.rotation, given) < TURNED] or same
+    if len({o.cause for o in same}) > 1:
+        same = [o for o in same if fits_attitude(o, given)] or same
     causes = {o.cause for o in same}
     return causes.pop() if len(causes) == 1 else MIRRORED
+
+
+def fits_attitude(found: Oriented, given: Array | None) -> bool:
+    """Return whether an orientation has the attitude that was given, or none was given."""
+    if given is None or not np.isfinite(given).all():
+        return True
+    return _angle(found.rotation, given) < TURNED
 
 
 def _angle(a: Array, b: Array) -> float:
