@@ -27,6 +27,7 @@ from factorgraph_adj.experiment.repetition import DIED, Outcome, Repetition, Tas
 from factorgraph_adj.experiment.results import Results
 from factorgraph_adj.experiment.runs import Experiment, run
 from tests.support import trials
+from tests.support.cluster import local_client
 from tests.support.places import ROOT
 from tests.support.processes import HANGS
 
@@ -64,28 +65,8 @@ def alone() -> Results:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[object]:
-    """A client of a cluster of two processes."""
-    dask = pytest.importorskip("dask")
-    distributed = pytest.importorskip("distributed")
-    # A worker's death is believed at once, or Dask would have each suspect kill four; a worker
-    # that is slow on a busy machine is not taken for dead.
-    patient = {
-        "distributed.scheduler.allowed-failures": 0,
-        "distributed.scheduler.worker-ttl": None,
-        "distributed.comm.timeouts.connect": HANGS,
-        "distributed.comm.timeouts.tcp": HANGS,
-    }
-    with (
-        dask.config.set(patient),
-        distributed.LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=":0",
-            silence_logs=50,
-        ) as cluster,
-        distributed.Client(cluster) as made,
-    ):
+    """A client of a cluster that believes a worker's death at once."""
+    with local_client(allowed_failures=0) as made:
         yield made
 
 
@@ -110,12 +91,11 @@ def test_two_processes_give_the_same_table_as_one(alone, tmp_path):
 
 
 def test_what_is_finished_first_is_written_first_and_stands_in_its_place(tmp_path):
-    """The first repetition ends after one of another process, whenever that one starts."""
-    out, marks = tmp_path / "study.jsonl", tmp_path / "marks"
-    marks.mkdir()
+    """The first repetition ends once another one is written, whenever that one starts."""
+    out = tmp_path / "study.jsonl"
     first = Experiment("seeds", trials.normal, seed=SEED).seed_of({}, 0)
     experiment = Experiment(
-        "order", trials.waits_for_another, {"marks": [str(marks)], "first": [first]}, SEED
+        "order", trials.waits_for_another, {"out": [str(out)], "first": [first]}, SEED
     )
     results = run(experiment, 4 * AHEAD, out=out, processes=2)
     written = [r["repetition"] for r in lines(out)[1:]]
