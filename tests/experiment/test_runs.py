@@ -11,9 +11,10 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from scipy import stats
 
 from factorgraph_adj.blas import _libraries
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.experiment.cluster import on_cluster
 from factorgraph_adj.experiment.processes import AHEAD
 from factorgraph_adj.experiment.processes import _serve as serve
 from factorgraph_adj.experiment.repetition import DIED, Outcome, Repetition, Task, repeat
@@ -191,6 +193,47 @@ def test_a_cluster_worker_that_ends_is_one_failed_repetition(client):
     plain = run(Experiment("normal", trials.normal, seed=SEED), 12).values("offset")
     good = np.arange(12) != 5
     assert np.array_equal(results.values("offset")[good], plain[good])
+
+
+class LostOnce:
+    """A future whose result is lost with its worker when it is looked at, and computed again."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        self._states = iter(("lost", "pending"))
+        self.result = lambda: outcome
+
+    @property
+    def status(self) -> str:
+        return next(self._states, "finished")
+
+
+class LosingClient:
+    """As much of a client as repetitions need; its first repetition is lost."""
+
+    def nthreads(self) -> dict[str, int]:
+        return {"worker": 2}
+
+    def submit(self, function: Callable[..., object], *arguments: object, pure: bool) -> object:
+        outcome = function(*arguments)
+        return LostOnce(outcome) if isinstance(outcome, Outcome) else SimpleNamespace(result=bool)
+
+
+class Arriving(list):
+    """Futures in the order in which they were added."""
+
+    add = list.append
+
+    def __next__(self) -> object:
+        return self.pop(0)
+
+
+def test_a_result_that_is_lost_with_its_worker_is_waited_for_again(monkeypatch):
+    """It was finished when the worker lived, which depends on who is sooner."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "as_completed", Arriving)
+    tasks = [Task(0, k, k) for k in range(3)]
+    found = dict(on_cluster(LosingClient(), trials.normal, [{}], tasks))
+    assert {t: o.figures for t, o in found.items()} == {t: trials.normal(t.seed) for t in tasks}
 
 
 # -- seeds ----------------------------------------------------------------------------------------
