@@ -71,9 +71,12 @@ def held_y0() -> Network:
     return network
 
 
-@pytest.fixture(params=[blundered, weighted_y0, held_y0], ids=lambda make: make.__name__)
-def both(request, tmp_path) -> tuple[Files, Files]:
+@pytest.fixture(
+    scope="module", params=[blundered, weighted_y0, held_y0], ids=lambda make: make.__name__
+)
+def both(request, tmp_path_factory) -> tuple[Files, Files]:
     """Return the files of a report with y up, and with y down."""
+    tmp_path = tmp_path_factory.mktemp("both")
     return written(request.param, False, tmp_path), written(request.param, True, tmp_path)
 
 
