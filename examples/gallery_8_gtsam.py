@@ -40,8 +40,7 @@ network = disturb(measure(plan, seed=4), seed=4, points=0.05, centres=0.1, attit
 # %%
 # GTSAM alone.
 built = fga.build_graph(network)
-print(f"{built.graph.size()} factors, {built.values.size()} variables, ", end="")
-print(f"½ vᵀPv at the start {built.error:.1f}")
+print(f"{built.graph.size()} factors, {built.values.size()} variables, ½ vᵀPv {built.error:.1f}")
 parameters = gtsam.LevenbergMarquardtParams()
 parameters.setRelativeErrorTol(1e-14)
 parameters.setAbsoluteErrorTol(1e-14)
@@ -61,14 +60,12 @@ for name in NEW:
     at, sigma = values.atPoint3(key), np.sqrt(np.diag(marginals.marginalCovariance(key)))
     for axis, g, f in zip("xyz", at, solution.point(name), strict=True):
         print(f"{f'{name} {axis}, m':12}{g:14.6f}{f:14.6f}{g - f:14.1e}")
-    for axis, g, f in zip(
-        "xyz", 1e3 * sigma, 1e3 * solution.standard_deviations(name), strict=True
-    ):
+    ours = 1e3 * solution.standard_deviations(name)
+    for axis, g, f in zip("xyz", 1e3 * sigma, ours, strict=True):
         print(f"{f'{name} σ{axis}, mm':12}{g:14.6f}{f:14.6f}{g - f:14.1e}")
-key = built.keys.key("calibration", "camera")
-c = values.atVector(key)[0]
-print(f"{'c, mm':12}{c:14.6f}{solution.calibration('camera')['c']:14.6f}", end="")
-print(f"{c - solution.calibration('camera')['c']:14.1e}")
+g = values.atVector(built.keys.key("calibration", "camera"))[0]
+f = solution.calibration("camera")["c"]
+print(f"{'c, mm':12}{g:14.6f}{f:14.6f}{g - f:14.1e}")
 
 # %%
 # A factor of GTSAM among the observations: a taped distance, in a batch adjustment and on arrival.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -51,13 +52,15 @@ def double(rng: Rng, _: str, content: bytes) -> bytes:
 
 def numbers(rng: Rng, _: str, content: bytes) -> bytes:
     """Replace some numbers by strange ones."""
-    found = list(NUMBER.finditer(content))
-    if not found:
+    n = NUMBER.subn(b"", content)[1]  # without an object for each, of which there may be millions
+    if not n:
         return content
+    chosen = set(rng.choice(n, min(3, n), replace=False).tolist())
+    found = islice(NUMBER.finditer(content), max(chosen) + 1)
     data = content
-    for m in sorted(rng.choice(len(found), min(3, len(found)), replace=False).tolist())[::-1]:
+    for start, end in [m.span() for i, m in enumerate(found) if i in chosen][::-1]:
         strange = STRANGE[int(rng.integers(len(STRANGE)))]
-        data = data[: found[m].start()] + strange + data[found[m].end() :]
+        data = data[:start] + strange + data[end:]
     return data
 
 
