@@ -135,7 +135,8 @@ def test_subframes_with_standard_deviations_by_axis():
 
     n: 30 coordinates of ten points, the heights of two, 72 in sub-frames, one difference; u: 30,
     two heights, 21 rotations. Most of vᵀPv is the difference, which misses by 7 σ ("for sigma0=1").
-    Standard deviations agree to 2.5·10⁻⁵: Comp3D linearises before its last step.
+    Comp3D linearises before its last step, which turns a sub-frame by some 10⁻⁶: between axes with
+    σ 0.0001 and 1.0001 that changes standard deviations by up to 1.2·10⁻⁴ of themselves.
     """
     solution = fga.adjust(UNCERTAIN.network())
     assert_counts(solution, UNCERTAIN)
@@ -145,7 +146,7 @@ def test_subframes_with_standard_deviations_by_axis():
     points = comp3d.read_result(data_dir("comp3d_frames") / UNCERTAIN.folder / UNCERTAIN.result)
     for name, point in points["points"].items():
         found = solution.sigma0 * solution.standard_deviations(name)
-        np.testing.assert_allclose(found, point["ellips"]["sigmas"], rtol=5e-5, atol=1e-12)
+        np.testing.assert_allclose(found, point["ellips"]["sigmas"], rtol=2e-4, atol=1e-12)
 
 
 # -- covariances of points, centring --------------------------------------------------------------
