@@ -41,9 +41,7 @@ def test_both_sets_observed_give_the_scale_of_wolf_and_dewitt():
     assert solution.converged
     assert (solution.n_observations, solution.n_unknowns) == (24, 19)
     found = similarity_of(solution, "x")
-    assert found.scale == pytest.approx(
-        0.9499549354, abs=2 * HALF * 1e-10
-    )  # …54.71: it was cut off
+    assert found.scale == pytest.approx(0.9499549354, abs=2 * HALF * 1e-10)  # cut off
     expected = (degrees(2, 16, 59.90), -degrees(0, 33, 5.59), degrees(224, 32, 11.56))
     error = (found.omega_phi_kappa - expected) * 3600
     np.testing.assert_allclose(error, 0, atol=HALF * 1e-2)
