@@ -19,7 +19,7 @@ from ..observations import Observation, Unit
 from ..types import Array, Index
 from .variables import State
 
-Fixes: TypeAlias = Literal["nothing", "direction", "coordinates", "attitude", "place"]
+Fixes: TypeAlias = Literal["nothing", "direction", "coordinates", "attitude", "horizon", "place"]
 """Information of observations about the position of a network."""
 
 
@@ -81,7 +81,7 @@ class Block:
     """Whether the observations are given values of weighted unknowns."""
     fixes: Fixes = "nothing"
     """Information about the position of the network, as in `ObservationKind.fixes`, or about
-    attitudes of photos."""
+    attitudes of photos or the horizons of frames."""
     by_axis: bool = False
     """Whether several rows of the block may belong to one observation, one for each axis."""
     axes: Sequence[str] | None = None

@@ -354,7 +354,7 @@ def _weighted_tilts(network: Network, kind: UnknownKind, table: Variables, rows:
         # The turn about z may not be known yet.
         constants={"up": exp_rotation(np.nan_to_num(np.array(given)))[:, :, 2]},
         prior=True,
-        fixes="attitude",
+        fixes="horizon",
     )
 
 

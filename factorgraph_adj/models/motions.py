@@ -64,10 +64,18 @@ class Motions:
         deflections = np.linalg.solve(basis.angles_by_vertical, wanted - by_position)
         free = self.deflections_free[at]
         angles = np.where(free[:, None, None], wanted, by_position)
-        turn = basis.sin_latitude[:, None] * angles[:, 1]
+        horizon = np.stack(
+            [
+                -angles[:, 0],
+                basis.cos_latitude[:, None] * angles[:, 1],
+                basis.sin_latitude[:, None] * angles[:, 1],
+            ],
+            axis=1,
+        )
+        turn = horizon[:, 2].copy()
         turn[:, 3:6] -= basis.enu[:, 2] / self.size
         turn *= np.linalg.det(basis.enu)[:, None]
-        return _Stations(np.asarray(deflections), turn)
+        return _Stations(np.asarray(deflections), turn, horizon)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +86,8 @@ class _Stations:
     """Motions of (ξ, η), (n, 2, 7)."""
     orientation: Array
     """Motions of the orientation unknown, (n, 7)."""
+    horizon: Array
+    """Rotation vectors of the horizons, in their axes e, n, u, (n, 3, 7)."""
 
 
 def of_points(motions: Motions, values: Array, at: Index) -> Array:
@@ -97,8 +107,9 @@ def of_poses(motions: Motions, values: Array, at: Index) -> Array:
 def of_frames(motions: Motions, values: Array, at: Index) -> Array:
     """Return the motions of frames, see `sub_frame`: what is measured in them stays.
 
-    δω = Rᵀ E θ, δℓ = μ; with a constant origin O, δc = e^{−ℓ} Rᵀ E δO, where δO is the motion of
-    the object at O; with the origin at a point, δc = 0. E is the identity or the horizon at O.
+    δω = Rᵀ (E θ − ε), δℓ = μ; with a constant origin O, δc = e^{−ℓ} Rᵀ E δO, where δO is the motion
+    of the object at O; with the origin at a point, δc = 0. E is the identity or the horizon at O;
+    ε is how the horizon at a point turns as the point moves. That at a constant stays.
 
     Args:
         motions: the seven motions.
@@ -112,7 +123,12 @@ def of_frames(motions: Motions, values: Array, at: Index) -> Array:
     horizon = horizons(motions.frame.basis(origin, deflections), level)
     to_frame = rotation.transpose(0, 2, 1) @ horizon
     out = np.zeros((len(values), 7, 7))
-    out[:, :3] = to_frame @ motions.turn
+    # A rotation is seen the other way round from left-handed axes.
+    out[:, :3] = np.linalg.det(horizon)[:, None, None] * (to_frame @ motions.turn)
+    follows = np.flatnonzero(at_point & (level != 0))
+    if len(follows):
+        turned = motions.at_stations(at[follows]).horizon
+        out[follows, :3] -= rotation[follows].transpose(0, 2, 1) @ turned
     moved = np.exp(-ln_scale)[:, None, None] * (to_frame @ motions.of_places(origin))
     out[:, 3:6] = np.where(at_point[:, None, None], 0.0, moved)
     out[:, 6, 6] = 1.0 / motions.size

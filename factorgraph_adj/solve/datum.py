@@ -250,7 +250,7 @@ def find_defects(
     label = np.where(observed & unknowns.free, label, -1)
     shared = ~geometric & unknowns.free
     out = []
-    ratio = unnoticed_ratio(system.equations, about[1], free=free)
+    ratio = unnoticed_ratio(system.equations, about, free=free)
     found = np.unique(label[geometric & (label >= 0)])
     for part in found:
         inside = (label == part) | (shared & (len(found) == 1))
@@ -262,7 +262,7 @@ def find_defects(
     return out
 
 
-def unnoticed_ratio(equations: Equations, size: float, *, free: bool) -> float:
+def unnoticed_ratio(equations: Equations, about: About, *, free: bool) -> float:
     """Return the ratio |A g| / |√diag(N) g| below which a motion g is a datum defect.
 
     A free network on the curved Earth may be shifted along it with all its verticals: on a sphere
@@ -272,18 +272,25 @@ def unnoticed_ratio(equations: Equations, size: float, *, free: bool) -> float:
     places (control, GNSS positions, astronomic ones, weighted values) and a user's factors count
     from `UNNOTICED_IF_FREE` on, however weak they are beside the sights. So do azimuths, from
     `UNNOTICED_BY_AZIMUTHS` on, for the direction of the network; what they tell of its latitude,
-    by the convergence of meridians, does not count.
+    by the convergence of meridians, does not count. Nor does what levelled frames with constant
+    origins tell of it: their horizons differ by their distances / R, and do not turn with it.
 
     Args:
         equations: the network.
-        size: mean distance of its points from their centre, metres.
+        about: centre of its points, and their mean distance from it, metres.
         free: whether a free network is asked for.
     """
+    centre, size = about
     if not free:
         return UNNOTICED
     frame = equations.network.frame
     flat = isinstance(frame, LocalFrame) and not frame.curvature
-    return UNNOTICED_IF_FREE if flat else max(UNNOTICED_IF_FREE, CURVED * size / frame.radius)
+    if flat:
+        return UNNOTICED_IF_FREE
+    stated = equations.network.frames.values()
+    origins = [p.constants[:3] for p in stated if p.constants[3] and not p.origin]
+    apart = [2.0 * float(np.linalg.norm(np.array(o) - centre)) for o in origins]
+    return max(UNNOTICED_IF_FREE, max([CURVED * size, *apart]) / frame.radius)
 
 
 def _unnoticed(
@@ -345,12 +352,13 @@ def _null(noticed: Array, among: Array, threshold: float) -> Array:
 def _of_places(system: LinearSystem) -> tuple[Mask, Mask]:
     """Return which rows may tell where the network is, and which are azimuths; extra rows last.
 
-    All but sights may tell where it is.
+    All but sights and weighted tilts may tell where it is.
     """
     places = np.ones(len(system.every_residual), dtype=bool)
     azimuths = np.zeros_like(places)
     for block in system.equations.blocks:
-        if block.fixes in ("nothing", "direction") and not block.prior:
+        sights = block.fixes in ("nothing", "direction") and not block.prior
+        if sights or block.fixes == "horizon":
             places[block.rows] = False
             azimuths[block.rows] = block.fixes == "direction"
     return places, azimuths

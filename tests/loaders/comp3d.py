@@ -16,27 +16,47 @@ What was found about the frame of Comp3D, from its printed values:
   the deflection (column ``deflection_correction``, added to the observed value).
 - Its heights come in steps of 2⁻³⁰ m = 0.93 nm, the resolution of doubles at the radius of the
   Earth, through which its coordinates pass.
+- The sub-frames (code 11) of later versions (5.22) work on the ellipsoid: coordinates are those of
+  the inverse double stereographic projection and the normals those of GRS80 (`Origin.on_ellipsoid`,
+  to 5 nm of its printed ``coord_compensated_cartesian``), where σ of plane coordinates grow with
+  1 + h/R. The horizon of a levelled sub-frame is tilted wrongly: at a station of longitude Δλ east
+  of the origin by Δλ towards the east instead of Δλ cosφ, as if meridians did not converge. Its
+  ``R_global2instr`` at stations 4 and 6 of ``bascule``, x = 1000 m, prints 2.3757e-4 where
+  x/N = 1.5649e-4 = 2.3757e-4 cos 48.8°. Deflections η = Δλ (1 − cosφ) that are held at the stations
+  do the same (`tilted_as_comp3d`).
+- Differences of coordinates (codes 9, 14, 15) are those of the projected coordinates.
+- Code 4 is a difference of heights. Code 5 of a point: x and y are held, z is weighted.
 """
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.frames import LocalFrame, TopocentricFrame
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import Azimuth, Direction, Observation, SlopeDistance, ZenithAngle
+from factorgraph_adj.observations import (
+    Azimuth,
+    Direction,
+    FrameCoordinate,
+    HeightDifference,
+    Observation,
+    SlopeDistance,
+    ZenithAngle,
+)
+from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC, GON
 
-FREE = 0
-WEIGHTED = 1
+FREE, WEIGHTED, HEIGHT = 0, 1, 5
+"""Codes of points: approximate, weighted, with a weighted height and held X and Y."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +86,42 @@ class Origin:
         r = self.radius
         return np.array([x * (1 + h / r), y * (1 + h / r), h - (x * x + y * y) / (2 * r)])
 
+    def geodetic(self, projected: Array) -> tuple[float, float]:
+        """Return latitude and longitude from the origin, radians, of stereographic X, Y.
+
+        The inverse of the double projection: from the plane to the sphere of radius √(MN), from the
+        sphere to the ellipsoid, both conformal (``sterea`` of PROJ).
+        """
+        globe, phi0, r = ellipsoid("GRS80"), np.radians(self.latitude), self.radius
+        e = np.sqrt(globe.e2)
+
+        def isometric(phi: float) -> float:
+            return float(np.arctanh(np.sin(phi)) - e * np.arctanh(e * np.sin(phi)))
+
+        n = np.sqrt(1 + globe.e2 * np.cos(phi0) ** 4 / (1 - globe.e2))
+        chi0 = np.arcsin(np.sin(phi0) / n)
+        shift = np.arctanh(np.sin(chi0)) - n * isometric(phi0)
+        x, y = projected[:2]
+        distance, azimuth = 2 * np.arctan(np.hypot(x, y) / (2 * r)), np.arctan2(x, y)
+        north, east = np.sin(distance) * np.cos(azimuth), np.sin(distance) * np.sin(azimuth)
+        chi = np.arcsin(np.cos(distance) * np.sin(chi0) + north * np.cos(chi0))
+        longitude = np.arctan2(east, np.cos(distance) * np.cos(chi0) - north * np.sin(chi0)) / n
+        phi = phi0
+        for _ in range(12):  # each gains the square of the eccentricity: 12 · log10(e⁻²) digits
+            q = (np.arctanh(np.sin(chi)) - shift) / n + e * np.arctanh(e * np.sin(phi))
+            phi = np.arcsin(np.tanh(q))
+        return float(phi), float(longitude)
+
+    @property
+    def frame(self) -> TopocentricFrame:
+        """East, north, up at the origin, on the ellipsoid."""
+        return TopocentricFrame(np.radians(self.latitude), 0.0, 0.0, "GRS80", radius=self.radius)
+
     def on_ellipsoid(self, projected: Array) -> Array:
-        """Return the same on the ellipsoid, M along north, N along east; to 0.03 µm at 150 m."""
-        m, n = self.radii
-        x, y, h = projected
-        return np.array([x * (1 + h / n), y * (1 + h / m), h - x * x / (2 * n) - y * y / (2 * m)])
+        """Return east, north, up (3,) on the ellipsoid of stereographic X, Y and height."""
+        phi, longitude = (np.array([a]) for a in self.geodetic(projected))
+        there = ellipsoid("GRS80").to_cartesian(phi, longitude, np.array([projected[2]]))
+        return self.frame.from_geocentric(there)[0]
 
     def convergence(self, east: float) -> float:
         """Return by how much true north lies west of the Y axis, radians."""
@@ -91,8 +142,12 @@ class Given:
     """Deflection, radians."""
 
 
-def read_cor(path: Path, cartesian: Callable[[Array], Array]) -> list[Given]:
-    """Read points; ``cartesian`` turns the projected coordinates into those of the frame."""
+def read_cor(path: Path, cartesian: Callable[[Array], Array], radius: float) -> list[Given]:
+    """Read points; ``cartesian`` turns the projected coordinates into those of the frame.
+
+    The σ of X and Y are those of projected coordinates: on the ground they are 1 + h/R times as
+    large.
+    """
     points = []
     for line in path.read_text(encoding="utf-8").splitlines():
         words = line.split("*")[0].split()
@@ -100,12 +155,13 @@ def read_cor(path: Path, cartesian: Callable[[Array], Array]) -> list[Given]:
             continue
         numbers = [float(w) for w in words[2:]]
         eta, xi = numbers[6:8] if len(numbers) >= 8 else (0.0, 0.0)
+        on_ground = 1.0 + numbers[2] / radius
         points.append(
             Given(
                 words[1],
                 int(words[0]),
                 cartesian(np.array(numbers[:3])),
-                np.array(numbers[3:6]),
+                np.array(numbers[3:6]) * [on_ground, on_ground, 1.0][: len(numbers[3:6])],
                 (eta * ARCSEC, xi * ARCSEC),
             )
         )
@@ -126,7 +182,7 @@ def read_obs(path: Path) -> tuple[list[Observation], list[str]]:
         if not words:
             continue
         code, station = int(words[0]), words[1]
-        if code not in (3, 5, 6, 7, 8):
+        if code not in (3, 4, 5, 6, 7, 8):
             continue
         target, value, sigma = words[2], float(words[3]), float(words[4])
         heights = [float(w) for w in words[6:8]] if len(words) > 7 else [0.0, 0.0]
@@ -144,6 +200,8 @@ def read_obs(path: Path) -> tuple[list[Observation], list[str]]:
         angle = {"value": value * GON, "sigma": sigma * GON, **common}
         if code == 3:
             observations.append(SlopeDistance(station, target, value, sigma=sigma, **common))
+        elif code == 4:
+            observations.append(HeightDifference(station, target, value, sigma=sigma, **common))
         elif code == 6:
             observations.append(ZenithAngle(station, target, **angle))
         elif code == 8:
@@ -157,52 +215,74 @@ def read_obs(path: Path) -> tuple[list[Observation], list[str]]:
 class Subframe:
     """A sub-frame (code 11): coordinates of points in axes of their own, origin at a point."""
 
+    name: str
+    """Name of the sub-frame: its file without ending."""
     origin: str
-    """The point at its origin, whose vertical is its third axis."""
-    file: str
-    """Name of the file with its coordinates."""
+    """The point at its origin."""
+    level: bool
+    """Whether its third axis is the vertical of the origin: ``1`` at the end of the line."""
+    coordinates: tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...]
+    """Points with their coordinates and standard deviations, metres."""
 
 
 def read_subframes(path: Path) -> list[Subframe]:
-    """Return the verticalised sub-frames (code 11 and ``1`` at the end of the line)."""
+    """Return the sub-frames of observations; their files lie beside them or in ``origin``."""
     found = []
     for line in path.read_text(encoding="utf-8").splitlines():
         words = line.split("*")[0].split()
-        if words[:1] == ["11"]:
-            found.append(Subframe(words[1], words[2].removeprefix("@")))
+        if words[:1] != ["11"]:
+            continue
+        name = words[2].removeprefix("@")
+        # Beside the observations lies what Comp3D writes back, with its results as comments.
+        file = next(f for f in (path.parent / "origin" / name, path.parent / name) if f.exists())
+        found.append(
+            Subframe(file.stem, words[1], words[3:4] == ["1"], tuple(_read_coordinates(file)))
+        )
     return found
 
 
-def subframe_sights(origin: str, path: Path) -> list[Observation]:
-    """Return the coordinates of a verticalised sub-frame as polar observations.
-
-    Its unknowns are the turn about the vertical of its origin, and the origin: those of a total
-    station. Three coordinates with the same standard deviation σ turn into slope distance (σ),
-    direction (σ/D) and zenith angle (σ/S), which is a rotation: same information, same vᵀPv.
-    The zenith angles name a refraction group ``none``.
-    """
-    observations: list[Observation] = []
-    for line in path.read_text(encoding="utf-8").splitlines():
+def _read_coordinates(
+    file: Path,
+) -> Iterator[tuple[str, tuple[float, ...], tuple[float, ...]]]:
+    """Yield the points of a file .xyz; a single σ is that of all three axes."""
+    for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
         words = line.split("*")[0].split()
-        if not words:
-            continue
-        x, y, z, *sigmas = (float(w) for w in words[1:7])
-        if len(set(sigmas)) != 1:
-            raise ValueError(f"{path.name}: the standard deviations of {words[0]} differ")
-        level, length = float(np.hypot(x, y)), float(np.hypot(np.hypot(x, y), z))
-        target, sigma = words[0], sigmas[0]
-        observations += [
-            SlopeDistance(origin, target, length, sigma=sigma),
-            Direction(origin, target, float(np.arctan2(x, y)), sigma=sigma / level),
-            ZenithAngle(
-                origin,
-                target,
-                float(np.arctan2(level, z)),
-                sigma=sigma / length,
-                refraction="none",
-            ),
-        ]
-    return observations
+        if words:
+            x, y, z, *sigma = (float(w) for w in words[1:7])
+            yield words[0], (x, y, z), tuple(sigma if len(sigma) == 3 else sigma[:1] * 3)
+
+
+def add_subframe(network: Network, subframe: Subframe) -> None:
+    """Add a sub-frame: a frame with its origin at a point, its unit the metre."""
+    for name in (subframe.origin, *(c[0] for c in subframe.coordinates)):
+        if name not in network.points:
+            network.add_point(name)
+    network.add_frame(
+        subframe.name,
+        free=("rz",) if subframe.level else ("rx", "ry", "rz"),
+        origin=subframe.origin,
+        level=subframe.level,
+    )
+    network.add(
+        *(FrameCoordinate(subframe.name, n, x, sigma=s) for n, x, s in subframe.coordinates)
+    )
+
+
+def tilted_as_comp3d(solution: Solution) -> Network:
+    """Return the network with the horizons that Comp3D gives levelled sub-frames.
+
+    Δλ (1 − cosφ) is what its tilt to the east has too much; a micrometre in the place of a station
+    is nothing in it.
+    """
+    network = solution.network.copy()
+    for frame in network.frames.values():
+        if frame.constants[-1]:
+            at = network.frame.geodetic(solution.point(frame.origin)[None])
+            assert at is not None
+            latitude, longitude, _ = (float(v[0]) for v in at)
+            eta = longitude * (1.0 - np.cos(latitude))
+            network.set_vertical(frame.origin, eta=eta, fixed=True)
+    return network
 
 
 def read_network(
@@ -227,15 +307,16 @@ def read_network(
     origin = Origin(latitude)
     network = Network(obs.stem, frame=frame or LocalFrame(curvature=True, radius=origin.radius))
     cartesian = origin.to_cartesian if frame is None else origin.on_ellipsoid
-    given = {g.name: g for g in read_cor(cor, cartesian)}
+    given = {g.name: g for g in read_cor(cor, cartesian, origin.radius)}
     observations, names = read_obs(obs)
     for name in [*given, *(n for n in names if n not in given)]:
         g = given.get(name)
-        network.add_point(
-            name,
-            None if g is None else g.xyz,
-            sigma=g.sigma if g is not None and g.code == WEIGHTED else None,
-        )
+        if g is None:
+            network.add_point(name)
+        elif g.code == HEIGHT:
+            network.add_point(name, g.xyz, fixed="xy", sigma=(np.inf, np.inf, g.sigma[2]))
+        else:
+            network.add_point(name, g.xyz, sigma=g.sigma if g.code == WEIGHTED else None)
         if g is not None and deflections:
             network.set_vertical(name, eta=g.eta_xi[0], xi=g.eta_xi[1], fixed=True)
     network.set_refraction(value=refraction, fixed=True)
@@ -245,11 +326,8 @@ def read_network(
             network.add(replace(o, value=o.value - turn))
         else:
             network.add(o)
-    subframes = read_subframes(obs)
-    if subframes:
-        network.set_refraction("none", value=0.0, fixed=True)
-    for s in subframes:
-        network.add(*subframe_sights(s.origin, obs.parent / "origin" / s.file))
+    for subframe in read_subframes(obs):
+        add_subframe(network, subframe)
     return network
 
 
@@ -257,6 +335,12 @@ def read_table(path: Path) -> list[dict[str, str]]:
     """Read a table of results."""
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
+
+
+def read_result(path: Path) -> dict[str, Any]:
+    """Read a result (.comp): JSON behind ``data=``."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return dict(json.loads(text[text.index("{") :]))
 
 
 @dataclass(frozen=True)
@@ -268,7 +352,6 @@ class Ellipsoid:
 
 
 def read_ellipsoids(path: Path) -> dict[str, Ellipsoid]:
-    """Read the ellipsoids of the points of a result (.comp): JSON behind ``data=``."""
-    text = path.read_text(encoding="utf-8")
-    points = json.loads(text[text.index("{") :])["points"]
+    """Read the ellipsoids of the points of a result (.comp)."""
+    points = read_result(path)["points"]
     return {n: Ellipsoid(np.array(p["ellips"]["axes"])) for n, p in points.items()}

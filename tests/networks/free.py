@@ -20,6 +20,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
 )
 from tests.networks.every_kind import FRAMES
+from tests.networks.frames import SORTS, network_of_frames
 from tests.networks.small_block import images_only, small_block
 from tests.networks.total_station import total_station
 
@@ -117,6 +118,9 @@ def gnss() -> Network:
     return network
 
 
+CORNERS = ("P0", "P1", "P2"), ("P3", "P4", "P5", "P6")
+"""Two choices of datum points of networks of frames."""
+
 FREE: dict[str, tuple[Callable[[], Network], int, tuple[str, ...], tuple[str, ...]]] = {
     "total station": (
         lambda: total_station(1, coarse=0.3),
@@ -142,6 +146,10 @@ FREE: dict[str, tuple[Callable[[], Network], int, tuple[str, ...], tuple[str, ..
     "plane": (plane, 3, ("A", "B"), ("C", "D", "E")),
     "plane angles": (lambda: plane(distances=False), 4, ("A", "B"), ("C", "D", "E")),
     "gnss": (gnss, 3, ("A",), ("B", "C", "D")),
+    "models": (lambda: network_of_frames(1, ("model",) * 3), 7, *CORNERS),
+    "scans": (lambda: network_of_frames(2, ("scan",) * 3), 6, *CORNERS),
+    "frames": (lambda: network_of_frames(3, tuple(SORTS)), 4, *CORNERS),
+    "tripods": (lambda: network_of_frames(4, ("levelled tripod",) * 3), 4, *CORNERS),
 }
 """Networks without datum, their defects, and two choices of datum points."""
 

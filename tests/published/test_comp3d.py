@@ -193,12 +193,11 @@ OF_SIGMA0 = STEP / np.sqrt(12 * 355) * np.sqrt(29 / CONTROL**2 + 96 * 2 / SIGHT*
 
 
 def test_first_order_corrections_give_the_published_residuals_and_sigma0():
-    """All 447 observations, the 72 of the sub-frame as polar ones: see the loader."""
+    """All 447 observations, the 72 of a sub-frame among them."""
     network = deflected(deflections=False)
     cartesian = ORIGIN.to_cartesian
-    given = {
-        g.name: g for g in comp3d.read_cor(data_dir("comp3d_dev_vert") / "coord.cor", cartesian)
-    }
+    points = data_dir("comp3d_dev_vert") / "coord.cor"
+    given = {g.name: g for g in comp3d.read_cor(points, cartesian, ORIGIN.radius)}
     eta, xi = given["basc"].eta_xi
     network.set_vertical("basc", eta=eta, xi=xi, fixed=True)
     rows = rows_of_deflected()
