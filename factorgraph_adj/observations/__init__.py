@@ -15,6 +15,7 @@ from .base import Observation, Sight
 from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
 from .image import ImagePoint
+from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from .registry import KINDS, ObservationKind, Unit, observation_kind, register_observation
 from .terrestrial import (
@@ -42,6 +43,7 @@ __all__ = [
     "ControlPoint",
     "Correlated",
     "Direction",
+    "FrameCoordinate",
     "GnssPosition",
     "GnssVector",
     "HeightDifference",
