@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -28,17 +31,25 @@ SHOWN = {
 }
 """A line of the output of each script of the gallery."""
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
-QUICK = ("gallery_8_gtsam", "gallery_9_parts", "gallery_two_faces", "industry_block")
-"""Scripts that take a second; the others compute tables and pictures for many."""
-LONG = pytest.mark.slow(
-    "every script in a process of its own, as a user runs it; what the scripts call has tests of "
-    "its own, and the quick ones show that scripts run and draw at all"
+ALONE = (
+    "gallery_8_gtsam",
+    "gallery_9_parts",
+    "gallery_two_faces",
+    "industry_block",
+    "make_industry_block",
 )
+"""Scripts that run in a process of their own, as a user runs them; they take a second."""
+LONG = pytest.mark.slow(
+    "the scripts that compute tables and pictures for many; what they call has tests of its own, "
+    "and the quick ones show that scripts run and draw at all"
+)
+SHOWN_BELOW = ("measured_day",)
+"""Scripts that another test runs and looks at."""
 PROJECTS = sorted(EXAMPLES.glob("*/project.toml"))
 
 
 def run(script: Path, *arguments: str) -> str:
-    """Run a script as a user does and return what it prints."""
+    """Run a script in a process of its own, as a user does, and return what it prints."""
     done = subprocess.run(
         [sys.executable, "-W", "error", str(script), *arguments],
         capture_output=True,
@@ -51,11 +62,21 @@ def run(script: Path, *arguments: str) -> str:
     return done.stdout
 
 
+def run_here(script: Path, *arguments: str) -> str:
+    """Run a script in this process, which has imported what it needs; return what it prints."""
+    out = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out):
+        patch.setattr(sys, "argv", [str(script), *arguments])
+        runpy.run_path(str(script), run_name="__main__")
+    return out.getvalue()
+
+
 @pytest.mark.parametrize(
     "script",
     [
-        pytest.param(s, marks=() if s.stem in QUICK or s.stem.startswith("make_") else LONG)
+        pytest.param(s, marks=() if s.stem in ALONE else LONG)
         for s in SCRIPTS
+        if s.stem not in SHOWN_BELOW
     ],
     ids=lambda p: p.stem,
 )
@@ -68,7 +89,8 @@ def test_every_script_runs_and_draws_its_picture(script: Path, tmp_path: Path) -
         arguments = [str(tmp_path)]
     if draws:
         pytest.importorskip("matplotlib")
-    printed = " ".join(run(script, *arguments).split())
+    run_it = run if script.stem in ALONE else run_here
+    printed = " ".join(run_it(script, *arguments).split())
     assert printed
     assert SHOWN.get(script.stem, "") in printed
     assert not draws or picture.stat().st_size > 5_000
@@ -100,7 +122,7 @@ def test_there_is_the_industry_block_as_script_and_as_project() -> None:
 
 
 def test_the_project_on_disk_is_what_its_script_writes(tmp_path: Path) -> None:
-    run(EXAMPLES / "make_industry_block.py", str(tmp_path))
+    run_here(EXAMPLES / "make_industry_block.py", str(tmp_path))
     written = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
     kept = {p.name: p.read_bytes() for p in (EXAMPLES / "industry_block").iterdir()}
     assert written == kept
@@ -108,7 +130,7 @@ def test_the_project_on_disk_is_what_its_script_writes(tmp_path: Path) -> None:
 
 def test_the_combined_block_of_the_readme_is_better_than_photos_alone() -> None:
     """The last two lines of the example: half the σ, and errors that match it."""
-    lines = run(EXAMPLES / "industry_block.py").splitlines()[-2:]
+    lines = run_here(EXAMPLES / "industry_block.py").splitlines()[-2:]
     (sigma, rms), (sigma_alone, rms_alone) = (
         [float(w) for w in line.replace(",", "").split() if w.replace(".", "").isdigit()]
         for line in lines
@@ -125,7 +147,7 @@ def test_the_measured_day_catches_its_three_gross_errors_on_arrival_and_nothing_
     """The batch has them last of all, with others that they spoil above the critical value."""
     pytest.importorskip("matplotlib")
     picture = tmp_path / "growth.png"
-    text = run(EXAMPLES / "measured_day.py", "--plot", str(picture))
+    text = run_here(EXAMPLES / "measured_day.py", "--plot", str(picture))
     planted, day, batch = text.split("\n\n")[:3]
     made = [line.split()[:3] for line in planted.splitlines()[1:]]
     assert [kind for kind, *_ in made] == ["direction", "slope_distance", "image"]

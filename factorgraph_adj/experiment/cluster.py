@@ -86,6 +86,10 @@ class _Work:
             task = self._running.pop(future)
             if future.status == "finished":
                 yield task, future.result()
+            elif future.status in ("lost", "pending"):
+                # Its worker has died since; the cluster repeats what was finished there.
+                self._running[future] = task
+                under_way.add(future)
             elif future.status != "error":
                 what = f"the cluster has stopped ({future.status}); what is finished is kept"
                 raise InputError(what)

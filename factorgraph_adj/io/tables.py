@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,7 +87,7 @@ def read_table(path: Path, problems: list[Problem]) -> Table | None:
         problems.append(Problem("is empty: the first line must name the columns", name))
         return None
     line, header = found[0]
-    twice = sorted({c for c in header if header.count(c) > 1})
+    twice = sorted(c for c, n in Counter(header).items() if n > 1)
     if twice:
         what = "a column without a name" if twice == [""] else f"duplicate column {twice[0]!r}"
         problems.append(Problem(what, f"{name}:{line}"))
@@ -97,8 +98,10 @@ def read_table(path: Path, problems: list[Problem]) -> Table | None:
             rows.append((number, cells))
             continue
         what = f"{len(cells)} cells, but the header has {len(header)} columns"
-        joined = _joined(cells, len(cells) - len(header)) if separator == "," else None
-        if joined is not None and len(cells) > len(header):
+        # A cell of the header has one decimal comma at most.
+        may_join = separator == "," and len(header) < len(cells) <= 2 * len(header)
+        joined = _joined(cells, len(cells) - len(header)) if may_join else None
+        if joined is not None:
             what += "; is one of the commas a decimal comma? Write numbers with a decimal point"
             cells = joined
         problems.append(Problem(what, f"{name}:{number}"))

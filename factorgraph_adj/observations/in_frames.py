@@ -32,7 +32,7 @@ class FrameCoordinate(Observation):
     photo: str | None = None
     """The photo whose projection centre was measured; None if ``point`` is given."""
     axes: str = "xyz"
-    """Measured axes of the frame: some of x, y, z, in this order."""
+    """Measured axes of the frame: some of x, y, z."""
     sigma: tuple[float, ...] | None = None
     """Standard deviations of the axes, unit of the frame; None if ``covariance`` is given."""
     covariance: Array | None = None
@@ -49,8 +49,12 @@ class FrameCoordinate(Observation):
             self._fail("give either a point or a photo")
         if not self.frame:
             self._fail("frame must name a frame")
-        if not self.axes or self.axes not in ("x", "y", "z", "xy", "xz", "yz", "xyz"):
-            self._fail(f"axes must be some of x, y, z, in this order, not {self.axes!r}")
+        if (
+            not self.axes
+            or not set(self.axes) <= set("xyz")
+            or len(set(self.axes)) < len(self.axes)
+        ):
+            self._fail(f"axes must be some of x, y, z, not {self.axes!r}")
         if np.shape(self.value) != (len(self.axes),):
             self._fail(f"value has {np.size(self.value)} components, axes {self.axes!r}")
         checked_covariance(self, len(self.axes))

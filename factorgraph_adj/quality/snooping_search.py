@@ -22,6 +22,7 @@ from ..solve.solution import Solution
 from ..types import Array
 from .candidates import Choice, Outlier, Units, choose
 from .causes.matches import Match, matches
+from .causes.mirrored_block import mirrored_block
 from .causes.photos import photos
 from .causes.search import Causes, causes
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
@@ -429,8 +430,17 @@ class SnoopingSearch:
         if self._matched is None or self._matched[0] is not self.solution:
             ids = self.ids_aside()
             arguments = self.equations, self.solution, ids, self.alpha
-            self._matched = self.solution, (*matches(*arguments), *photos(*arguments))
+            found = (*matches(*arguments), *photos(*arguments))
+            if not self.factors.given.factors:
+                arguments = self.equations, self.solution, [*ids, *self._above()], self.alpha
+                found = (*mirrored_block(*arguments), *found)
+            self._matched = self.solution, found
         return self._matched[1]
+
+    def _above(self) -> list[str]:
+        """Return the ids of observations above the critical value that have stayed."""
+        rows = np.flatnonzero(np.abs(self.present.values) > self.present.critical)
+        return [self.solution.equations.id(int(row)) for row in rows]
 
     def ids_aside(self) -> list[str]:
         """Return the ids of all observations set aside, with the rays of points."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..models.variables import UNKNOWNS
 from ..quality.causes.given import GivenValue
 from ..quality.causes.hypotheses import Size
-from ..quality.causes.search import Cause
+from ..quality.causes.search import EXCHANGES, Cause
 from ..quality.distributions import chi2_quantile
 from ..units import decimal
 from .context import Report
@@ -44,7 +44,25 @@ def causes(report: Report) -> list[str]:
         "much less vᵀPv would be; size: observed, recorded or given − true, of centring instrument "
         "or target − mark. One of them may be right: put the first right, and adjust again"
     )
+    if report.snooping is None:
+        legend += f"; {EXCHANGES}"
     return [*out, *paragraph(legend)]
+
+
+def exchanges_untested(report: Report) -> list[str]:
+    """Return a hint at exchanges, where they were not tested and may be behind the result.
+
+    They may where the adjustment has no minimum, or where the likeliest cause would have to be
+    larger than such an error is.
+    """
+    if report.snooping is not None:
+        return []
+    if not report.solution.converged:
+        return [f"gross errors may keep an adjustment from a minimum; {EXCHANGES}"]
+    found = report.causes
+    if found is None or all(c.plausible for c in found.likelier[:1]):
+        return []
+    return [f"its size is not that of such an error: readings may be exchanged; {EXCHANGES}"]
 
 
 def sentence(report: Report, cause: Cause) -> str:

@@ -11,7 +11,7 @@ from ..solve.solution import Solution
 from ..units import format_angle
 from ..version import __version__
 from .adjusted import observations, weighted_coordinates
-from .causes import causes, given, likeliest
+from .causes import causes, exchanges_untested, given, likeliest
 from .context import Report
 from .coordinates import check_points, photos, points
 from .frames import frames
@@ -121,8 +121,11 @@ def _doubts(report: Report) -> list[str]:
     if not report.doubts:
         return []
     out = paragraph(f"DOUBTFUL RESULT: {'; '.join(report.doubts)}")
-    cause = likeliest(report)
-    return [*out, *(paragraph(cause, indent=4) if cause else []), ""]
+    hints = exchanges_untested(report)
+    if cause := likeliest(report):
+        hints.insert(0, cause)
+    out += paragraph("; ".join(hints), indent=4) if hints else []
+    return [*out, ""]
 
 
 def _frame(frame: Frame) -> str:

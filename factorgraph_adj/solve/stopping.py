@@ -30,9 +30,9 @@ class StoppingRule:
     """Smallest part of the predicted decrease of vᵀPv that a step must bring to be taken."""
     unchanged: float = 1e-6
     """Growth of vᵀPv, relative to 1 + vᵀPv, up to which the last step leaves vᵀPv unchanged."""
-    rounding: float = 1e-12
-    """Decrease relative to vᵀPv that its rounding hides: a sum of thousands of squares has rounding
-    errors of this size."""
+    rounding: float = 1e-11
+    """Decrease relative to vᵀPv that its rounding hides: a sum of thousands of squares of residuals
+    that are rounded themselves has rounding errors of this size."""
     blind: float = 1e-9
     """Largest change relative to vᵀPv that may still be the rounding of a thousand steps; a larger
     decrease shows that vᵀPv can tell again."""

@@ -10,6 +10,7 @@ import pytest
 
 from tests.field_mistakes.mistakes import MISTAKES
 from tests.field_mistakes.projects import yard
+from tests.support.processes import HANGS
 
 LINES = 3
 
@@ -23,7 +24,7 @@ def first_lines(*arguments: object) -> tuple[int, list[str]]:
         assert process.stdout is not None
         lines = [process.stdout.readline() for _ in range(LINES)]
         process.stdout.close()
-        return process.wait(timeout=120), lines
+        return process.wait(HANGS), lines
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from factorgraph_adj.cli import main as cli
 from factorgraph_adj.cli.live import LATENCIES, REMEMBERED, LiveView, live_view
 from tests.networks.projects import write
 from tests.networks.yard import ARRIVALS, WRONG, YARD
+from tests.support.processes import HANGS
 from tests.support.told import open_stream
 
 
@@ -183,7 +184,7 @@ def test_a_real_terminal_shows_it_and_is_left_in_order(tmp_path):
             if not part:
                 break
             seen += part
-        assert process.wait(60) == 0
+        assert process.wait(HANGS) == 0
     os.close(master)
     text = plain(seen)
     assert "1 suspect" in text

@@ -62,8 +62,9 @@ def test_a_good_project_ends_with_0_protocol_and_files(block, tmp_path):
     assert json.loads((tmp_path / "out" / "solution.json").read_bytes())["converged"] is True
 
 
-def test_without_out_nothing_is_written(block, tmp_path):
-    result = run("adjust", block, cwd=tmp_path)
+def test_without_out_nothing_is_written(block, tmp_path, monkeypatch, here):
+    monkeypatch.chdir(tmp_path)
+    result = here("adjust", block)
     assert result.returncode == 0
     assert "the table points.csv (option --out)" not in result.stdout
     assert list(tmp_path.iterdir()) == []
@@ -87,13 +88,13 @@ def test_an_adjustment_that_does_not_converge_ends_with_1(block, here):
     assert result.stderr.startswith("not converged: not at rest after 1 iterations: the last step")
 
 
-def test_bad_input_ends_with_2_a_list_and_no_output(tmp_path):
+def test_bad_input_ends_with_2_a_list_and_no_output(tmp_path, here):
     path = write(
         tmp_path,
         points=POINTS.replace("C,5.01,8,1,", "C,5.01,8,?,"),
         observations=OBSERVATIONS.replace("2,B,C,9.487", "1,B,X,9.487"),
     )
-    result = run("adjust", path, "--out", tmp_path / "out")
+    result = here("adjust", path, "--out", tmp_path / "out")
     assert (result.returncode, result.stdout) == (2, "")
     assert result.stderr.splitlines() == [
         "2 problems:",

@@ -11,9 +11,10 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,12 +22,14 @@ from scipy import stats
 
 from factorgraph_adj.blas import _libraries
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.experiment.cluster import on_cluster
 from factorgraph_adj.experiment.processes import AHEAD
 from factorgraph_adj.experiment.processes import _serve as serve
 from factorgraph_adj.experiment.repetition import DIED, Outcome, Repetition, Task, repeat
 from factorgraph_adj.experiment.results import Results
 from factorgraph_adj.experiment.runs import Experiment, run
 from tests.support import trials
+from tests.support.cluster import local_client
 from tests.support.places import ROOT
 from tests.support.processes import HANGS
 
@@ -64,28 +67,8 @@ def alone() -> Results:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[object]:
-    """A client of a cluster of two processes."""
-    dask = pytest.importorskip("dask")
-    distributed = pytest.importorskip("distributed")
-    # A worker's death is believed at once, or Dask would have each suspect kill four; a worker
-    # that is slow on a busy machine is not taken for dead.
-    patient = {
-        "distributed.scheduler.allowed-failures": 0,
-        "distributed.scheduler.worker-ttl": None,
-        "distributed.comm.timeouts.connect": HANGS,
-        "distributed.comm.timeouts.tcp": HANGS,
-    }
-    with (
-        dask.config.set(patient),
-        distributed.LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=":0",
-            silence_logs=50,
-        ) as cluster,
-        distributed.Client(cluster) as made,
-    ):
+    """A client of a cluster that believes a worker's death at once."""
+    with local_client(allowed_failures=0) as made:
         yield made
 
 
@@ -110,12 +93,11 @@ def test_two_processes_give_the_same_table_as_one(alone, tmp_path):
 
 
 def test_what_is_finished_first_is_written_first_and_stands_in_its_place(tmp_path):
-    """The first repetition ends after one of another process, whenever that one starts."""
-    out, marks = tmp_path / "study.jsonl", tmp_path / "marks"
-    marks.mkdir()
+    """The first repetition ends once another one is written, whenever that one starts."""
+    out = tmp_path / "study.jsonl"
     first = Experiment("seeds", trials.normal, seed=SEED).seed_of({}, 0)
     experiment = Experiment(
-        "order", trials.waits_for_another, {"marks": [str(marks)], "first": [first]}, SEED
+        "order", trials.waits_for_another, {"out": [str(out)], "first": [first]}, SEED
     )
     results = run(experiment, 4 * AHEAD, out=out, processes=2)
     written = [r["repetition"] for r in lines(out)[1:]]
@@ -211,6 +193,47 @@ def test_a_cluster_worker_that_ends_is_one_failed_repetition(client):
     plain = run(Experiment("normal", trials.normal, seed=SEED), 12).values("offset")
     good = np.arange(12) != 5
     assert np.array_equal(results.values("offset")[good], plain[good])
+
+
+class LostOnce:
+    """A future whose result is lost with its worker when it is looked at, and computed again."""
+
+    def __init__(self, outcome: Outcome) -> None:
+        self._states = iter(("lost", "pending"))
+        self.result = lambda: outcome
+
+    @property
+    def status(self) -> str:
+        return next(self._states, "finished")
+
+
+class LosingClient:
+    """As much of a client as repetitions need; its first repetition is lost."""
+
+    def nthreads(self) -> dict[str, int]:
+        return {"worker": 2}
+
+    def submit(self, function: Callable[..., object], *arguments: object, pure: bool) -> object:
+        outcome = function(*arguments)
+        return LostOnce(outcome) if isinstance(outcome, Outcome) else SimpleNamespace(result=bool)
+
+
+class Arriving(list):
+    """Futures in the order in which they were added."""
+
+    add = list.append
+
+    def __next__(self) -> object:
+        return self.pop(0)
+
+
+def test_a_result_that_is_lost_with_its_worker_is_waited_for_again(monkeypatch):
+    """It was finished when the worker lived, which depends on who is sooner."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(distributed, "as_completed", Arriving)
+    tasks = [Task(0, k, k) for k in range(3)]
+    found = dict(on_cluster(LosingClient(), trials.normal, [{}], tasks))
+    assert {t: o.figures for t, o in found.items()} == {t: trials.normal(t.seed) for t in tasks}
 
 
 # -- seeds ----------------------------------------------------------------------------------------

@@ -7,7 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .projects import Project, Row, book_of_both, facade, field_book, yard
+from .projects import (
+    LATITUDE,
+    LONGITUDE,
+    Project,
+    Row,
+    book_of_both,
+    facade,
+    field_book,
+    yard,
+    yard_on_earth,
+)
 
 FINE, DOUBTFUL, BAD_INPUT = 0, 1, 2
 CHECK, ADJUST, SNOOP = ("check",), ("adjust",), ("adjust", "--snoop")
@@ -61,6 +71,22 @@ def add(row: Row, column: str, by: float, digits: int = 4) -> None:
 def times(row: Row, column: str, by: float, digits: int = 4) -> None:
     """Multiply a cell by a number."""
     row[column] = f"{float(row[column]) * by:.{digits}f}"
+
+
+def make_geocentric(p: Project) -> None:
+    """Turn the GNSS vectors of the yard from east, north, up into geocentric axes."""
+    lat, lon = np.deg2rad((LATITUDE, LONGITUDE))
+    e = np.array([-np.sin(lon), np.cos(lon), 0.0])
+    n = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
+    u = np.cross(e, n)
+    for row in p.rows("gnss_vector"):
+        x, y, z = (float(row[a]) for a in "xyz")
+        for axis, value in zip("xyz", x * e + y * n + z * u, strict=True):
+            row[axis] = f"{value:.4f}"
+
+
+POLES = {"B": 1.3, "E": 1.75}
+"""Heights of targets that differ, metres."""
 
 
 def exchange_axes(p: Project, photo: str) -> None:
@@ -118,6 +144,14 @@ def _(p: Project) -> None:
         row["instrument_height"] = ""
 
 
+def exchange_targets(p: Project, station: str, a: str, b: str) -> None:
+    """Exchange two targets of a station."""
+    other = {a: b, b: a}
+    for row in p.tables["observations.csv"]:
+        if row["station"] == station and "instrument_height" in row:
+            row["target"] = other.get(row["target"], row["target"])
+
+
 @mistake(
     "two targets exchanged",
     SNOOP,
@@ -125,10 +159,44 @@ def _(p: Project) -> None:
     "1. two targets, exchanged: 'A' and 'E' seen from 'S1'",
 )
 def _(p: Project) -> None:
-    other = {"A": "E", "E": "A"}
+    exchange_targets(p, "S1", "A", "E")
+
+
+@mistake(
+    "two targets exchanged, adjusted without data snooping",
+    ADJUST,
+    DOUBTFUL,
+    "its size is not that of such an error: readings may be exchanged; exchanges (of targets, "
+    "names of points, ends of vectors, faces, axes of photos) are tested by data snooping only "
+    "(adjust --snoop)",
+)
+def _(p: Project) -> None:
+    exchange_targets(p, "S1", "A", "D")
+
+
+@mistake(
+    "two targets exchanged, with which the adjustment has no minimum",
+    ADJUST,
+    DOUBTFUL,
+    "gross errors may keep an adjustment from a minimum; exchanges (of targets",
+)
+def _(p: Project) -> None:
+    exchange_targets(p, "S1", "A", "E")
+
+
+@mistake(
+    "two targets exchanged, whose heights were looked up by name",
+    SNOOP,
+    DOUBTFUL,
+    "1. two targets, exchanged: 'B' and 'E' seen from 'S1', with the height that goes with",
+    lambda: yard(heights=POLES),
+)
+def _(p: Project) -> None:
+    other = {"B": "E", "E": "B"}
     for row in p.tables["observations.csv"]:
-        if row["station"] == "S1" and "instrument_height" in row:
-            row["target"] = other.get(row["target"], row["target"])
+        if row["station"] == "S1" and row["target"] in other and "target_height" in row:
+            row["target"] = other[row["target"]]
+            row["target_height"] = f"{POLES[row['target']]:.3f}"
 
 
 @mistake(
@@ -329,7 +397,8 @@ def _(p: Project) -> None:
     "a direction wrong by 10 mgon in one face",
     CHECK,
     DOUBTFUL,
-    "station 'S2', set '1', target 'E': its two faces give collimation",
+    "station 'S2', set '1', target 'E': its two faces give collimation 1.9 mgon, the others -3.1 "
+    "mgon, tolerance 2.5 mgon; look at the readings of both faces",
     field_book,
 )
 def _(p: Project) -> None:
@@ -413,14 +482,48 @@ def _(p: Project) -> None:
     "they are geocentric, or in another frame",
 )
 def _(p: Project) -> None:
-    lat, lon = np.deg2rad((45.0, 7.0))
-    e = np.array([-np.sin(lon), np.cos(lon), 0.0])
-    n = np.array([-np.sin(lat) * np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat)])
-    u = np.cross(e, n)
-    for row in p.rows("gnss_vector"):
-        x, y, z = (float(row[a]) for a in "xyz")
-        for axis, value in zip("xyz", x * e + y * n + z * u, strict=True):
-            row[axis] = f"{value:.4f}"
+    make_geocentric(p)
+
+
+@mistake(
+    "GNSS vectors geocentric in a topocentric frame, between points without coordinates",
+    CHECK,
+    DOUBTFUL,
+    "times better as geocentric X, Y, Z, in a topocentric frame",
+    lambda: yard_on_earth(geographic=False),
+)
+def _(p: Project) -> None:
+    make_geocentric(p)
+    for row in p.tables["points.csv"]:
+        if not row["fixed"]:
+            row["x"] = row["y"] = row["z"] = ""
+
+
+@mistake(
+    "latitude and longitude of two points exchanged",
+    CHECK,
+    DOUBTFUL,
+    "2 points, far away as given, would be among the others with latitude and longitude "
+    "exchanged: B, E",
+    yard_on_earth,
+)
+def _(p: Project) -> None:
+    for name in "BE":
+        row = p.point(name)
+        row["latitude"], row["longitude"] = row["longitude"], row["latitude"]
+
+
+@mistake(
+    "latitude and longitude of the origin exchanged",
+    CHECK,
+    DOUBTFUL,
+    "far from the origin of the frame, and would not with latitude and longitude of the origin",
+    yard_on_earth,
+)
+def _(p: Project) -> None:
+    p.toml = p.toml.replace(f"latitude = {LATITUDE}", "latitude = swap")
+    p.toml = p.toml.replace(f"longitude = {LONGITUDE}", f"longitude = {LATITUDE}")
+    p.toml = p.toml.replace("latitude = swap", f"latitude = {LONGITUDE}")
 
 
 @mistake(
@@ -458,6 +561,45 @@ def _(p: Project) -> None:
 def _(p: Project) -> None:
     for row in p.tables["images.csv"]:
         times(row, "y", -1.0)
+
+
+def in_pixels(y0: float, *, y_axis: str = "") -> Project:
+    """Return the wall in pixels of 0.01 mm, whose rows count down from the upper left corner.
+
+    Args:
+        y0: row of the principal point in the project; the true one is 1500.
+        y_axis: line of the camera that says where y points.
+    """
+    out = facade()
+    for row in out.tables["images.csv"]:
+        row["x"] = f"{2000.0 + 100.0 * float(row['x']):.2f}"
+        row["y"] = f"{1500.0 - 100.0 * float(row['y']):.2f}"
+    out.toml = out.toml.replace(
+        'unit = "mm"\nsigma_um = 3', f'unit = "px"\nsigma_px = 0.3\n{y_axis}'
+    )
+    out.toml = out.toml.replace("c = 50.0", f"c = 5000\nx0 = 2000\ny0 = {y0}")
+    return out
+
+
+MISTAKES += [
+    Mistake(
+        f"pixels counted down, the project has y up and y0 = {y0}",
+        lambda y0=y0: in_pixels(y0),  # type: ignore[misc]
+        CHECK,
+        DOUBTFUL,
+        "times better with the image y axis the other way: 1, 2, 3; state y_axis, and y0 in",
+    )
+    for y0 in (1500, -1500)
+]
+MISTAKES.append(
+    Mistake(
+        "pixels counted down, y0 with the sign of y up",
+        lambda: in_pixels(-1500, y_axis='y_axis = "down"'),
+        CHECK,
+        DOUBTFUL,
+        "times better with the other sign of y0: 1, 2, 3; give y0 in the direction of y",
+    )
+)
 
 
 @mistake(
@@ -737,6 +879,21 @@ def _(p: Project) -> None:
 )
 def _(p: Project) -> None:
     add(p.rows("direction", station="S1", target="S2")[0], "value", 0.05)
+
+
+@mistake(
+    "a point intersected in line with its two stations",
+    CHECK,
+    DOUBTFUL,
+    "what is observed of point 'W' determines it",
+)
+def _(p: Project) -> None:
+    a, b = p.point("S1"), p.point("S2")
+    middle = {axis: f"{(float(a[axis]) + float(b[axis])) / 2:.3f}" for axis in "xyz"}
+    p.tables["points.csv"].append({"name": "W", **middle, "fixed": "z"})
+    for station, target in (("S1", "S2"), ("S2", "S1")):
+        row = p.rows("direction", station=station, target=target)[0]
+        p.tables["observations.csv"].append(dict(row) | {"target": "W", "target_height": "0"})
 
 
 @mistake(

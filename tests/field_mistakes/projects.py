@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from factorgraph_adj.frames import TopocentricFrame
+
 Row = dict[str, str]
 """One row of a table: cells by column."""
 GON = np.pi / 200.0
@@ -83,7 +85,11 @@ class Project:
 
 
 def yard(
-    seed: int = 5, *, beside: dict[str, tuple[float, float]] | None = None, noise: float = 1.0
+    seed: int = 5,
+    *,
+    beside: dict[str, tuple[float, float]] | None = None,
+    heights: dict[str, float] | None = None,
+    noise: float = 1.0,
 ) -> Project:
     """Return the yard: total station at S1, S2, S3, levelling, GNSS vectors.
 
@@ -91,6 +97,7 @@ def yard(
         seed: of the errors of the readings.
         beside: by how much instruments stand east and north of their marks, metres.
         noise: size of the errors of the total station, in their standard deviations.
+        heights: heights of targets by name, metres; the others have `TARGET_HEIGHT`.
     """
     rng = np.random.default_rng(seed)
     points: list[Row] = []
@@ -108,7 +115,8 @@ def yard(
                 continue
             d = np.array(POINTS[target]) - np.array(POINTS[station])
             d[:2] -= (beside or {}).get(station, (0.0, 0.0))
-            d[2] += TARGET_HEIGHT - height
+            above = (heights or {}).get(target, TARGET_HEIGHT)
+            d[2] += above - height
             length = float(np.linalg.norm(d))
             errors = noise * rng.normal(size=3)
             direction = (np.arctan2(d[0], d[1]) - orientation) / GON + 1e-3 * errors[0]
@@ -117,7 +125,7 @@ def yard(
                 "station": station,
                 "target": target,
                 "instrument_height": f"{height:.3f}",
-                "target_height": f"{TARGET_HEIGHT:.3f}",
+                "target_height": f"{above:.3f}",
             }
             for kind, value in (
                 ("direction", f"{direction % 400:.4f}"),
@@ -186,6 +194,30 @@ def field_book(seed: int = 8, *, faces: str = "means") -> Project:
 def book_of_both() -> Project:
     """Return the field book with both faces as observations."""
     return field_book(faces="both")
+
+
+LATITUDE, LONGITUDE, HEIGHT = 48.0, 11.0, 500.0
+"""Where the yard lies on the Earth: degrees, metres."""
+
+
+def yard_on_earth(*, geographic: bool = True) -> Project:
+    """Return the yard in a topocentric frame.
+
+    Args:
+        geographic: whether its points are given by latitude, longitude and height.
+    """
+    out = yard()
+    out.toml += f'[frame]\nkind = "topocentric"\nlatitude = {LATITUDE}\n'
+    out.toml += f"longitude = {LONGITUDE}\nheight = {HEIGHT}\n"
+    frame = TopocentricFrame(np.deg2rad(LATITUDE), np.deg2rad(LONGITUDE), HEIGHT)
+    for row in out.tables["points.csv"] if geographic else ():
+        found = frame.geodetic(np.array([[float(row.pop(axis)) for axis in "xyz"]]))
+        assert found is not None
+        latitude, longitude, height = (float(x[0]) for x in found)
+        row["latitude"] = f"{np.rad2deg(latitude):.9f}"
+        row["longitude"] = f"{np.rad2deg(longitude):.9f}"
+        row["height"] = f"{height:.4f}"
+    return out
 
 
 FACADE = [(x, 0.3 * np.sin(3.0 * x + z), z) for x in (0.0, 3.0, 6.0, 9.0) for z in (0.0, 2.5, 5.0)]

@@ -6,8 +6,18 @@ import pytest
 
 from factorgraph_adj.cli.main import main
 
-from .mistakes import MISTAKES, Mistake
-from .projects import book_of_both, facade, field_book, yard
+from .mistakes import MISTAKES, POLES, Mistake, in_pixels
+from .projects import Project, book_of_both, facade, field_book, yard, yard_on_earth
+
+
+def pixels() -> Project:
+    """Return the wall in pixels, as it is."""
+    return in_pixels(1500, y_axis='y_axis = "down"')
+
+
+def poles() -> Project:
+    """Return the yard with targets of several heights."""
+    return yard(heights=POLES)
 
 
 def told(text: str) -> str:
@@ -24,7 +34,9 @@ def test_a_mistake_is_named(mistake: Mistake, tmp_path, capsys) -> None:
     assert code == mistake.code
 
 
-@pytest.mark.parametrize("project", [yard, facade, field_book, book_of_both])
+@pytest.mark.parametrize(
+    "project", [yard, facade, field_book, book_of_both, pixels, poles, yard_on_earth]
+)
 @pytest.mark.parametrize("command", [("check",), ("adjust",), ("adjust", "--snoop")])
 def test_without_a_mistake_nothing_is_told(command, project, tmp_path, capsys) -> None:
     assert main([command[0], str(project().write(tmp_path / "yard")), *command[1:]]) == 0

@@ -54,6 +54,8 @@ ALL_WILD = [
 ]
 MANY = 200
 """Terrestrial observations of the site."""
+EVERY = 3
+"""Every third of the other distances arrives at a network without a minimum."""
 
 
 def surveyed(journal: Path | None = None) -> fga.IncrementalAdjustment:
@@ -87,10 +89,16 @@ def assert_as_batch(inc: fga.IncrementalAdjustment) -> None:
 
 
 @pytest.mark.parametrize("name", ALL_WILD)
-def test_what_was_accepted_is_harmless_once_it_is_taken_out(name: str) -> None:
-    """Between, the solution says that it is none, or the batch has it too."""
-    inc = surveyed()
+def test_what_was_accepted_is_harmless_once_it_is_taken_out(tmp_path: Path, name: str) -> None:
+    """Between, the solution says that it is none, or the batch has it too.
+
+    After a crash the wild reading is in the journal, and can be taken out as well.
+    """
+    journal, crashed = tmp_path / "day.jsonl", tmp_path / "crashed.jsonl"
+    inc = surveyed(journal)
     accept(inc, name)
+    crashed.write_bytes(journal.read_bytes())
+    n = len(inc)
     if not inc.solution().converged:
         before = inc.estimate("P1")
         inc.settle()
@@ -98,29 +106,15 @@ def test_what_was_accepted_is_harmless_once_it_is_taken_out(name: str) -> None:
         assert np.array_equal(inc.estimate("P1"), before), "the state stays"
     inc.remove("wild")
     assert_as_batch(inc)
-
-
-@pytest.mark.parametrize("name", ALL_WILD)
-@pytest.mark.slow(
-    "a journal with each of the wild readings; journals have short tests of their own, and the "
-    "readings a short test without a journal"
-)
-def test_the_journal_opens_with_it_inside(tmp_path: Path, name: str) -> None:
-    """After a crash the wild reading is there, and can be taken out."""
-    journal = tmp_path / "day.jsonl"
-    before = surveyed(journal)
-    accept(before, name)
-    n = len(before)
-    del before  # or the journal is in use
-    inc = fga.IncrementalAdjustment.resume(journal)
-    assert len(inc) == n
-    inc.remove("wild")
-    assert_as_batch(inc)
+    resumed = fga.IncrementalAdjustment.resume(crashed)
+    assert len(resumed) == n
+    resumed.remove("wild")
+    assert_as_batch(resumed)
 
 
 @pytest.mark.slow(
-    "all distances of the day arrive at a network without minimum: nothing adds up over many "
-    "arrivals, of which each costs a search for the minimum in vain"
+    "distances of the day arrive at a network without minimum: nothing adds up over many arrivals, "
+    "of which each costs a search for the minimum in vain"
 )
 def test_right_readings_are_not_suspect_because_of_it() -> None:
     """Beside a network without minimum they are predicted from its last good state."""
@@ -129,10 +123,10 @@ def test_right_readings_are_not_suspect_because_of_it() -> None:
     accept(inc, "control point")
     assert not inc.solution().converged
     more = [o for o in items(network) if isinstance(o, SlopeDistance) and o.id not in _ids(inc)]
-    told = [v for o in more for v in inc.add(o).verdicts]
+    told = [v for o in more[::EVERY] for v in inc.add(o).verdicts]
     judged = [v for v in told if v.controlled]
-    assert len(judged) > 10
-    assert sum(v.verdict == "suspect" for v in judged) <= 1
+    assert len(judged) > 15
+    assert all(v.verdict == "accepted" for v in judged)
 
 
 def test_a_start_without_minimum_says_so() -> None:

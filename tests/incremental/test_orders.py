@@ -24,7 +24,7 @@ from factorgraph_adj.observations import (
     SlopeDistance,
 )
 from tests.networks.random_small import random_network
-from tests.support.orders import AT_REST, errors, limited, study
+from tests.support.orders import AT_REST, LONGEST, errors, limited, study
 
 MM = 1e-3
 SMALL_PART = "a part of a free network that could be one alone is in only where it came first"
@@ -92,7 +92,7 @@ def test_a_network_without_unknowns_may_be_handed_over() -> None:
     network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
     network.add_point("B", (20.0, 15.0, 10.0), fixed="xyz")
     network.add(HeightDifference("A", "B", 10.0, sigma=MM))
-    with limited(2.0):
+    with limited(LONGEST):
         assert IncrementalAdjustment(network, policy="accept").n_waiting == 1
 
 

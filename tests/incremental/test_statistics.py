@@ -249,6 +249,8 @@ def every_sight(frame: str) -> tuple[Network, Network]:
     plan.add(Direction("i", "j", 0.0, sigma=0.001), Direction("i", "k", 0.0, sigma=0.001))
     for name, vertical in plan.verticals.items():
         plan.verticals[name] = replace(vertical, sigma=(1e-4, 1e-4))
+    for name, body in plan.frames.items():
+        plan.frames[name] = replace(body, sigma=(*(1e-4,) * 3, *(0.01,) * 3, 1e-5))
     return measure(plan, seed=1), measure(plan, seed=2)
 
 

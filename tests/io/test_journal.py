@@ -72,9 +72,12 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     """Draw an observation of a kind; every attribute that it has may be filled."""
     cls = KINDS[kind].observation
     have = {f.name: f for f in fields(cls)}
+    if kind == "frame_coordinate":
+        del have[str(rng.choice(["point", "photo"]))]
     free = iter(rng.permutation(["1", "B, 2", "#C", '"D" ü', " E ", "7.50"]).tolist())
     names = ("station", "target", "target2", "point", "photo", "instrument", "refraction", "set")
     out = {n: next(free) for n in names[:5] if n in have}
+    out |= {"frame": next(free), "point": out.get("point")} if "frame" in have else {}
     out |= {n: str(rng.integers(9)) for n in names[5:] if n in have and rng.random() < 0.5}
     out |= {n: number(rng) for n in have if n.endswith("_height") and rng.random() < 0.5}
     if "face" in have:
@@ -91,7 +94,8 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     elif "covariance" in have:
         axes = "xyz"
         if "axes" in have:
-            axes = out["axes"] = str(rng.choice(["xyz", "z", "yx", "enu", "un"]))
+            choices = ["xyz", "z", "yx"] + (["enu", "un"] if KINDS[kind].by_axis else [])
+            axes = out["axes"] = str(rng.choice(choices))
         size = 3 if set(axes) & set("enu") else len(axes)
         out["value"] = tuple(number(rng) for _ in range(size))
         if rng.random() < 0.5:

@@ -165,9 +165,13 @@ def any_observation(draw):
     kind = draw(st.sampled_from([k for k in KINDS if k != "image"]))
     cls = KINDS[kind].observation
     names = {f.name for f in fields(cls)}
+    if kind == "frame_coordinate":
+        names -= {draw(st.sampled_from(["point", "photo"]))}
     have = [n for n in ("station", "target", "target2", "point", "photo") if n in names]
     chosen = draw(st.lists(NAME, min_size=len(have), max_size=len(have), unique=True))
     arguments = dict(zip(have, chosen, strict=True))
+    if kind == "frame_coordinate":
+        arguments = {"point": None, "frame": draw(NAME)} | arguments
     for height in ("instrument_height", "target_height", "target2_height"):
         if height in names:
             arguments[height] = draw(VALUE)
@@ -208,6 +212,7 @@ def test_a_record_survives_json_as_numbers(found):
     units = UNITS["SI"]
     fields_of = record(found, units=units)
     texts = {"kind", "id", "station", "target", "target2", "point", "photo", "axes", "set", "unit"}
+    texts |= {"frame"}
     as_numbers = {k: v if k in texts or not v else float(v) for k, v in fields_of.items()}
     line = json.loads(json.dumps(as_numbers))
     assert_same(found, observation(line, context=RecordContext(units)))

@@ -7,7 +7,6 @@ from math import pi
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.cli.main import main
 from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
 
 PROJECT = """name = "book"
@@ -135,19 +134,3 @@ def test_sigma_of_a_reading_and_the_choice_of_faces_are_checked(tmp_path):
     )
     (problem,) = problems(write(tmp_path, project=centred + '[readings]\nfaces = "both"\n'))
     assert problem.startswith("sigma_zenith has centring, which the two faces of a target share")
-
-
-def test_faces_that_do_not_agree_are_told_by_check_and_by_adjust(tmp_path, capsys):
-    text = READINGS.replace("301.3980", "301.4220")
-    for faces in ("means", "both"):
-        write(tmp_path, readings=text, project=PROJECT + f'[readings]\nfaces = "{faces}"\n')
-        assert main(["check", str(tmp_path)]) == 1
-        told = capsys.readouterr().out
-        assert "station 'S', set '1', target 'C': its two faces give index" in told
-        assert "tolerance" in told and "look at the readings of both faces" in told
-        assert main(["adjust", str(tmp_path)]) == 1
-        protocol, stderr = capsys.readouterr()
-        assert "about the two faces of targets, the first: station 'S'" in stderr
-        assert "DOUBTFUL RESULT" in protocol and "two faces of targets" in " ".join(
-            protocol.split()
-        )

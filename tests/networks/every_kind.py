@@ -59,6 +59,12 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "photo_position": lambda: [
         o.PhotoPosition("f", (0.0, 0.0, 0.0), covariance=COVARIANCE, lever_arm=(0.1, -0.4, 0.7))
     ],
+    "frame_coordinate": lambda: [
+        o.FrameCoordinate("body", "j", (0.0, 0.0, 0.0), covariance=COVARIANCE),
+        o.FrameCoordinate("body", "k", (0.0, 0.0), axes="zx", sigma=(1.0, 2.0)),
+        o.FrameCoordinate("tripod", "j", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
+        o.FrameCoordinate("slanted", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
+    ],
 }
 """Observations of each kind between the points i, j, k and of the photo f."""
 
@@ -148,6 +154,7 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     network.set_orientation("i", value=0.3)
     network.set_unknown("index_error", "circle", (2e-4,))
     network.set_unknown("collimation_error", "telescope", (3e-4,))
+    add_frames(network, tuple((station + geometry.length).tolist()))
     for kind, make in OBSERVED.items():
         local = isinstance(frame, LocalFrame)
         if kind == "photo_position" or (kind.startswith("astronomic") and local):
@@ -169,8 +176,19 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
         "index_error": (1e-3,),
         # Of a steep sight the reading changes by c/sin z.
         "collimation_error": (1e-3 * geometry.reach / geometry.length,),
+        "frame": (1e-3,) * 3 + (1e-2 * geometry.length,) * 3 + (1e-3,),
     }
     return equations, _steps(equations, steps)
+
+
+def add_frames(network: Network, origin: tuple[float, float, float]) -> None:
+    """Add a frame with a constant origin and, at the point i if there is one, two others."""
+    every = ("rx", "ry", "rz", "x", "y", "z", "ln_scale")
+    values = dict(zip(every, (0.4, -0.7, 1.1, 3.0, -5.0, 2.0, 0.2), strict=True))
+    network.add_frame("body", free=every, values=values, origin=origin)
+    if "i" in network.points:
+        network.add_frame("tripod", free=every, values=values, origin="i", level=True)
+        network.add_frame("slanted", free=every, values=values, origin="i")
 
 
 def _steps(equations: Equations, by_kind: dict[str, tuple[float, ...]]) -> Array:
@@ -266,6 +284,8 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         seen.append((x + camera.values["x0"], y + camera.values["y0"]))
     network.add_image_points("f", list(network.points), np.array(seen), sigma=0.005)
     network.add(*OBSERVED["photo_position"]())
+    add_frames(network, (25.0, -10.0, 5.0))
+    network.add(o.FrameCoordinate("body", None, (0.0, 0.0, 0.0), photo="f", covariance=COVARIANCE))
     equations = compile_network(network)
     radius = min(np.hypot(x, y) for x, y in view.at)
     ray = min(radius / c, 0.25)
@@ -276,6 +296,7 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
     by_kind = {
         "point": (0.01 * view.depth * ray,),
         "pose": (0.01 * ray,) * 3 + (0.01 * view.depth * ray,) * 3,
+        "frame": (1e-3,) * 3 + (1e-2,) * 3 + (1e-3,),
         "calibration": tuple(0.005 * radius / np.where(largest > 0, largest, 1.0)),
     }
     return equations, _steps(equations, by_kind)

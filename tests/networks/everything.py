@@ -74,6 +74,9 @@ def everything(frame_name: str) -> Network:
     n.set_vertical("#C")
     n.set_distance_meter("EDM", scale=1e-6, zero=0.0013, sigma_zero=0.001, free=["scale"])
     n.set_distance_meter("tape", sigma_scale=1 / 3e6)
+    n.add_frame("model, 1", free=("rx", "ry", "rz", "x", "y", "z"), sigma={"ln_scale": 1e-5 / 3})
+    n.add_frame("tripod", free=["rz"], sigma={"rx": 1e-5, "ry": 2e-5}, origin="A", level=True)
+    n.add_frame("wall", free=["rz", "x"], values={"rz": -1 / 3, "z": 0.1}, origin=(1 / 3, 2, 3e6))
     per_part = StandardDeviation(0.002, ppm=2.0, centring_target=0.001)
     turned = StandardDeviation(1e-5, centring_instrument=0.001, centring_target=0.002)
     n.add(
@@ -95,6 +98,10 @@ def everything(frame_name: str) -> Network:
             '"D"', (3.0, 1.0), axes="zx", covariance=np.array([[2e-4, 1e-5], [1e-5, 1e-4]])
         ),
         o.ControlPoint('"D"', (3.0, 1.0, 2.0), axes="nu", sigma=(0.01, 0.02)),
+        o.FrameCoordinate("model, 1", "A", (1, 2, 1 / 3), covariance=np.diag([1e-6, 2e-6, 3.1])),
+        o.FrameCoordinate("model, 1", None, (1, 1 / 3), axes="zx", photo="f1", sigma=(0.1, 0.2)),
+        o.FrameCoordinate("tripod", '"D"', (1, 2, 1 / 3), sigma=(1e-3, 2e-3, 3e-3)),
+        o.FrameCoordinate("wall", "#C", (1 / 3,), axes="x", sigma=(1e-3,)),
         o.PhotoPosition("f1", (1, 2, 3.0), sigma=(0.01, 0.02, 0.03), lever_arm=(0.1, 0, -0.2)),
     )
     if not local:

@@ -6,7 +6,6 @@ from two stations, a levelled loop, and check points; noise from a seed.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -25,6 +24,7 @@ from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.simulate import disturb, look_at, measure
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.units import CC
+from tests.support.shifted import shift_first_distance, shift_image
 
 STATIONS = {"S1": (-8.0, -9.0, 0.3), "S2": (9.0, -8.0, 0.1)}
 CENTRES = ((-7.0, -8.0, 6.0), (7.0, -8.0, 6.5), (7.5, 8.0, 6.0), (-7.0, 8.5, 6.2))
@@ -105,10 +105,6 @@ def images_only() -> Network:
 def blundered() -> Network:
     """Return the small block with a wrong distance and a wrong image coordinate."""
     network = small_block()
-    name = next(i for i, x in network.observations.items() if isinstance(x, SlopeDistance))
-    wrong = network.observations[name]
-    network.observations[name] = replace(wrong, value=wrong.value + 0.02)
-    xy = network.images.xy[0].copy()
-    xy[5] += (0.08, 0.0)
-    network.images.xy = [xy, *network.images.xy[1:]]
+    shift_first_distance(network, 0.02)
+    shift_image(network, "F1/P6", 0.08)
     return network

@@ -98,8 +98,8 @@ def test_a_kind_that_is_not_registered_is_refused_when_it_is_made() -> None:
         Interval("A", "B", 10.0, sigma=0.002)
     with pytest.raises(fga.InputError, match="unknown kind of observation 'interval'"):
         observation_kind("interval")
-    with pytest.raises(fga.InputError, match="unknown kind of unknowns 'frame'; valid: point"):
-        unknown_kind("frame")
+    with pytest.raises(fga.InputError, match="unknown kind of unknowns 'shape'; valid: point"):
+        unknown_kind("shape")
 
 
 def test_a_new_distance_weighs_by_its_own_record_as_a_slope_distance_does() -> None:

@@ -16,19 +16,16 @@ from factorgraph_adj.parts import workers
 from factorgraph_adj.parts.cut import cut_network
 from factorgraph_adj.parts.folder import Folder
 from tests.benchmarks.grids import simulate_grid
+from tests.support.cluster import local_client
 
 distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
 
 
 @pytest.fixture(scope="module")
-def client() -> Iterator[distributed.Client]:
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=":0"
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        yield client
+def client() -> Iterator[object]:
+    """A client of a cluster that repeats what a worker died of, once."""
+    with local_client(allowed_failures=1) as made:
+        yield made
 
 
 @dataclass(frozen=True)

@@ -226,3 +226,17 @@ def test_every_hypothesis_has_the_numbers_of_good_readings() -> None:
                 small += evidence(c.t2, c.dof) < -np.log(0.5)
     assert count_ > 500
     assert 0.42 < small / count_ < 0.58
+
+
+def test_a_cause_of_a_size_that_nobody_makes_is_not_plausible() -> None:
+    """A centring of centimetres is, that by which an exchange is explained is not."""
+    case = spoiled("centring", 1, 0.1)
+    assert searched(adjusted(case.network, case.readings)).found[0].plausible
+    done = 0
+    for seed in range(8):
+        case = spoiled("exchanged_targets", seed, 0.0)
+        solution = fga.adjust(adjusted(case.network, case.readings))
+        if solution.converged:
+            assert not fga.causes(fga.reliability(solution)).likelier[0].plausible
+            done += 1
+    assert done >= 3

@@ -27,17 +27,9 @@ from factorgraph_adj.solve.solution import Solution
 from tests.benchmarks.grids import simulate_grid
 from tests.networks.trilateration import SIGMA, trilateration
 from tests.support.same import contents
+from tests.support.shifted import shift_image
 
 # -- mixed networks -----------------------------------------------------------------------------
-
-
-def shift_image(network: Network, ident: str, dx: float, dy: float) -> None:
-    """Add a gross error to an image point."""
-    names = [f"{o.photo}/{o.point}" for o in network.image_points()]
-    _, _, xy, _ = network.images.columns()
-    moved = xy.copy()
-    moved[names.index(ident)] += (dx, dy)
-    network.images.xy = [moved]
 
 
 @cache

@@ -23,6 +23,7 @@ from factorgraph_adj.report.text import protocol
 from factorgraph_adj.solve.batch import adjust
 from tests.networks.small_block import blundered, small_block
 from tests.support.printed import row
+from tests.support.shifted import shift_image
 
 Files = dict[str, str]
 SIGNED = {
@@ -54,9 +55,7 @@ def weighted_y0() -> Network:
     at = camera.lens.names.index("y0")
     sigma = tuple(0.05 if i == at else s for i, s in enumerate(camera.sigma))
     network.cameras["D3"] = replace(camera, sigma=sigma)
-    xy = network.images.xy[0].copy()
-    xy[5] += (0.0, 0.08)
-    network.images.xy = [xy, *network.images.xy[1:]]
+    shift_image(network, "F1/P6", 0.0, 0.08)
     return network
 
 
@@ -71,9 +70,12 @@ def held_y0() -> Network:
     return network
 
 
-@pytest.fixture(params=[blundered, weighted_y0, held_y0], ids=lambda make: make.__name__)
-def both(request, tmp_path) -> tuple[Files, Files]:
+@pytest.fixture(
+    scope="module", params=[blundered, weighted_y0, held_y0], ids=lambda make: make.__name__
+)
+def both(request, tmp_path_factory) -> tuple[Files, Files]:
     """Return the files of a report with y up, and with y down."""
+    tmp_path = tmp_path_factory.mktemp("both")
     return written(request.param, False, tmp_path), written(request.param, True, tmp_path)
 
 

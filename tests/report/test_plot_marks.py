@@ -14,6 +14,7 @@ from factorgraph_adj.planning.plan import plan
 from factorgraph_adj.simulation.industry_block import industry_block_plan, simulate_industry_block
 from tests.networks.simulated import levelling
 from tests.networks.small_block import small_block
+from tests.support.shifted import shift_first_distance, shift_image
 
 pytest.importorskip("matplotlib")
 
@@ -46,14 +47,9 @@ GROSS = {"F2/P5": 0.16, "F1/P3": -0.2}
 def spoilt() -> fga.Network:
     """Return the small block with two gross errors in images and one in a distance."""
     network = small_block()
-    photo, point, xy, _ = network.images.columns()
-    photos, points = list(network.photos), list(network.points)
-    for row, (f, p) in enumerate(zip(photo.tolist(), point.tolist(), strict=True)):
-        xy[row, 0] += GROSS.get(f"{photos[f]}/{points[p]}", 0.0)
-    ident, distance = next(
-        (i, o) for i, o in network.observations.items() if isinstance(o, SlopeDistance)
-    )
-    network.observations[ident] = replace(distance, value=distance.value + 0.3)
+    for ident, error in GROSS.items():
+        shift_image(network, ident, error)
+    shift_first_distance(network, 0.3)
     return network
 
 

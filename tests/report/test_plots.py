@@ -44,6 +44,7 @@ from factorgraph_adj.solve.solution import Solution
 from tests.networks.simulated import NETWORKS, gnss, levelling
 from tests.networks.small_block import CHECKED, SIGHTED, small_block
 from tests.support.places import ROOT
+from tests.support.shifted import shift_image
 
 pytest.importorskip("matplotlib")
 
@@ -80,10 +81,7 @@ def levelling_with_plan() -> fga.Network:
 def with_blunder() -> fga.Network:
     """The small block with an error of 40 σ in x of one image point."""
     network = small_block()
-    photo, point, xy, _ = network.images.columns()
-    names = list(network.photos), list(network.points)
-    row = np.flatnonzero((photo == names[0].index("F2")) & (point == names[1].index("P5")))[0]
-    xy[row, 0] += 0.16
+    shift_image(network, "F2/P5", 0.16)
     return network
 
 

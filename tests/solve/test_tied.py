@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 
@@ -13,15 +15,16 @@ from tests.benchmarks.tied import differences, sparse_rows
 STATIONS = 10
 
 
-@pytest.fixture(params=[False, True], ids=["by GTSAM", "in fronts"])
-def solution(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> fga.Solution:
+@pytest.fixture(scope="module", params=[False, True], ids=["by GTSAM", "in fronts"])
+def solution(request: pytest.FixtureRequest) -> Iterator[fga.Solution]:
     """Return 80 photos and 10 stations, whose terrestrial side is eliminated in either way."""
-    monkeypatch.setattr(elimination, "LARGEST_TREE_BESIDE_CAMERAS", 0 if request.param else 1000)
     network = simulate_tied(2, photos=80, stations=STATIONS, points_per_photo=30)
-    found = fga.adjust(network)
-    assert found.converged and not found.solver.qr_everywhere
-    assert found.solver.layers.in_fronts == request.param
-    return found
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(elimination, "LARGEST_TREE_BESIDE_CAMERAS", 0 if request.param else 1000)
+        found = fga.adjust(network)
+        assert found.converged and not found.solver.qr_everywhere
+        assert found.solver.layers.in_fronts == request.param
+        yield found
 
 
 def test_covariances_and_redundancy_numbers_are_those_of_dense_qr(solution: fga.Solution) -> None:

@@ -31,8 +31,8 @@ COMPARABLE = (1e-9, 1e-7)
 """Tolerances of the batch adjustment; weaker networks have none to compare with."""
 ROUNDING = 10.0
 """Multiple of the difference of two batch adjustments below which a difference is rounding."""
-LONGEST = 20.0
-"""Seconds that the arrival of a network in one way may take."""
+LONGEST = 120.0
+"""Processor time, seconds, after which the arrival of a network in one way hangs."""
 LARGEST_GROUP = 8
 """Observations that arrive together, at most."""
 
@@ -114,19 +114,19 @@ def inside(adjustment: IncrementalAdjustment) -> frozenset[str]:
 
 @contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Raise a TimeoutError in what takes longer; in the main thread only."""
+    """Raise a TimeoutError in what takes more processor time; in the main thread only."""
 
     def late(number: int, frame: FrameType | None) -> NoReturn:
         del number, frame
-        raise TimeoutError(f"longer than {seconds:g} s")
+        raise TimeoutError(f"hangs: {seconds:g} s of processor time")
 
-    before = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    before = signal.signal(signal.SIGPROF, late)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def arrive(drawn: Drawn, way: Way, policy: Policy = "accept") -> End:

@@ -129,6 +129,15 @@ def _two_sights(s: Spoiled) -> Place:
     return (at, a, b), _readings_of(s, at, a, b)
 
 
+def _two_heights(s: Spoiled) -> Place:
+    """Choose two sights of a station, to another station and to a target: heights differ."""
+    both = {at: sorted(s.targets(at)) for at in s.stations}
+    kinds = {at: {t[0] for t in targets} for at, targets in both.items()}
+    at = s.some([at for at, found in kinds.items() if len(found) == 2])
+    a, b = (s.some([t for t in both[at] if t[0] == kind]) for kind in "ST")
+    return (at, a, b), _readings_of(s, at, a, b)
+
+
 def _sight_and_other(s: Spoiled) -> Place:
     """Choose a sight, and a point that its station does not see."""
     at = s.some(s.stations)
@@ -214,6 +223,13 @@ def _exchanged(_: Spoiled, names: tuple[str, ...], __: float) -> Change:
     return lambda o: replace(o, target=other[o.target])
 
 
+def _exchanged_with_heights(s: Spoiled, names: tuple[str, ...], _: float) -> Change:
+    """Exchange two names; the height of the target is looked up by the wrong name."""
+    other = {names[1]: names[2], names[2]: names[1]}
+    height = {o.target: o.target_height for o in s.of_kinds(*TERRESTRIAL)}
+    return lambda o: replace(o, target=other[o.target], target_height=height[other[o.target]])
+
+
 def _renamed(_: Spoiled, names: tuple[str, ...], __: float) -> Change:
     return lambda o: replace(o, target=names[2])
 
@@ -294,6 +310,12 @@ SIZED: dict[str, Mistake] = {
 EXCHANGES: dict[str, Mistake] = {
     "exchanged_targets": _of_readings(
         "two targets, exchanged:", "{1} and {2} seen from {0}", _two_sights, _exchanged
+    ),
+    "exchanged_with_heights": _of_readings(
+        "two targets, exchanged:",
+        "{1} and {2} seen from {0}, with the height that goes with the name",
+        _two_heights,
+        _exchanged_with_heights,
     ),
     "confused_point": _of_readings(
         "the name of the target",

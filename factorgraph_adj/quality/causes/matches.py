@@ -3,13 +3,17 @@
 Readings that are far off bend an adjustment so that its linear model says nothing of them. In the
 solution without them each is computed again as if its target were another point, its ends were
 exchanged, it were read in the other face, or the image axes were others. Where all readings of a
-sight fit then, that is what happened.
+sight fit then, that is what happened. Where the height of a target was looked up by its name, the
+wrong name has brought the wrong height: another point is tried with the heights that are recorded
+with its name, too.
 """
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -17,19 +21,24 @@ from ...errors import AdjustmentError, InputError
 from ...graph.equations import Equations
 from ...observations import Azimuth, Direction, GnssVector, Observation
 from ...solve.solution import Solution
+from ...types import Array, Index
 from ..distributions import chi2_quantile
 from ..innovations import Innovations
 from ..prediction import predict
 from .hypotheses import SIGHTS
-from .readings import Readings
+from .readings import HEIGHT, Readings
 
 MOST = 100
 """Largest number of sights for which other targets are looked for, those that fit worst."""
 TRIED = 5
 """Number of other targets that are tried for a sight: those that fit best."""
+HEIGHTS = 3
+"""Largest number of recorded heights with which another target is tried: those most recorded."""
 WEAK = 1e4
 """Largest ratio of the variance of a prediction to that of the reading: a point that the clean
 solution hardly determines fits everything."""
+WITH_HEIGHT = ", with the height that goes with the name"
+"""What is added where the height of the target is that of the wrong name as well."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +57,8 @@ class Match:
     """T² of the readings as they fit."""
     sight: tuple[str, str, str] | None = None
     """Station, target and the point that it is, of one sight."""
+    moved: bool = False
+    """Whether the height of the target is that of the wrong name as well."""
 
 
 def matches(
@@ -119,7 +130,7 @@ class _Search:
         if not len(r.row):
             return
         names = r.equations.unknowns["point"].names
-        n = len(names)
+        recorded = self._recorded_heights()
         sigma = r.equations.sigmas()[r.row]
         # What the clean solution does not determine tells nothing of what it may be.
         misfit = np.nan_to_num(np.square((r.computed - r.observed) / sigma))
@@ -137,21 +148,38 @@ class _Search:
             if len(rows) == 1 and r.kind[rows[0]] not in ("direction", "azimuth"):
                 continue
             own = [r.equations.id(int(row)) for row in r.row[rows]]
-            part, every = r.only(rows), np.tile(rows, n)
-            change = r.only(every).with_targets(np.repeat(np.arange(n), len(rows)))
-            left = (part.computed - part.observed)[None, :] + change.reshape(n, -1)
+            part = r.only(rows)
+            places, heights = _tried(names, recorded, part.constant(HEIGHT))
+            change = r.only(np.tile(rows, len(places))).with_targets(
+                np.repeat(places, len(rows)), heights.ravel()
+            )
+            left = (part.computed - part.observed)[None, :] + change.reshape(len(places), -1)
             size = np.square(left / sigma[rows]).sum(axis=1)
             best = np.argsort(size)[:TRIED]
             for b in best[size[best] < WEAK * self.critical * len(rows)].tolist():
+                right = names[int(places[b])]
                 try:
-                    changed = [replace(self.every[i], target=names[b]) for i in own]  # type: ignore[call-arg]
+                    changed = [
+                        _read_to(self.every[i], right, h)
+                        for i, h in zip(own, heights[b].tolist(), strict=True)
+                    ]
                 except InputError:  # the station itself
                     continue
+                moved = bool(np.any(heights[b] != part.constant(HEIGHT)))
                 seen = f"{names[target]!r} seen from {names[station]!r}"
-                where = f"{seen}, which is {names[b]!r}"
+                where = f"{seen}, which is {right!r}{WITH_HEIGHT if moved else ''}"
                 if found := self._match("the name of the target", where, own, changed):
-                    yield replace(found, sight=(names[station], names[target], names[b]))
+                    sight = (names[station], names[target], right)
+                    yield replace(found, sight=sight, moved=moved)
                     break
+
+    def _recorded_heights(self) -> dict[str, tuple[float, ...]]:
+        """Return the heights of targets by the name of the target, those most recorded first."""
+        counts: dict[str, Counter[float]] = defaultdict(Counter)
+        for o in self.every.values():
+            if o.kind in SIGHTS and hasattr(o, HEIGHT):
+                counts[o.target][getattr(o, HEIGHT)] += 1  # type: ignore[attr-defined]
+        return {n: tuple(h for h, _ in c.most_common(HEIGHTS)) for n, c in counts.items()}
 
     def vectors(self) -> Iterator[Match]:
         """Iterate over GNSS vectors with start and end exchanged."""
@@ -191,5 +219,37 @@ def _both_ways(found: Sequence[Match]) -> Iterator[Match]:
         done |= {(station, b, a)}
         a, b = sorted((a, b))
         where = f"{a!r} and {b!r} seen from {station!r}"
+        where += WITH_HEIGHT if m.moved or other.moved else ""
         before, after = m.before + other.before, m.after + other.after
         yield Match("two targets, exchanged:", where, (*m.ids, *other.ids), before, after)
+
+
+def _tried(
+    names: Sequence[str], recorded: Mapping[str, tuple[float, ...]], own: Array
+) -> tuple[Index, Array]:
+    """Return the points that a sight is tried to, (k,), and heights of the target there, (k, m).
+
+    Args:
+        names: names of all points, (n,).
+        recorded: heights that are recorded with each name.
+        own: heights that are recorded with the readings of the sight, (m,).
+    """
+    places, heights = [*range(len(names))], [own] * len(names)
+    for number, name in enumerate(names):
+        for height in recorded.get(name, ()):
+            if np.any(own != height):
+                places.append(number)
+                heights.append(np.full(len(own), height))
+    return np.array(places, dtype=np.intp), np.array(heights).reshape(len(places), len(own))
+
+
+def _read_to(o: Observation, target: str, height: float) -> Observation:
+    """Return a reading as if it had been read to another target, at a height.
+
+    Raises:
+        InputError: the target is the station.
+    """
+    changes: dict[str, Any] = {"target": target}
+    if hasattr(o, HEIGHT):
+        changes[HEIGHT] = height
+    return replace(o, **changes)

@@ -12,7 +12,7 @@ began; without either, they are named together.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -30,6 +30,7 @@ from ...solve.solution import Solution
 from ...types import Array, Index, Mask
 from ..distributions import chi2_quantile
 from ..innovations import Innovations
+from .image_axes import MIRRORED, OTHER
 from .matches import Match
 from .search import SAME
 
@@ -43,22 +44,6 @@ FIT = 0.9
 """Smallest share of its rays that fit with the right axes; the others may be gross errors."""
 TURNED = np.pi / 4
 """Largest angle between two attitudes that a turn of the axes by a right angle does not explain."""
-
-EXCHANGED = "x and y, exchanged,"
-ALONG_X, ALONG_Y = "the direction of x", "the direction of y"
-MIRRORED = "the axes, mirrored (x and y exchanged, or one the wrong way),"
-
-Axes = Callable[[Array, Array], Array]
-"""Coordinates with other axes, from coordinates (n, 2) and the principal point (2,)."""
-OTHER: tuple[tuple[str, Axes], ...] = (
-    (EXCHANGED, lambda xy, _: xy[:, ::-1]),
-    (EXCHANGED, lambda xy, _: -xy[:, ::-1]),  # with rows that count down
-    (ALONG_Y, lambda xy, _: xy * [1.0, -1.0]),
-    (ALONG_Y, lambda xy, at: xy * [1.0, -1.0] + at * [0.0, 2.0]),  # counted from the other edge
-    (ALONG_X, lambda xy, _: xy * [-1.0, 1.0]),
-    (ALONG_X, lambda xy, at: xy * [-1.0, 1.0] + at * [2.0, 0.0]),
-)
-"""Causes, and what they make of coordinates that are right; each undoes itself."""
 
 
 @dataclass(frozen=True)
@@ -134,10 +119,17 @@ def photos(
 
 def told_apart(same: Sequence[Oriented], given: Array | None) -> str:
     """Return which of several axes that fit it is: those with the attitude that was given."""
-    if len({o.cause for o in same}) > 1 and given is not None and np.isfinite(given).all():
-        same = [o for o in same if _angle(o.rotation, given) < TURNED] or same
+    if len({o.cause for o in same}) > 1:
+        same = [o for o in same if fits_attitude(o, given)] or same
     causes = {o.cause for o in same}
     return causes.pop() if len(causes) == 1 else MIRRORED
+
+
+def fits_attitude(found: Oriented, given: Array | None) -> bool:
+    """Return whether an orientation has the attitude that was given, or none was given."""
+    if given is None or not np.isfinite(given).all():
+        return True
+    return _angle(found.rotation, given) < TURNED
 
 
 def _angle(a: Array, b: Array) -> float:

@@ -19,6 +19,8 @@ from ...types import Array, Index, Mask
 
 STEP = 0.005
 """Step of the central differences by heights of instruments and targets, metres."""
+HEIGHT = "target_height"
+"""Name of the height of the target, of models and of observations."""
 
 
 @dataclass(frozen=True)
@@ -170,10 +172,15 @@ class Readings:
             out[at] = change[self.number[at], self.component[at]]
         return out
 
-    def with_targets(self, targets: Index) -> Array:
+    def with_targets(self, targets: Index, heights: Array) -> Array:
         """Return f − f(x) of the rows if they had been read to other targets; NaN: no answer.
 
         Angles are changes of at most half a circle.
+
+        Args:
+            targets: numbers of the other targets, (m,).
+            heights: heights of the targets there, (m,) metres; without effect on kinds that have
+                none.
         """
         out = np.full(len(self.row), np.nan)
         for block, at in self.parts():
@@ -190,7 +197,10 @@ class Readings:
                 of = self.equations.unknowns["vertical"].number
                 new = [of.get(names[t], of.get("", 0)) for t in targets[at].tolist()]
                 variables[vertical] = ("vertical", np.array(new, dtype=np.intp))
-            other = replace(part, variables=tuple(variables))
+            constants = dict(part.constants)
+            if HEIGHT in constants:
+                constants[HEIGHT] = heights[at]
+            other = replace(part, variables=tuple(variables), constants=constants)
             fine = (targets[at] != self.station[at]) & (targets[at] != old)
             fine &= np.isfinite(self.state["point"][targets[at]]).all(axis=1)
             if not fine.any():

@@ -37,6 +37,21 @@ CHANCE = 0.01
 SHARED = 2
 """Smallest number of observations that share a cause; an error of one is tested as its own."""
 
+PLAUSIBLE: dict[Size, float] = {
+    "length": 1.0,
+    "angle": np.pi / 200,
+    "ppm": 1e4,
+    "image": np.inf,
+    "number": np.inf,
+}
+"""Largest error, SI, that heights, constants and centring have in the field: a metre, a gon, one
+percent. Where an error would have to be larger, readings belong to something else."""
+EXCHANGES = (
+    "exchanges (of targets, names of points, ends of vectors, faces, axes of photos) are tested by "
+    "data snooping only (adjust --snoop)"
+)
+"""What is to be known of causes in an adjustment without data snooping."""
+
 _UNIT: dict[Size, tuple[float, str]] = {
     "length": (1e-3, "mm"),
     "angle": (np.pi / 200e3, "mgon"),
@@ -112,6 +127,12 @@ class Cause:
             test += f"{self.critical:.1f}"
         text = f"{self.cause} {self.where}"
         return (f"{text}: {', '.join(sizes)}" if sizes else text) + f" ({test})"
+
+    @property
+    def plausible(self) -> bool:
+        """Whether an error of this size is one that people make, see `PLAUSIBLE`."""
+        limits = np.array([PLAUSIBLE[size] for size in self.sizes])
+        return not np.any(np.abs(self.error) > limits)
 
     @property
     def evidence(self) -> float:

@@ -8,35 +8,23 @@ coordinates `BETTER` times better, in the median of the misfits.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 
 import numpy as np
 
-from ...errors import InputError, known
 from ...frames import LocalFrame
-from ...graph.blocks import Block
 from ...graph.equations import Equations
 from ...models.terrestrial import direction_in_face_one
 from ...network.network import Network
 from ...types import Array, Index
 from .finding import Finding
+from .geographic import exchanged_latitudes
+from .given_rows import BETTER, LEAST, computed_values, given_rows, median
+from .gnss_frames import vector_frames
+from .photo_axes import photo_axes
 
-BETTER = 5.0
-"""How many times better another reading of a group must fit to be told."""
-LEAST = 4
-"""Smallest number of readings of a group."""
 FAR = 100_000.0
 """Distance from the origin of a curved local frame, metres, beyond which it is told: the error of
 the sphere that stands for the Earth is more than 1e-4 of the curvature there."""
-Y_DOWN = "with the image y axis the other way"
-EXCHANGED = "with x and y of the image exchanged"
-TRANSPOSED = "with transposed rotation matrices"
-REMEDIES: Mapping[str, str] = {
-    Y_DOWN: "state y_axis; of some photos alone, change the sign of y",
-    EXCHANGED: "exchange the columns x and y",
-    TRANSPOSED: "turn the matrices",
-}
-"""What may be wrong with photos, and what to do."""
 LENGTHS: Mapping[str, float] = {
     "feet": 0.3048,
     "US survey feet": 1200.0 / 3937.0,
@@ -57,50 +45,20 @@ ANGLES: Mapping[str, float] = {
 
 
 def against_given(equations: Equations) -> Iterator[Finding]:
-    """Iterate over mistakes that given coordinates tell of."""
+    """Iterate over mistakes that given coordinates tell of.
+
+    Where places are on another part of the Earth, nothing else is compared with them.
+    """
+    elsewhere = tuple(exchanged_latitudes(equations))
+    yield from elsewhere
+    if elsewhere:
+        return
     yield from _units(equations)
     yield from _signs(equations)
-    yield from _vectors(equations)
+    yield from vector_frames(equations)
     yield from _axes(equations)
     yield from _origin(equations.network)
-    yield from _photos(equations)
-
-
-def _given(equations: Equations, kind: str) -> Iterator[tuple[Block, Index]]:
-    """Iterate over the blocks of a kind, and the rows whose points have given coordinates."""
-    state = equations.unknowns.start()
-    for block in equations.blocks:
-        if block.kind != kind or block.prior:
-            continue
-        fine = np.ones(block.n, dtype=bool)
-        for what, index in block.variables:
-            if what in ("point", "pose"):
-                fine &= np.isfinite(state[what][index]).all(axis=1)
-        rows = np.flatnonzero(fine)
-        if len(rows) >= LEAST:
-            yield block, rows
-
-
-def _computed(equations: Equations, block: Block, rows: Index) -> tuple[Array, Array]:
-    """Return observed and computed values of rows, (k, d); observed ones where there is no answer.
-
-    Points may coincide in rough coordinates, and sights be vertical.
-    """
-    state = {k: np.nan_to_num(v) for k, v in equations.unknowns.start().items()}
-    part, frame = block.select(rows), equations.network.frame
-    try:
-        v = part.evaluate(frame, state, jacobians=False).residual
-    except InputError:
-        v = np.zeros_like(part.observed)
-        for i in range(part.n):
-            with suppress(InputError):
-                one = part.select(np.array([i]))
-                v[i] = one.evaluate(frame, state, jacobians=False).residual[0]
-    return part.observed, v + part.observed
-
-
-def _median(misfit: Array) -> float:
-    return float(np.median(np.abs(misfit)))
+    yield from photo_axes(equations)
 
 
 def _units(equations: Equations) -> Iterator[Finding]:
@@ -112,13 +70,13 @@ def _units(equations: Equations) -> Iterator[Finding]:
         ("zenith_angle", ANGLES),
         ("vertical_angle", ANGLES),
     ):
-        for block, rows in _given(equations, kind):
-            observed, computed = _computed(equations, block, rows)
-            now = _median(observed - computed)
-            left = {unit: _median(f * observed - computed) for unit, f in factors.items()}
+        for block, rows in given_rows(equations, kind):
+            observed, computed = computed_values(equations, block, rows)
+            now = median(observed - computed)
+            left = {unit: median(f * observed - computed) for unit, f in factors.items()}
             unit = min(left, key=lambda u: left[u])
             # Values near zero fit everything: the unit must explain the computed values.
-            if left[unit] * BETTER < min(now, _median(computed)):
+            if left[unit] * BETTER < min(now, median(computed)):
                 yield Finding(
                     f"the values of {len(rows)} {kind.replace('_', ' ')}s fit the given "
                     f"coordinates {now / max(left[unit], 1e-12):.0f} times better as {unit}",
@@ -128,9 +86,9 @@ def _units(equations: Equations) -> Iterator[Finding]:
 
 def _signs(equations: Equations) -> Iterator[Finding]:
     """Height differences that fit with the other sign."""
-    for block, rows in _given(equations, "height_difference"):
-        observed, computed = _computed(equations, block, rows)
-        usual = max(_median(observed - computed), 1e-3)
+    for block, rows in given_rows(equations, "height_difference"):
+        observed, computed = computed_values(equations, block, rows)
+        usual = max(median(observed - computed), 1e-3)
         off, turned = np.abs(observed - computed)[:, 0], np.abs(observed + computed)[:, 0]
         wrong = np.flatnonzero((off > BETTER * usual) & (turned * BETTER < off))
         for i in wrong.tolist():
@@ -144,25 +102,6 @@ def _signs(equations: Equations) -> Iterator[Finding]:
             )
 
 
-def _vectors(equations: Equations) -> Iterator[Finding]:
-    """GNSS vectors that are geocentric in a local frame: their lengths fit, components do not."""
-    for block, rows in _given(equations, "gnss_vector"):
-        observed, computed = _computed(equations, block, rows)
-        length = np.linalg.norm(computed, axis=1)
-        by_length = _median(np.linalg.norm(observed, axis=1) - length)
-        by_components = _median(np.linalg.norm(observed - computed, axis=1))
-        if by_components > 0.05 * float(np.median(length)) and by_length * BETTER < by_components:
-            yield Finding(
-                f"{len(rows)} GNSS vectors have the lengths of the given coordinates, but other "
-                "components",
-                "they are geocentric, or in another frame: give the frame of the network, or turn "
-                "the vectors into it",
-                by_components,
-                by_length,
-                "m",
-            )
-
-
 def _axes(equations: Equations) -> Iterator[Finding]:
     """Control with X and Y exchanged: readings turn the other way round.
 
@@ -170,7 +109,7 @@ def _axes(equations: Equations) -> Iterator[Finding]:
     π/2 − α, so that the sum of azimuth and reading is the same for a set, not the difference.
     """
     held = np.all(~equations.unknowns["point"].free[:, :2], axis=1)
-    for block, given in _given(equations, "direction"):
+    for block, given in given_rows(equations, "direction"):
         by = {what: index for what, index in block.variables if what == "orientation"}
         ends = [index for what, index in block.variables if what == "point"]
         rows = given[held[ends[0][given]] & held[ends[1][given]]]
@@ -223,49 +162,3 @@ def _origin(network: Network) -> Iterator[Finding]:
             FAR / 1e3,
             "km",
         )
-
-
-def _photos(equations: Equations) -> Iterator[Finding]:
-    """Photos whose rotations, or image axes, fit the given orientation better otherwise."""
-    for block, rows in _given(equations, "image"):
-        poses = equations.unknowns["pose"].values
-        (_, photo), (_, camera), (_, point) = (block.variables[i] for i in range(3))
-        c = equations.unknowns["calibration"].values[camera[rows], 0]
-        xyz = equations.unknowns["point"].values[point[rows]] - poses[photo[rows], 9:]
-        rotation = poses[photo[rows], :9].reshape(-1, 3, 3)
-        xy = block.observed[rows]
-        down = np.array([1.0, -1.0])
-
-        def misfit(r: Array, seen: Array) -> Array:
-            """Return the distances of directions (n,); camera axes x right, y down, z ahead."""
-            q = np.einsum("nji,nj->ni", r, xyz)  # noqa: B023
-            ray = np.column_stack([seen * down, c])  # noqa: B023
-            q = q / np.linalg.norm(q, axis=1, keepdims=True)
-            ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
-            return np.asarray(np.linalg.norm(q - ray, axis=1))
-
-        turned = np.swapaxes(rotation, 1, 2)
-        now = misfit(rotation, xy)
-        otherwise = {
-            Y_DOWN: misfit(rotation, xy * down),
-            EXCHANGED: misfit(rotation, xy[:, ::-1]),
-            TRANSPOSED: misfit(turned, xy),
-        }
-        better: dict[str, list[tuple[int, float]]] = {how: [] for how in otherwise}
-        order = np.argsort(photo[rows], kind="stable")
-        numbers, first = np.unique(photo[rows][order], return_index=True)
-        for number, own in zip(numbers.tolist(), np.split(order, first[1:]), strict=True):
-            left = {how: _median(found[own]) for how, found in otherwise.items()}
-            best = min(left, key=lambda how: left[how])
-            if len(own) >= LEAST and left[best] * BETTER < _median(now[own]):
-                better[best].append((number, _median(now[own]) / max(left[best], 1e-12)))
-        names = equations.unknowns["pose"].names
-        for how, found in better.items():
-            if found:
-                every = "s" if len(found) > 1 else ""
-                times = float(np.median([t for _, t in found]))
-                yield Finding(
-                    f"the rays of {len(found)} photo{every} with given orientation fit "
-                    f"{times:.0f} times better {how}: {known([names[i] for i, _ in found])}",
-                    REMEDIES[how],
-                )

@@ -11,6 +11,7 @@ from .finding import Finding
 from .heights import heights
 from .repeated import repeated
 from .traverses import traverses
+from .undetermined import undetermined
 
 
 def mistaken(network: Network) -> tuple[Finding, ...]:
@@ -27,7 +28,8 @@ def preliminary(network: Network) -> tuple[Finding, ...]:
     The two faces of targets, where readings were reduced; levelled loops, loops of GNSS vectors,
     and traverses; distances measured several times, height differences forth and back; readings
     that are there twice; heights of instruments within a set-up; units, signs, frames, axes and
-    rotations against given coordinates. Nothing is changed.
+    rotations against given coordinates; points that these leave undetermined, or at either of two
+    places. Nothing is changed.
 
     Args:
         network: the network.
@@ -36,11 +38,14 @@ def preliminary(network: Network) -> tuple[Finding, ...]:
         equations = compile_rows(network)
     except InputError:  # `check` tells why
         return ()
+    compared = tuple(against_given(equations))
     return (
         *(Finding(str(p), "look at the readings of both faces") for p in network.doubts),
         *repeated(network),
         *heights(network),
         *closures(equations),
         *traverses(network),
-        *against_given(equations),
+        *compared,
+        # Where given coordinates are wrong they say nothing of geometry.
+        *(() if compared else undetermined(equations)),
     )
