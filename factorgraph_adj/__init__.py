@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .observations.base import Observation
     from .observations.correlated import Correlated
     from .observations.image import ImagePoint
+    from .observations.in_frames import FrameCoordinate
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
     from .observations.registry import ObservationKind, register_observation
     from .observations.terrestrial import (
@@ -89,6 +90,7 @@ __all__ = [
     "Direction",
     "FaceReading",
     "Finding",
+    "FrameCoordinate",
     "GeocentricFrame",
     "GnssPosition",
     "GnssVector",
@@ -168,6 +170,7 @@ _MODULES = {
     "Direction": "observations.terrestrial",
     "FaceReading": "field.readings",
     "Finding": "validate.preliminary.finding",
+    "FrameCoordinate": "observations.in_frames",
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",
     "GnssVector": "observations.positions",

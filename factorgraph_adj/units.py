@@ -40,6 +40,11 @@ def angle_unit(unit: str) -> float:
     return ANGLE[unit]
 
 
+def decimal_angle(unit: str) -> str:
+    """Return the unit for angles that are plain numbers: ``unit``, or deg instead of dms."""
+    return "deg" if unit == "dms" else unit
+
+
 def length_unit(unit: str) -> float:
     """Return the metres in one ``unit`` of length; InputError lists the valid ones."""
     if unit not in LENGTH:

@@ -265,7 +265,7 @@ def weighted_blocks(unknowns: Unknowns) -> Iterable[Block]:
             unknowns.component_names(kind, int(i))[c] for i, c in zip(numbers, which, strict=True)
         ]
         ids = [f"{kind} {table.names[i]} {c}" for i, c in zip(numbers, components, strict=True)]
-        shift = record.stored - record.size
+        shift = record.moving - record.size
         values = table.values[numbers, which + shift]
         sigma = table.sigma[numbers, which]
         if kind == "point":

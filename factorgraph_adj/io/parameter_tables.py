@@ -17,7 +17,7 @@ from ..errors import InputError, similar
 from ..models.variables import Component, UnknownKind, UnknownTable
 from ..network.entities import FREE_ORIENTATION, Key, Parameter
 from ..network.network import Network
-from ..units import ANGLE, LENGTH
+from ..units import ANGLE, LENGTH, decimal_angle
 from . import numbers
 from .numbers import Units
 from .tables import FALSE, TRUE, Row
@@ -227,7 +227,7 @@ def parameter_records(
         out = dict(zip(table.keys, keys, strict=True))
         for c, value in zip(kind.components, p.values, strict=False):
             if not math.isnan(value):
-                unit = units.angle if c.plain and c.quantity == "angle" else _unit(c, units)
+                unit = _unit_of_value(c, units)
                 out[_column(c) if c.plain else _join(_column(c), unit)] = numbers.write(value, unit)
         if kind.constants:
             out |= _frame_record(p, units)
@@ -246,8 +246,19 @@ def _frame_record(p: Parameter, units: Units) -> dict[str, str]:
     return out | ({"level": "yes"} if level else {})
 
 
+def _unit_of_value(component: Component, units: Units) -> str:
+    """Return the unit in which the value of a component is written."""
+    if component.plain and component.quantity == "angle":
+        return units.angle
+    if component.whole and component.quantity == "angle":
+        return decimal_angle(units.angle)
+    if component.whole and component.quantity == "length":
+        return units.length
+    return _unit(component, units)
+
+
 def _unit(component: Component, units: Units) -> str:
-    """Return the unit in which a component is written."""
+    """Return the unit in which the standard deviation of a component is written."""
     small = {"length": units.sigma_length, "angle": units.sigma_angle, "ppm": "ppm"}
     return small.get(component.quantity, "")
 

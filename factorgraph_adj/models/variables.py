@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -54,6 +54,9 @@ class Component:
     """Column in the table of the project; if empty, the name."""
     plain: bool = False
     """Whether the column has a name without unit and values in the unit of the project."""
+    whole: bool = False
+    """Whether values are shown in the unit of observed values, not in that of standard deviations:
+    a coordinate, or a rotation of any size."""
     circular: bool = False
     """Whether it is an angle of the whole circle, which results give in [0, 2π)."""
 
@@ -376,7 +379,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "frame",
         "frame",
         "f",
-        (*_ATTITUDE, *_xyz(), Component("ln_scale")),
+        (*(replace(c, whole=True) for c in (*_ATTITUDE, *_xyz())), Component("ln_scale")),
         rotates=True,
         single_turns=True,
         constants=("origin_x", "origin_y", "origin_z", "level"),

@@ -70,9 +70,17 @@ class Observation:
         return ()
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of points and photos that the observation joins; of `further` all."""
-        own = self._stated(self.record.named)
+        """Return the names by which reports and messages tell an observation from others.
+
+        They are its frame, if it was measured in one, the points and photos that it joins, and all
+        names of `further`.
+        """
+        own = self._stated((*self.record.frames, *self.record.named))
         return own + tuple(parameter_name(key) for _, key in self.further)
+
+    def frames(self) -> tuple[str, ...]:
+        """Return the names of the frames of their own in which the observation was measured."""
+        return self._stated(self.record.frames)
 
     def points(self) -> tuple[str, ...]:
         """Return the names of the points that the observation joins."""

@@ -68,6 +68,11 @@ class ObservationKind:
         return tuple(dict.fromkeys(both))
 
     @cached_property
+    def frames(self) -> tuple[str, ...]:
+        """Attributes that name frames of their own, each once."""
+        return tuple(a for kind, a in self.variables if kind == "frame")
+
+    @cached_property
     def points(self) -> tuple[str, ...]:
         """Attributes that name points, each once."""
         return tuple(a for a in self.named if ("point", a) in self.variables)

@@ -48,7 +48,8 @@ def observations(report: Report) -> list[str]:
             ]
         )
         last = station
-    header = ["station", "target", "observation", "observed", "v", "adjusted", "σ", "r", name, "∇"]
+    first = "station, frame" if any(r.frame for r in shown) else "station"
+    header = [first, "target", "observation", "observed", "v", "adjusted", "σ", "r", name, "∇"]
     header, cells = without_empty(header, cells)
     words = "v = adjusted − observed; σ a priori, in the unit of v"
     if "∇" in header:

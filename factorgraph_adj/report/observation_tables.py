@@ -36,15 +36,15 @@ def observations_table(report: Report) -> str:
 
 def _what(rows: Sequence[Row]) -> dict[str, list[str]]:
     """Return the columns that identify the observations."""
-    photo = [r.kind in ("image", "photo_position") for r in rows]
-    points = [r.names[1:] if f else r.names for r, f in zip(rows, photo, strict=True)]
+    points = [r.points for r in rows]
     return {
         "id": [r.id for r in rows],
         "kind": [r.kind for r in rows],
         "from": [p[0] if p else "" for p in points],
         "to": [p[1] if len(p) > 1 else "" for p in points],
         "to2": [p[2] if len(p) > 2 else "" for p in points],
-        "photo": [r.names[0] if f else "" for r, f in zip(rows, photo, strict=True)],
+        "photo": [r.photo for r in rows],
+        "frame": [r.frame for r in rows],
         "component": [r.component for r in rows],
         "observed": [r.scale.exact(r.observed) for r in rows],
         "unit": [r.scale.unit for r in rows],

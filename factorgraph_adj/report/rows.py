@@ -84,7 +84,7 @@ class Row:
     kind: str
     """Kind of the observation."""
     names: tuple[str, ...]
-    """Points and photo; empty for weighted unknowns, which their id identifies."""
+    """Frame, points and photo; empty for weighted unknowns, which their id identifies."""
     component: str
     """Component of the observation; empty if it has only one."""
     observed: float
@@ -97,6 +97,12 @@ class Row:
     """Units in which the row is shown."""
     source: str
     """File and line, if the observation was read from a file."""
+    points: tuple[str, ...] = ()
+    """Points."""
+    frame: str = ""
+    """Frame of its own in which it was measured; empty: none."""
+    photo: str = ""
+    """Photo; empty: none."""
     sign: float = 1.0
     """Factor of test values and errors that are computed in the axes of the network: −1 for y and
     y0 of a camera whose files have y down, else 1."""
@@ -108,7 +114,7 @@ class Row:
 
     @property
     def what(self) -> str:
-        """Identification of the row: points, photo and component."""
+        """Identification of the row: frame, points, photo and component."""
         if not self.names:
             # The id of a weighted unknown may already end in the component.
             return (
@@ -259,15 +265,17 @@ class ReportRows:
         for i in rows:
             ident, source = str(block.ids[i]), ""
             names: tuple[str, ...] = ()
-            photo = None
+            photo, points, of_frame, of_photo = None, names, "", ""
             if isinstance(block.ids, ImageIds):
                 photo = int(block.variables[0][1][i])
                 names = (self._photos[photo], self._points[int(block.variables[2][1][i])])
-                source = block.ids.source(i)
+                points, of_photo, source = names[1:], names[0], block.ids.source(i)
             elif not block.prior:
                 observation = self.network.observations.get(ident)
                 if observation is not None:
-                    names = observation.names()
+                    names, points = observation.names(), observation.points()
+                    of_frame = next(iter(observation.frames()), "")
+                    of_photo = next(iter(observation.photos()), "")
                     source = getattr(observation, "source", None) or ""
             scale = self.scale(block, photo)
             for c in range(d):
@@ -287,6 +295,9 @@ class ReportRows:
                     float(block.sigma[i, c]),
                     scale,
                     source,
+                    points,
+                    of_frame,
+                    of_photo,
                     sign,
                 )
 

@@ -211,10 +211,10 @@ def _unknowns(report: Report) -> Iterator[dict[str, str]]:
             "kind": u.kind,
             "name": u.name,
             "component": u.component,
-            "value": figure(u.value / u.size),
+            "value": exact(u.value, u.unit),
             "sigma": figure(u.sigma / u.size),
             "unit": u.unit,
-            "state": "held" if u.held else "free",
+            "state": u.state,
             **_test(report, u.kind, u.name, u.component),
         }
 

@@ -14,6 +14,7 @@ from .adjusted import observations, weighted_coordinates
 from .causes import causes, exchanges_untested, given, likeliest
 from .context import Report
 from .coordinates import check_points, photos, points
+from .frames import frames
 from .geographic import geographic
 from .layout import WIDTH, paragraph, short, table, title
 from .lines import lines
@@ -35,7 +36,7 @@ def protocol(
 
     The protocol contains: the run, the network, the number of observations of each kind, datum,
     iterations and the reason of their end, σ̂0 and its test, redundancy numbers by kind, weakest
-    observations and points, adjusted coordinates, corrections of weighted ones, photos,
+    observations and points, adjusted coordinates, corrections of weighted ones, photos, frames,
     calibrations and other unknowns with their standard deviations and tests, check points, the
     lines that the options ask for, the adjusted observations station by station, and the largest
     test values with estimated errors and inseparable observations.
@@ -57,6 +58,7 @@ def render(report: Report) -> str:
         check_points,
         photos,
         centres,
+        frames,
         calibrations,
         orientations,
         others,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import isfinite
+from typing import Literal
 
 from ..graph.variables import camera_of_calibration
 from ..models.variables import UNKNOWNS, Quantity, VariableKind, parameter_kinds
-from ..network.entities import Camera, parameter_name
+from ..network.entities import Camera, Parameter, parameter_name
 from ..quality.systematic import TestedParameter
-from ..units import decimal, format_turn
+from ..units import ANGLE, decimal, decimal_angle, format_turn
 from .context import Report
 from .layout import paragraph, percent, short, table, title, with_sigma
 
@@ -17,6 +19,8 @@ SENTENCES = 10
 """Largest number of listed warnings."""
 _USUAL = ("refraction", "vertical", "edm")
 """Kinds that the heading of their table always names."""
+_APART = ("frame",)
+"""Kinds with a table of their own in the protocol."""
 STRONG = 0.8
 """Smallest absolute correlation of calibration parameters that is reported as strong."""
 
@@ -131,18 +135,27 @@ class SmallUnknown:
     """Estimate, SI."""
     sigma: float
     """Standard deviation, SI."""
-    held: bool
-    """Whether the component was held."""
+    state: Literal["held", "weighted", "free"]
+    """Whether the component was held, weighted or free."""
 
 
 def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
-    """Iterate over the components of all parameters but orientation unknowns."""
+    """Iterate over the components of all parameters but orientation unknowns.
+
+    Those that are coordinates or rotations of any size are in the unit of observed values.
+    """
     network, solution, units = report.network, report.solution, report.units
     shown: dict[Quantity, tuple[str, float]] = {
         "angle": (units.sigma_angle, report.radian),
         "length": (units.sigma_length, report.small),
         "ppm": ("ppm", 1e-6),
         "number": ("", 1.0),
+    }
+    angle = decimal_angle(units.angle)
+    whole: dict[Quantity, tuple[str, float]] = {
+        **shown,
+        "angle": (angle, ANGLE[angle]),
+        "length": (units.length, report.metre),
     }
     for kind in parameter_kinds():
         if kind.name == "orientation":
@@ -151,7 +164,7 @@ def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
             name = parameter_name(key)
             e = solution.unknown(kind.name, name)
             for i, component in enumerate(kind.components[: len(parameter.values)]):
-                unit, size = shown[component.quantity]
+                unit, size = (whole if component.whole else shown)[component.quantity]
                 yield SmallUnknown(
                     kind.name,
                     name,
@@ -161,20 +174,26 @@ def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
                     size,
                     float(e.values[i]),
                     float(e.sigmas[i]),
-                    parameter.fixed[i],
+                    _state(parameter, i),
                 )
+
+
+def _state(parameter: Parameter, i: int) -> Literal["held", "weighted", "free"]:
+    if parameter.fixed[i]:
+        return "held"
+    return "weighted" if isfinite(parameter.sigma[i]) else "free"
 
 
 def others(report: Report) -> list[str]:
     """Return refraction, deflections of the vertical, distance meters and further kinds."""
-    rows, found = [], list(small_unknowns(report))
+    rows, found = [], [u for u in small_unknowns(report) if u.kind not in _APART]
     for u in found:
         value, sigma = u.value / u.size, u.sigma / u.size
-        shown = f"{value + 0.0:.5g}" if u.held else with_sigma(value, sigma)
+        shown = f"{value + 0.0:.5g}" if u.state == "held" else with_sigma(value, sigma)
         label = f"{u.sign} [{u.unit}]" if u.unit else u.sign
         what = f"{UNKNOWNS[u.kind].title} {u.name}".strip()
         test = _verdict(report.tested(u.kind, u.name, u.component))
-        rows.append([what, label, shown, "held" if u.held else short(sigma), *test])
+        rows.append([what, label, shown, "held" if u.state == "held" else short(sigma), *test])
     if not rows:
         return []
     shown_rows, note = report.cut(rows, "unknowns", "unknowns.csv")
