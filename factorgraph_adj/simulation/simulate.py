@@ -27,6 +27,9 @@ from ..types import Array
 Seed = int
 """Seed of a simulation: the same seed gives the same errors on every machine."""
 
+NUMBERED = BUILT_IN[: BUILT_IN.index("image") + 1]
+"""Kinds of observations whose streams of errors have numbers. Kinds that came later have their
+names as streams, so that a seed gives the same errors in every version."""
 STREAMS = ("point", "orientation", "refraction", "vertical", "edm", "pose", "calibration")
 """Kinds of unknowns of the package, in the order of their streams of errors."""
 NEGLIGIBLE = 1e-13
@@ -165,7 +168,7 @@ def disturb(
         attitudes: standard deviation of free attitudes about each axis, radians.
     """
     # The number is between the streams of noise and of weighted unknowns, so each is unique.
-    rng = np.random.default_rng([seed, len(BUILT_IN)])
+    rng = np.random.default_rng([seed, len(NUMBERED)])
     moved = copy(network)
     tables = compile_network(network).unknowns.tables
     loose = {k: table.free & np.isinf(table.sigma) for k, table in tables.items()}
@@ -220,7 +223,7 @@ def _weighted_drawn(equations: Equations, plan: Network, seed: Seed) -> Network:
     errors: dict[VariableKind, Array] = {}
     for kind, table in equations.unknowns.tables.items():
         weighted = np.isfinite(table.sigma) & table.free
-        stream = _stream(kind, STREAMS, len(BUILT_IN) + 1)
+        stream = _stream(kind, STREAMS, len(NUMBERED) + 1)
         z = np.random.default_rng([seed, *stream]).standard_normal(weighted.shape)
         errors[kind] = np.where(weighted, table.sigma, 0.0) * np.where(weighted, z, 0.0)
     number = {kind: table.number for kind, table in equations.unknowns.tables.items()}
@@ -265,7 +268,7 @@ def _errors(equations: Equations, seed: Seed) -> Array:
         if block.kind not in KINDS:
             continue
         if block.kind not in streams:
-            streams[block.kind] = np.random.default_rng([seed, *_stream(block.kind, BUILT_IN, 0)])
+            streams[block.kind] = np.random.default_rng([seed, *_stream(block.kind, NUMBERED, 0)])
         z = streams[block.kind].standard_normal(block.observed.shape)
         normal[block.rows] = z.ravel()
         if block.whitener is None:
@@ -278,7 +281,7 @@ def _errors(equations: Equations, seed: Seed) -> Array:
 
 
 def _stream(kind: str, built_in: Sequence[str], first: int) -> list[int]:
-    """Return the number of the stream of a kind; a registered kind has its name as stream.
+    """Return the number of the stream of a kind; a kind without a number has its name as stream.
 
     The streams of the package's own kinds do not depend on registered kinds.
     """
