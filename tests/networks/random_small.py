@@ -27,6 +27,7 @@ from factorgraph_adj.observations import (
     ControlPoint,
     Correlated,
     Direction,
+    FrameCoordinate,
     GnssPosition,
     GnssVector,
     HeightDifference,
@@ -50,6 +51,8 @@ FOCAL = 28.0
 """Principal distance, mm."""
 SIGMA_IMAGE = 0.004
 """Of image coordinates, mm."""
+SCANNED = 0.25
+"""Share of the networks with a frame of its own."""
 FEWEST, MOST = 10, 30
 """Number of readings."""
 SIDE, HEIGHT, APART = 60.0, 20.0, 6.0
@@ -107,6 +110,7 @@ class _Draw:
     """One network in the making."""
 
     def __init__(self, seed: int) -> None:
+        self.seed = seed
         self.rng = np.random.default_rng([seed, 1797])
         self.unknown: set[str] = set()
         """Points and photos without approximate values."""
@@ -136,7 +140,24 @@ class _Draw:
         self._photos()
         self._instruments()
         self._observations()
+        self._scan()
         return self.network
+
+    def _scan(self) -> None:
+        """Let an instrument measure some points in a frame of its own, in some networks."""
+        rng = np.random.default_rng([self.seed, 1981])  # other draws stay what they were
+        if rng.random() > SCANNED or self.frame.left_handed:
+            return
+        points = list(self.network.points)
+        seen = rng.permutation(points)[: int(rng.integers(3, 7))].tolist()
+        values = dict(zip("xyz", rng.normal(0.0, 5.0, 3).tolist(), strict=True))
+        values |= dict(zip(("rx", "ry", "rz"), rng.normal(0.0, 1.0, 3).tolist(), strict=True))
+        scale = ["ln_scale"] if rng.random() < 0.3 else []
+        origin = tuple(np.round(self.origin).tolist())
+        free = ["rx", "ry", "rz", "x", "y", "z", *scale]
+        self.network.add_frame("scan", free=free, values=values, origin=origin)
+        for name in seen:
+            self.network.add(FrameCoordinate("scan", name, (0.0,) * 3, sigma=(0.003,) * 3))
 
     def _points(self) -> None:
         at: list[Array] = []
@@ -238,6 +259,9 @@ class _Draw:
         for key in list(network.orientations):
             if key not in self.stated and self.chance(0.8):
                 del network.orientations[key]
+        for key, p in network.frames.items():  # found from common points
+            values = tuple(np.nan if i < 6 else v for i, v in enumerate(p.values))
+            network.frames[key] = replace(p, values=values)
         return network
 
     # -- what is observed ---------------------------------------------------------------------
