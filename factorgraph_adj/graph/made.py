@@ -93,6 +93,12 @@ def observation_of(name: str, make: MakesFactor, network: Network) -> OwnFactor:
             "arrives; hand it to adjust(…, extra_factors=…)"
         )
         raise InputError(Problem(what, where))
+    if isinstance(factor.noiseModel(), gtsam.noiseModel.Robust):
+        what = (
+            "has a robust noise model, whose weight depends on the residual, so that it cannot be "
+            "tested when it arrives; give the model that it wraps"
+        )
+        raise InputError(Problem(what, where))
     unknowns = tuple((kind, _key_in(network, kind, n)) for kind, n in (asked[k] for k in own))
     kinds = tuple(kind for kind, _ in unknowns)
     model = FactorModel(factor, tuple(own), kinds, where)

@@ -9,11 +9,15 @@ from typing import Any
 
 from ..errors import InputError, Problem, known
 from ..graph.dependence import Variable, components
-from ..graph.made import observation_of
+from ..graph.made import FactorModel, observation_of
+from ..graph.partials import refuse_wrong_partials
+from ..graph.variables import Unknowns
+from ..network.entities import parameter_name
 from ..network.network import Network
 from ..network.selection import weighted_unknowns
 from ..observations import Observation
 from ..observations.identity import named
+from ..observations.own import OwnFactor
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..solve.solution import Solution
@@ -27,7 +31,7 @@ from .flow import State, Task, Told, absorb
 from .given import Given, ids_in, listed
 from .judging import untested
 from .ledger import Ledger
-from .rebasing import Draft
+from .rebasing import Draft, solution_of
 from .rows import CODE
 from .rules import Rules
 from .system import System
@@ -52,7 +56,7 @@ def add(state: State, given: Given, rules: Rules) -> tuple[State, Arrival]:
         ledger = ledger.with_entities(points, photos, cameras)
     if factors:
         described = ledger.everything
-        made = (observation_of(name, make, described) for name, make in factors.items())
+        made = [observation_of(name, make, described) for name, make in factors.items()]
         observations = [*observations, *made]
     ledger, rows = ledger.taken(observations)
     pieces = in_pieces(ledger, state.system, rows)
@@ -61,11 +65,31 @@ def add(state: State, given: Given, rules: Rules) -> tuple[State, Arrival]:
         waiting = Candidates(ledger, known_in(state.system), state.ledger.having("waiting"))
         tasks.append(Task(waiting.touching(placed)))
     after, told = absorb(replace(state, ledger=ledger), tasks, rules)
+    if factors:
+        _refuse_wrong_partials(after, made, Unknowns(described), rules)
     new: list[Variable] = [("point", p.name) for p in points]
     new += [("pose", f.name) for f in photos]
     new += [("calibration", c.name) for c in cameras]
     after = _with_weighted(after, new, rules)
     return after, arrival_of(state, after, told, ledger.ids_of(rows), "add")
+
+
+def _refuse_wrong_partials(
+    state: State, made: Sequence[OwnFactor], keyed: Unknowns, rules: Rules
+) -> None:
+    """Refuse factors whose Jacobians contradict their errors, where all is known that they join."""
+    if state.system is None:
+        return
+    solution = solution_of(state.ledger, state.system, rules)
+    unknowns = solution.equations.unknowns
+    joined = {
+        o.id or "": o.model.factor
+        for o in made
+        if isinstance(o.model, FactorModel)
+        and o.model.factor is not None
+        and all(parameter_name(key) in unknowns[kind].number for kind, key in o.unknowns)
+    }
+    refuse_wrong_partials(joined, solution.equations, solution.state, keyed)
 
 
 def remove(state: State, ids: str | Iterable[str], rules: Rules) -> tuple[State, Arrival]:

@@ -2,7 +2,7 @@
 
 Two criteria without units decide. Near the minimum, the bound of a step is the distance of every
 unknown from the minimum relative to its own σ. The sum vᵀPv tells whether a step descends, unless
-its decrease is smaller than the rounding of vᵀPv, 10⁻¹² of its value. Below this limit steps are
+its decrease is smaller than the rounding of vᵀPv, 10⁻¹¹ of its value. Below this limit steps are
 taken while they shrink, and the smallest step counts. Below the resolution of the coordinates, the
 distance between two neighbouring floating-point numbers, they are taken likewise.
 

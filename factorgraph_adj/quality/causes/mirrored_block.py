@@ -143,6 +143,8 @@ def _with_axes(
     share = float(np.mean(squares <= critical))
     if not solution.converged or share <= least:
         return None
+    if not (solution.state["calibration"][:, 0] > 0.0).all():
+        return None  # a negative principal distance stands for the other axis of the image
     pose = solution.state["pose"][equations.unknowns["pose"].number[photo]]
     return Oriented(cause, pose[:9].reshape(3, 3), pose[9:], share, float(np.sum(squares)))
 

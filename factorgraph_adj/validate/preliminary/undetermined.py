@@ -22,6 +22,7 @@ from ...graph.blocks import Block
 from ...graph.equations import Equations
 from ...graph.variables import State
 from ...models.base import wrap
+from ...observations import KINDS
 from ...types import Array, Mask
 from .finding import TIMES, Finding
 
@@ -170,10 +171,12 @@ class _Observed:
             for j, index in points:
                 a = part.whiten(jacobians[j])
                 np.add.at(normal, index[rows], np.einsum("ndi,ndj->nij", a, a))
+                # What is linear says nothing of planes and lines of stations, however near it is.
+                straight = block.kind in KINDS and KINDS[block.kind].linear
                 away = [
                     np.linalg.norm(state["point"][index] - state["point"][other], axis=1)[rows]
                     for k, other in points
-                    if k != j
+                    if k != j and not straight
                 ]
                 others = np.min(away, axis=0) if away else np.full(len(rows), np.inf)
                 np.minimum.at(nearest, index[rows], others)
