@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -45,6 +45,9 @@ def in_frames(equations: Equations) -> Iterator[Finding]:
         return
     given = _given(equations)
     yield from _far_origins(equations, systems, given)
+    if equations.network.frame.left_handed:
+        yield from _not_level(equations)
+        given = replace(given, x=_to_the_horizon(equations, given.x))
     mirrored, findings = _mirrored([*systems.values(), given])
     yield from findings
     clean = [s for s in systems.values() if s.name not in mirrored]
@@ -131,6 +134,12 @@ def _pairs(systems: list[System], *, rough: bool = False) -> list[Pair]:
     return [pair for pair in found if pair is not None]
 
 
+def _to_the_horizon(equations: Equations, x: Array) -> Array:
+    """Return coordinates in a left-handed local frame as east, north, up."""
+    basis = equations.network.frame.basis(np.zeros((1, 3)), np.zeros((1, 2)))
+    return np.asarray(x @ basis.enu[0].T)
+
+
 # -- origins and axes -----------------------------------------------------------------------------
 
 
@@ -158,6 +167,18 @@ def _far_origins(
                 FAR * extent / 1e3,
                 "km",
             )
+
+
+def _not_level(equations: Equations) -> Iterator[Finding]:
+    """Frames that are not level in a network with left-handed axes: no rotation leads to them."""
+    stated = equations.network.frames
+    names = [name for name, frame in stated.items() if not frame.constants[-1]]
+    if names:
+        yield Finding(
+            f"the axes of the network are left-handed, and frames are not level: {known(names)}; "
+            "no rotation leads from one to the other",
+            "choose axes en, nw, ws or se of the network, or state that the frames are level",
+        )
 
 
 def _mirrored(systems: list[System]) -> tuple[set[str], list[Finding]]:
