@@ -69,6 +69,19 @@ def angles_by_rotation(rotation: Array) -> Array:
     return np.asarray(np.linalg.inv(by_angles) @ TURN_ABOUT_X)
 
 
+def nearest_rotation(h: Array, *, mirrored: bool = False) -> Array:
+    """Return the orthogonal R (d, d) with the largest tr(Rᵀ H): b ≈ R a for H = Σ b aᵀ (Kabsch).
+
+    Args:
+        h: H, (d, d).
+        mirrored: whether R is a rotation with a mirror, det R = −1, and not a rotation.
+    """
+    u, _, vt = np.linalg.svd(h)
+    signs = np.ones(len(h))
+    signs[-1] = np.sign(np.linalg.det(u @ vt)) * (-1.0 if mirrored else 1.0)
+    return np.asarray((u * signs) @ vt)
+
+
 def skew(w: Array) -> Array:
     """Return [w]× (..., 3, 3) with [w]× a = w × a, for w (..., 3)."""
     out = np.zeros((*w.shape[:-1], 3, 3))

@@ -15,7 +15,7 @@ import numpy as np
 from ..graph.equations import Equations
 from ..models.sub_frame import from_frame, horizons
 from ..models.variables import ROTATION, UNKNOWNS
-from ..rotation import exp_rotation
+from ..rotation import exp_rotation, nearest_rotation
 from ..types import Array, Index, Mask
 from .progress import Progress
 
@@ -209,7 +209,8 @@ def _turn(a: Array, b: Array, given: Array, axes: list[int]) -> Array | None:
             return None
         turn = exp_rotation(np.array([[0.0, 0.0, np.arctan2(sine, cosine)]]))[0]
         return np.asarray(tilt @ turn)
-    u, values, vt = np.linalg.svd(b.T @ a)
+    moment = b.T @ a
+    values = np.linalg.svd(moment, compute_uv=False)
     if not values[1] > FLAT**2 * values[0] or len(a) < 2:
         return None
-    return np.asarray((u * [1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt)
+    return nearest_rotation(moment)

@@ -134,7 +134,8 @@ def _read_frame(
     for word in (row.text("free", default="") or "").split():
         if word not in FRAME_WORDS and word not in given:
             valid = ", ".join([*FRAME_WORDS, *given])
-            row.wrong(f"free must be some of {valid}, not {word!r}{similar(word, [*given])}")
+            alike = similar(word, [*FRAME_WORDS, *given])
+            row.wrong(f"free must be some of {valid}, not {word!r}{alike}")
         free += FRAME_WORDS.get(word, (word,))
     point = row.text("origin", default="") or ""
     at = [row.number(f"origin_{a}", units.length) for a in "xyz"]
@@ -143,19 +144,21 @@ def _read_frame(
     if any(v is not None for v in at) and None in at:
         row.wrong("origin_x, origin_y and origin_z are given together, or none of them")
     level = row.flag("level")
-    if row.failed:
-        return
-    try:
-        network.add_frame(
-            name,
-            free=free,
-            values={n: v for n, v in given.items() if v is not None},
-            sigma={n: s for n, s in sigma.items() if math.isfinite(s)},
-            origin=point or [v or 0.0 for v in at],
-            level=level,
-        )
-    except InputError as error:
-        row.wrong_all(error)
+    if not row.failed:
+        try:
+            network.add_frame(
+                name,
+                free=free,
+                values={n: v for n, v in given.items() if v is not None},
+                sigma={n: s for n, s in sigma.items() if math.isfinite(s)},
+                origin=point or [v or 0.0 for v in at],
+                level=level,
+            )
+        except InputError as error:
+            row.wrong_all(error)
+    if name not in network.frames:
+        # A stand-in, so that other rows can refer to the frame, and it to its point.
+        network.add_frame(name, origin=point if point in network.points else (0.0, 0.0, 0.0))
 
 
 def _value(row: Row, component: Component, units: Units) -> float | None:

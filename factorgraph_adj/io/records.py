@@ -127,7 +127,10 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     arguments: dict[str, Any] = {
         n: str(record[n]) for n in (*names, *KINDS[kind].texts) if record.get(n)
     }
-    if any(n not in arguments and n not in KINDS[kind].may_lack for n in names):
+    record_of_kind = KINDS[kind]
+    needed = [n for n in names if n not in record_of_kind.may_lack]
+    needed += [n for n in record_of_kind.texts if n not in record_of_kind.optional]
+    if any(n not in arguments for n in needed):
         return None
     arguments |= {n: None for n in names if n not in arguments}
     vector = "covariance" in have
@@ -148,8 +151,10 @@ def _project_unit(quantity: Quantity, units: Units) -> str:
 def label(record: Mapping[str, object]) -> str:
     """Return a readable name of a record: kind, points and id."""
     kind = record.get("kind")
-    own = names_of(kind) if isinstance(kind, str) and kind in KINDS else ()
-    names = (*NAMES, *(n for n in own if n not in NAMES))
+    there = isinstance(kind, str) and kind in KINDS
+    own = names_of(str(kind)) if there else ()
+    frames = KINDS[str(kind)].frames if there else ()
+    names = (*frames, *NAMES, *(n for n in own if n not in NAMES))
     parts = [str(record[n]) for n in ("kind", *names) if record.get(n) not in (None, "")]
     ident = record.get("id")
     return " ".join(parts) + (f" (id {ident})" if ident not in (None, "") else "")

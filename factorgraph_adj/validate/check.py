@@ -10,7 +10,7 @@ from ..errors import ApproximationError, DatumError, InputError, Problem
 from ..graph.equations import compile_network
 from ..network.network import Network
 from ..solve.start import start_of
-from .counts import other_problems, photo_problems, point_problems
+from .counts import frame_problems, other_problems, photo_problems, point_problems
 from .datum import datum_problems
 from .geometry import geometry_problems, inside_the_earth
 from .where import Sources
@@ -31,9 +31,9 @@ def check(network: Network, *, sources: Sources | None = None) -> tuple[Problem,
     """Return all problems that the checks find in a network.
 
     The problems are: nothing to adjust; points without observations or with too few; photos with
-    too few points; unconnected parts; a missing datum in a network that is not free; and, for
-    given approximate values: sights without length, vertical sights with an azimuth, points
-    behind a camera or in its focal plane.
+    too few points; frames with too few common places; unconnected parts; a missing datum in a
+    network that is not free; and, for given approximate values: sights without length, vertical
+    sights with an azimuth, points behind a camera or in its focal plane.
 
     Args:
         network: the network.
@@ -48,6 +48,7 @@ def check(network: Network, *, sources: Sources | None = None) -> tuple[Problem,
     return (
         *point_problems(equations, at),
         *photo_problems(equations, at),
+        *frame_problems(equations),
         *other_problems(equations),
         *datum_problems(equations),
         *(inside or geometry_problems(equations)),

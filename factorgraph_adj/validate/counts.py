@@ -9,11 +9,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ..errors import Problem
+from ..errors import Problem, known
 from ..graph.equations import Equations
 from ..graph.variables import calibration_name
 from ..models.variables import UNKNOWNS, VariableKind
-from ..types import Array
+from ..types import Array, Mask
 from .where import Sources, listed
 
 TINY = 5
@@ -85,6 +85,62 @@ def photo_problems(equations: Equations, at: Sources) -> Iterator[Problem]:
                 f"{n} image point{'s' * (n != 1)}: its {unknown} unknowns need at least {needed}",
                 listed("photo", [name], at),
             )
+
+
+def frame_problems(equations: Equations) -> Iterator[Problem]:
+    """Find frames with fewer places that are common with the rest than their unknowns need.
+
+    A place is common if something else is known of it: it is held, or another observation or
+    another frame has it. The origin of a frame whose offset is held is one of its places.
+    """
+    table = equations.unknowns["frame"]
+    unknown = table.free & np.isinf(table.sigma)
+    seen, elsewhere = _places_of_frames(equations, unknown)
+    times = np.bincount([p for places in seen for p in places], minlength=len(elsewhere))
+    names = [*equations.unknowns["point"].names, *equations.unknowns["pose"].names]
+    for f, places in enumerate(seen):
+        if not places or not unknown[f].any():
+            continue
+        common = sorted(p for p in places if elsewhere[p] or times[p] > 1)
+        if not common and equations.network.datum == "free":
+            continue  # the frame may be all that there is
+        need = 3 if unknown[f, :2].any() else 2 if unknown[f, [2, 6]].any() else 1
+        stated = equations.network.frames[table.names[f]]
+        need -= not stated.origin and not unknown[f, 3:6].any()
+        if len(common) < need:
+            which = f" ({known([names[p] for p in common])})" if common else ""
+            line = " that do not lie in one line" if need == 3 else ""
+            yield Problem(
+                f"only {len(common)} of its {len(places)} places are common with the rest of the "
+                f"network{which}, and its {int(unknown[f].sum())} unknowns need {need}{line}: "
+                "observe more of them from elsewhere, or hold some of its components",
+                f"frame {table.names[f]!r}",
+            )
+
+
+def _places_of_frames(equations: Equations, unknown: Mask) -> tuple[list[set[int]], Mask]:
+    """Return the places of every frame, and whether something outside of frames knows a place.
+
+    Photos are numbered behind the points. ``unknown`` are the components without a given value.
+    """
+    points, poses = equations.unknowns["point"], equations.unknowns["pose"]
+    first = {"point": 0, "pose": len(points.names)}
+    held = [~points.free.any(axis=1), ~poses.free[:, 3:].any(axis=1)]
+    elsewhere = np.concatenate(held)
+    seen: list[set[int]] = [set() for _ in unknown]
+    for block in equations.blocks:
+        index = next((i for what, i in block.variables if what == "frame"), None)
+        for number, (what, place) in enumerate(block.variables):
+            if what not in first:
+                continue
+            if index is None:
+                elsewhere[place + first[what]] = True
+                continue
+            for f, p in zip(index.tolist(), (place + first[what]).tolist(), strict=True):
+                # Behind its frame and its place stands the point at the origin of the frame.
+                if number < 2 or not unknown[f, 3:6].any():
+                    seen[f].add(p)
+    return seen, elsewhere
 
 
 def other_problems(equations: Equations) -> Iterator[Problem]:

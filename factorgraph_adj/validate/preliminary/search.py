@@ -9,6 +9,7 @@ from .against_given import against_given
 from .closures import closures
 from .finding import Finding
 from .heights import heights
+from .in_frames import in_frames
 from .repeated import repeated
 from .traverses import traverses
 from .undetermined import undetermined
@@ -26,10 +27,10 @@ def preliminary(network: Network) -> tuple[Finding, ...]:
     """Check the readings of a network without adjusting it.
 
     The two faces of targets, where readings were reduced; levelled loops, loops of GNSS vectors,
-    and traverses; distances measured several times, height differences forth and back; readings
-    that are there twice; heights of instruments within a set-up; units, signs, frames, axes and
-    rotations against given coordinates; points that these leave undetermined, or at either of two
-    places. Nothing is changed.
+    and traverses; places in frames of their own, and loops of such frames; distances measured
+    several times, height differences forth and back; readings that are there twice; heights of
+    instruments within a set-up; units, signs, frames, axes and rotations against given coordinates;
+    points that these leave undetermined, or at either of two places. Nothing is changed.
 
     Args:
         network: the network.
@@ -45,6 +46,7 @@ def preliminary(network: Network) -> tuple[Finding, ...]:
         *heights(network),
         *closures(equations),
         *traverses(network),
+        *in_frames(equations),
         *compared,
         # Where given coordinates are wrong they say nothing of geometry.
         *(() if compared else undetermined(equations)),

@@ -1,0 +1,351 @@
+"""Places in frames of their own: handedness, origins, gross errors and loops of frames.
+
+Pairs of frames with common places, and frames with the given coordinates, are compared by a
+similarity, see `similar`; no adjustment is needed. (Bouloucos, pre-adjustment detection of gross
+errors; FRAMES F1.7.)
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from ...errors import known
+from ...graph.equations import Equations
+from ...quality.distributions import chi2_upper_quantile
+from ...rotation import log_rotation
+from ...types import Array, Index
+from ...units import GON
+from .closures import NAMED, WORST, Edges, loops
+from .finding import Finding
+from .similar import PLANE, Pair, Similarity, System, common
+
+BETTER = 5.0
+"""How many times better places must fit with a mirror for it to be told."""
+FAR = 1000.0
+"""Distance of an origin from the middle of its places, in their extent, beyond which it is told:
+the correlation of offset and rotation is nearer to one than a millionth then."""
+ALPHA = 0.001
+"""Probability that a comparison of two systems, or a loop, is told although nothing is wrong."""
+LEAST = 4
+"""Smallest number of common places of which one can be wrong."""
+PAIRS = 2000
+"""Largest number of pairs that are compared; those with the most common places come first."""
+GIVEN = "the given coordinates"
+
+
+def in_frames(equations: Equations) -> Iterator[Finding]:
+    """Iterate over doubts about places in frames."""
+    systems = _systems(equations)
+    if not systems:
+        return
+    given = _given(equations)
+    yield from _far_origins(equations, systems, given)
+    if equations.network.frame.left_handed:
+        yield from _not_level(equations)
+        given = replace(given, x=_to_the_horizon(equations, given.x))
+    mirrored, findings = _mirrored([*systems.values(), given])
+    yield from findings
+    clean = [s for s in systems.values() if s.name not in mirrored]
+    fits: list[Similarity] = []
+    wrong: list[Wrong] = []
+    for pair in _pairs([*clean, given]):
+        fit = _without_gross(pair, wrong)
+        if fit is not None and GIVEN not in (pair.first.name, pair.second.name):
+            fits.append(fit)
+    yield from _gross(equations, wrong)
+    yield from _open_loops(fits)
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """A place that does not fit in a pair of systems."""
+
+    key: int
+    """Number of the place."""
+    systems: tuple[str, str]
+    """Names of both systems."""
+    size: float
+    """Its error if it alone is wrong, unit of the second system."""
+    tolerance: float
+    """The size that would be tolerated."""
+
+
+# -- what was measured ----------------------------------------------------------------------------
+
+
+def _systems(equations: Equations) -> dict[int, System]:
+    """Return the places of each frame by its number; photos follow the points."""
+    n_points = len(equations.unknowns["point"].names)
+    table = equations.unknowns["frame"]
+    parts: list[tuple[Index, Index, Array, Array]] = []
+    for block in equations.blocks:
+        if block.prior or block.kind != "frame_coordinate":
+            continue
+        (_, frame), (what, place) = block.variables[:2]
+        q, sigma = np.full((2, block.n, 3), np.nan)
+        columns = ["xyz".index(a) for a in block.components]
+        q[:, columns], sigma[:, columns] = block.observed, block.sigma
+        key = place + (n_points if what == "pose" else 0)
+        parts.append((frame, key, q, np.sqrt(np.nanmean(sigma**2, axis=1))))
+    if not parts:
+        return {}
+    frame, key, q, sigma = (np.concatenate(c) for c in zip(*parts, strict=True))
+    out = {}
+    for f in np.unique(frame).tolist():
+        rows = np.flatnonzero((frame == f) & np.isfinite(q[:, :2]).all(axis=1))
+        keys, first = np.unique(key[rows], return_index=True)
+        rows = rows[first]
+        scale = np.nan if table.free[f, 6] else float(table.values[f, 12])
+        upright = not table.free[f, :2].any()
+        name = f"frame {table.names[f]!r}"
+        out[f] = System(name, keys, q[rows], sigma[rows], upright, scale)
+    return out
+
+
+def _given(equations: Equations) -> System:
+    """Return the points and projection centres with given coordinates.
+
+    Held and weighted ones have a standard deviation, those that are only approximate have none.
+    """
+    points, poses = equations.unknowns["point"], equations.unknowns["pose"]
+    x = np.concatenate([points.values, poses.values[:, 9:]])
+    free = np.concatenate([points.free, poses.free[:, 3:]])
+    stated = np.concatenate([points.sigma, poses.sigma[:, 3:]])
+    sigma = np.sqrt(np.mean(np.where(free, stated, 0.0) ** 2, axis=1))
+    rows = np.flatnonzero(np.isfinite(x).all(axis=1))
+    rough = np.where(np.isfinite(sigma), sigma, np.nan)
+    return System(GIVEN, rows, x[rows], rough[rows], True, 0.0)
+
+
+def _pairs(systems: list[System], *, rough: bool = False) -> list[Pair]:
+    """Return the pairs of systems with common places, those with the most first."""
+    by_place: dict[int, list[int]] = {}
+    for number, system in enumerate(systems):
+        for key in system.keys.tolist():
+            by_place.setdefault(key, []).append(number)
+    counts = Counter(p for numbers in by_place.values() for p in combinations(numbers, 2))
+    enough = [p for p, n in counts.most_common(PAIRS) if n >= 2]
+    found = (common(systems[i], systems[j], rough=rough) for i, j in enough)
+    return [pair for pair in found if pair is not None]
+
+
+def _to_the_horizon(equations: Equations, x: Array) -> Array:
+    """Return coordinates in a left-handed local frame as east, north, up."""
+    basis = equations.network.frame.basis(np.zeros((1, 3)), np.zeros((1, 2)))
+    return np.asarray(x @ basis.enu[0].T)
+
+
+# -- origins and axes -----------------------------------------------------------------------------
+
+
+def _far_origins(
+    equations: Equations, systems: Mapping[int, System], given: System
+) -> Iterator[Finding]:
+    """Frames with an offset and a turn to be found whose constant origin is far from its places."""
+    table = equations.unknowns["frame"]
+    stated = list(equations.network.frames.values())
+    for f, system in systems.items():
+        free = table.free[f] & np.isinf(table.sigma[f])
+        x = given.x[np.isin(given.keys, system.keys)]
+        if stated[f].origin or len(x) < 2 or not (free[:3].any() and free[3:6].any()):
+            continue
+        middle = x.mean(axis=0)
+        extent = float(np.sqrt(np.mean(np.sum((x - middle) ** 2, axis=1))))
+        away = float(np.linalg.norm(middle - table.values[f, 13:16]))
+        if extent > 0 and away > FAR * extent:
+            place = " ".join(f"{v:.0f}" for v in middle)
+            yield Finding(
+                f"the origin of {system.name} is far from its places, which extend over "
+                f"{extent:.3g} m: its offset and its rotation are hardly separable",
+                f"give it a constant origin near the middle of its places, {place}",
+                away / 1e3,
+                FAR * extent / 1e3,
+                "km",
+            )
+
+
+def _not_level(equations: Equations) -> Iterator[Finding]:
+    """Frames that are not level in a network with left-handed axes: no rotation leads to them."""
+    stated = equations.network.frames
+    names = [name for name, frame in stated.items() if not frame.constants[-1]]
+    if names:
+        yield Finding(
+            f"the axes of the network are left-handed, and frames are not level: {known(names)}; "
+            "no rotation leads from one to the other",
+            "choose axes en, nw, ws or se of the network, or state that the frames are level",
+        )
+
+
+def _mirrored(systems: list[System]) -> tuple[set[str], list[Finding]]:
+    """Return the names of frames with left-handed axes, and what to say of them.
+
+    Of two frames that mirror each other the one that mirrors more others is meant; the given
+    coordinates are right.
+    """
+    found: dict[tuple[str, str], float] = {}
+    for pair in _pairs(systems, rough=True):
+        extents = pair.extents()
+        if len(pair.a) <= pair.size or extents[-1] < PLANE * extents[0]:
+            continue
+        usual, mirror = pair.fitted().rms, pair.fitted(mirrored=True).rms
+        if mirror * BETTER < usual:
+            found[pair.first.name, pair.second.name] = usual / max(mirror, 1e-12)
+    named: set[str] = set()
+    findings = []
+    while found:
+        counts = Counter(n for pair in found for n in pair if n != GIVEN)
+        sure = [n for pair in found if GIVEN in pair for n in pair if n != GIVEN]
+        most = [n for n, c in counts.items() if c == max(counts.values())]
+        names = sure[:1] or most[:1] if len(most) < 2 or sure else most[:2]
+        own = {p: t for p, t in found.items() if set(p) & set(names)}
+        other = known([n for p in own for n in p if n not in names]) if len(names) == 1 else ""
+        times = float(np.median(list(own.values())))
+        one = "its axes are" if len(names) == 1 else "the axes of one of them are"
+        against = f"those of {other}" if other else "each other"
+        findings.append(
+            Finding(
+                f"the places of {' and '.join(names)} fit {against} {times:.0f} times better with "
+                f"a mirror: {one} left-handed",
+                "exchange x and y, or change the sign of one axis",
+            )
+        )
+        named |= set(names)
+        found = {p: t for p, t in found.items() if p not in own}
+    return named, findings
+
+
+# -- gross errors ---------------------------------------------------------------------------------
+
+
+def _without_gross(pair: Pair, wrong: list[Wrong]) -> Similarity | None:
+    """Return the similarity of the places that fit, none if they fix none; note the others."""
+    while pair.determined:
+        fit = pair.fitted()
+        if len(pair.a) < LEAST:
+            return fit
+        error, test, freedom = fit.tests()
+        limit = chi2_upper_quantile(ALPHA / len(pair.a), np.maximum(freedom, 1))
+        share = np.where(freedom > 0, test / limit, 0.0)
+        worst = int(np.argmax(share))
+        if share[worst] <= 1.0:
+            return fit
+        size = float(np.linalg.norm(error[worst]))
+        names = (pair.first.name, pair.second.name)
+        key = int(pair.keys[worst])
+        wrong.append(Wrong(key, names, size, size / float(np.sqrt(share[worst]))))
+        pair = pair.without(worst)
+    return None
+
+
+def _gross(equations: Equations, wrong: list[Wrong]) -> Iterator[Finding]:
+    """Places that do not fit, each once: in the frame that all its comparisons share."""
+    unknowns = equations.unknowns
+    names = [f"point {n!r}" for n in unknowns["point"].names]
+    names += [f"photo {n!r}" for n in unknowns["pose"].names]
+    found: list[tuple[float, Finding]] = []
+    for key in dict.fromkeys(w.key for w in wrong):
+        own = [w for w in wrong if w.key == key]
+        counts = Counter(n for w in own for n in w.systems)
+        worst = max(own, key=lambda w: w.size / w.tolerance)
+        shared = [n for n, c in counts.items() if c == len(own) > 1 and n != GIVEN]
+        inside = shared or [n for n in worst.systems if n != GIVEN]
+        others = known([n for n in counts if n not in inside])
+        between = f"beside {others}" if others else "to each other"
+        finding = Finding(
+            f"{names[key]} in {' and '.join(inside)} does not fit {between}, by the places that "
+            "they have in common",
+            "look for a wrong reading, or for a name confused with another",
+            1e3 * worst.size,
+            1e3 * worst.tolerance,
+            "mm",
+        )
+        found.append((worst.size / worst.tolerance, finding))
+    found.sort(key=lambda each: -each[0])
+    for _, finding in found[:WORST]:
+        yield finding
+
+
+# -- loops ----------------------------------------------------------------------------------------
+
+
+def _open_loops(fits: list[Similarity]) -> Iterator[Finding]:
+    """Loops of frames whose turns, Log(R₁₂ R₂₃ R₃₁), or scales do not close.
+
+    The similarities are taken as independent. Those of a loop that share places of a frame agree
+    better than that, so that the tolerance is on the safe side.
+    """
+    names = list(dict.fromkeys(n for f in fits for n in (f.pair.first.name, f.pair.second.name)))
+    start, end = (
+        np.array([names.index(n) for n in each], dtype=np.intp)
+        for each in (
+            [f.pair.first.name for f in fits],
+            [f.pair.second.name for f in fits],
+        )
+    )
+    nothing = np.zeros((len(fits), 0))
+    found: list[tuple[float, Finding]] = []
+    for loop in loops(Edges(start, end, nothing, nothing, names)):
+        along, w, covariance = _around(fits, loop, start, end)
+        named = [names[i] for i in along[:NAMED]]
+        more = f" … ({len(along)} in all)" if len(along) > NAMED else ""
+        for part, what, size, unit in (
+            (slice(0, 3), "turns", GON / 1e3, "mgon"),
+            (slice(3, 4), "scales", 1e-6, "ppm"),
+        ):
+            share, off = _share(w[part], covariance[part, part]), float(np.linalg.norm(w[part]))
+            if share > 1.0:
+                finding = Finding(
+                    f"the {what} of the loop of {', '.join(named)}{more} do not close",
+                    "look for names confused in one of them",
+                    off / size,
+                    off / size / float(np.sqrt(share)),
+                    unit,
+                )
+                found.append((share, finding))
+    found.sort(key=lambda each: -each[0])
+    for _, finding in found[:WORST]:
+        yield finding
+
+
+def _around(
+    fits: list[Similarity], loop: list[tuple[int, int]], start: Index, end: Index
+) -> tuple[list[int], Array, Array]:
+    """Return the systems of a loop in order, its misclosure (4,), and the covariance (4, 4).
+
+    The misclosure is the rotation vector, radians, and ln of the scale.
+    """
+    rest = dict(loop)
+    at, along = int(start[loop[0][0]]), []
+    rotation, ln_scale, covariance = np.eye(3), 0.0, np.zeros((4, 4))
+    while rest:
+        number = next(n for n in rest if at in (start[n], end[n]))
+        del rest[number]
+        fit = fits[number]
+        turn, own = fit.turn()
+        along.append(at)
+        if at == start[number]:
+            at, sign = int(end[number]), 1.0
+        else:
+            at, sign, turn = int(start[number]), -1.0, turn.T
+            own[:3, :3] = turn @ own[:3, :3] @ turn.T
+        covariance[:3, :3] = turn @ covariance[:3, :3] @ turn.T + own[:3, :3]
+        covariance[3, 3] += own[3, 3]
+        rotation = turn @ rotation
+        ln_scale += sign * float(np.log(fit.scale))
+    w = np.append(log_rotation(rotation[None])[0], ln_scale)
+    return along, w, covariance
+
+
+def _share(w: Array, covariance: Array) -> float:
+    """Return the test value of a misclosure, in units of its limit."""
+    values, vectors = np.linalg.eigh(covariance)
+    known_ones = values > 1e-12 * values[-1]
+    if not known_ones.any():
+        return 0.0
+    test = float(np.sum((vectors.T @ w)[known_ones] ** 2 / values[known_ones]))
+    return test / float(chi2_upper_quantile(ALPHA, int(known_ones.sum())))
