@@ -27,7 +27,7 @@ def tape(sign: float) -> Callable[[Callable[[str, str], int]], gtsam.NoiseModelF
     """Return a taped distance of 10 m whose Jacobian has a factor."""
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, h: list[np.ndarray] | None):
-        p, q = (values.atVector(key) for key in factor.keys())
+        p, q = map(values.atVector, factor.keys())
         way = q - p
         if h is not None:
             e = way / np.linalg.norm(way)
