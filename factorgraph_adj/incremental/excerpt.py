@@ -157,4 +157,4 @@ class _Excerpt:
         k = len(given.values)
         value = UNKNOWNS[kind].given(value[None])[0]
         fixed = (True,) * k if self.hold else given.fixed
-        return Parameter(tuple(value[:k].tolist()), fixed, (np.inf,) * k)
+        return replace(given, values=tuple(value[:k].tolist()), fixed=fixed, sigma=(np.inf,) * k)
