@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import InputError, known
 from ..models.variables import UNKNOWNS
-from ..network.entities import Parameter, parameter_name
+from ..network.entities import parameter_name
 from ..network.network import DatumChoice, Network
 from ..shown import Rows, Shown
 from ..solve.batch import adjust
@@ -211,7 +211,8 @@ def _with_held(network: Network, parameter: TestedParameter) -> Network:
     table = other.of_kind(kind)
     key = next(k for k in table if parameter_name(k) == name)
     given, at = table[key], UNKNOWNS[kind].names().index(component)
-    table[key] = Parameter(*_held(given.values, given.fixed, given.sigma, at, parameter.reference))
+    values, fixed, sigma = _held(given.values, given.fixed, given.sigma, at, parameter.reference)
+    table[key] = replace(given, values=values, fixed=fixed, sigma=sigma)
     return other
 
 

@@ -10,6 +10,7 @@ from ..errors import Problem, known
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import Unknowns, Variables
+from ..models.variables import UNKNOWNS
 from ..solve.datum import parts
 from ..types import Array, Index, Mask
 
@@ -62,8 +63,9 @@ def datum_problems(equations: Equations) -> Iterator[Problem]:
             table = unknowns[kind]
             on = table.offset[index] >= 0
             observed[table.offset[index][on]] = True
-            if kind in ("point", "pose"):
+            if UNKNOWNS[kind].connects:
                 labels.append(_label_of(table, label, index))
+            if kind in ("point", "pose"):
                 tables.append((table, index, kind))
         if labels:
             _hold(block, unknowns, np.max(labels, axis=0), tables, held)

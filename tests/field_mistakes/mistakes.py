@@ -15,6 +15,7 @@ from .projects import (
     book_of_both,
     facade,
     field_book,
+    hall,
     yard,
     yard_on_earth,
 )
@@ -647,6 +648,103 @@ def _(p: Project) -> None:
 )
 def _(p: Project) -> None:
     p.tables["images.csv"].append(dict(p.tables["images.csv"][0]))
+
+
+# -- frames of their own ---------------------------------------------------------------------------
+
+
+@mistake(
+    "a scan with left-handed axes",
+    CHECK,
+    DOUBTFUL,
+    "times better with a mirror: its axes are left-handed; exchange x and y, or change the sign",
+    hall,
+)
+def _(p: Project) -> None:
+    for row in p.rows("frame_coordinate", frame="scan2"):
+        times(row, "y", -1.0)
+
+
+@mistake(
+    "a target with the name of another in one scan",
+    CHECK,
+    DOUBTFUL,
+    "point 'H5' in frame 'scan3' does not fit beside frame 'scan1', frame 'scan2', by the places",
+    hall,
+)
+def _(p: Project) -> None:
+    row = p.rows("frame_coordinate", frame="scan3", point="H5")[0]
+    p.tables["observations.csv"].remove(row)
+    p.rows("frame_coordinate", frame="scan3", point="H4")[0]["point"] = "H5"
+
+
+@mistake(
+    "a scanner knocked on the way to one target",
+    CHECK,
+    DOUBTFUL,
+    "point 'H7' in frame 'scan1' does not fit",
+    hall,
+)
+def _(p: Project) -> None:
+    add(p.rows("frame_coordinate", frame="scan1", point="H7")[0], "z", 0.05)
+
+
+MISTAKES.append(
+    Mistake(
+        "the origin of a scan left at zero, in national coordinates",
+        lambda: without_origin(hall(shift=(452_000.0, 5_410_000.0, 300.0)), "scan2"),
+        CHECK,
+        DOUBTFUL,
+        "the origin of frame 'scan2' is far from its places, which extend over",
+    )
+)
+
+
+def without_origin(p: Project, frame: str) -> Project:
+    """Return the project with a frame whose origin is left out."""
+    row = next(r for r in p.tables["frames.csv"] if r["name"] == frame)
+    for axis in "xyz":
+        del row[f"origin_{axis}"]
+    return p
+
+
+@mistake(
+    "a scan that has two targets in common with the others",
+    CHECK,
+    BAD_INPUT,
+    "frame 'scan3': only 2 of its 3 places are common with the rest of the network (H0, H1), and "
+    "its 6 unknowns need 3 that do not lie in one line",
+    hall,
+)
+def _(p: Project) -> None:
+    for row in p.rows("frame_coordinate", frame="scan3")[2:]:
+        p.tables["observations.csv"].remove(row)
+    p.tables["points.csv"].append({"name": "alone"})
+    cells = {"x": "3.1", "y": "-2.2", "z": "1.5"}
+    row = {"kind": "frame_coordinate", "frame": "scan3", "point": "alone", **cells}
+    p.tables["observations.csv"].append(row)
+
+
+@mistake(
+    "a scan without any target",
+    CHECK,
+    BAD_INPUT,
+    "frame 'scan4': it is unknown, but no observation depends on it: hold it, or take it out",
+    hall,
+)
+def _(p: Project) -> None:
+    p.tables["frames.csv"].append({"name": "scan4", "free": "rotation offset"})
+
+
+@mistake(
+    "a scan under another name in the observations",
+    CHECK,
+    BAD_INPUT,
+    "unknown frame 'scan_2'; known: scan1, scan2, scan3; did you mean 'scan2'?",
+    hall,
+)
+def _(p: Project) -> None:
+    p.rows("frame_coordinate", frame="scan2")[0]["frame"] = "scan_2"
 
 
 # -- at the desk ----------------------------------------------------------------------------------

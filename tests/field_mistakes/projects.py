@@ -259,3 +259,49 @@ def facade(seed: int = 6) -> Project:
     )
     tables = {"points.csv": points, "photos.csv": photos, "images.csv": images}
     return Project(toml, tables)
+
+
+HALL = [
+    (float(x), float(y), z)
+    for i, (x, y) in enumerate(((0, 0), (12, 0), (24, 0), (24, 15), (12, 15), (0, 15)))
+    for z in (1.0 + 0.3 * i, 6.5 - 0.4 * i)
+]
+"""True coordinates of targets on the walls of a hall, metres."""
+SCANS: dict[str, tuple[tuple[float, float, float], float]] = {
+    "scan1": ((6.0, 7.0, 1.6), 0.4),
+    "scan2": ((18.0, 8.0, 1.7), 2.1),
+    "scan3": ((11.0, 5.0, 4.0), 4.4),
+}
+"""Where the scanner stands, and how it is turned, radians."""
+
+
+def hall(seed: int = 9, *, shift: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Project:
+    """Return a hall that a scanner saw from three stations in frames of their own.
+
+    Args:
+        seed: of the errors of the coordinates.
+        shift: added to the coordinates of the network, metres.
+    """
+    rng = np.random.default_rng(seed)
+    points: list[Row] = []
+    for i, at in enumerate(HALL):
+        held = i in (0, 3, 6, 9)
+        cells = {a: f"{v + d:.4f}" for a, v, d in zip("xyz", at, shift, strict=True)}
+        points.append({"name": f"H{i}", **(cells if held else {}), "fixed": "xyz" if held else ""})
+    frames: list[Row] = []
+    rows: list[Row] = []
+    for name, (station, turn) in SCANS.items():
+        middle = zip("xyz", np.array((12.0, 7.0, 4.0)) + shift, strict=True)
+        frames.append({"name": name, "free": "rotation offset"})
+        frames[-1] |= {f"origin_{a}": f"{v:.0f}" for a, v in middle}
+        c, s = np.cos(turn), np.sin(turn)
+        to_scan = np.array([[c, s, 0.0], [-s, c, 0.02], [0.02 * s, -0.02 * c, 1.0]])
+        to_scan = np.linalg.qr(to_scan.T)[0].T
+        to_scan *= np.sign(np.diag(to_scan @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])))[:, None]
+        for i, at in enumerate(HALL):
+            q = to_scan @ (np.array(at) - station) + 0.002 * rng.normal(size=3)
+            cells = {a: f"{v:.4f}" for a, v in zip("xyz", q, strict=True)}
+            rows.append({"kind": "frame_coordinate", "frame": name, "point": f"H{i}", **cells})
+    toml = 'name = "hall"\n[sigma.frame_coordinate]\nsigma_mm = 2\n'
+    tables = {"points.csv": points, "frames.csv": frames, "observations.csv": rows}
+    return Project(toml, tables)

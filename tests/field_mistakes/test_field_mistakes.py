@@ -7,7 +7,7 @@ import pytest
 from factorgraph_adj.cli.main import main
 
 from .mistakes import MISTAKES, POLES, Mistake, in_pixels
-from .projects import Project, book_of_both, facade, field_book, yard, yard_on_earth
+from .projects import Project, book_of_both, facade, field_book, hall, yard, yard_on_earth
 
 
 def pixels() -> Project:
@@ -35,7 +35,7 @@ def test_a_mistake_is_named(mistake: Mistake, tmp_path, capsys) -> None:
 
 
 @pytest.mark.parametrize(
-    "project", [yard, facade, field_book, book_of_both, pixels, poles, yard_on_earth]
+    "project", [yard, facade, field_book, hall, book_of_both, pixels, poles, yard_on_earth]
 )
 @pytest.mark.parametrize("command", [("check",), ("adjust",), ("adjust", "--snoop")])
 def test_without_a_mistake_nothing_is_told(command, project, tmp_path, capsys) -> None:

@@ -1,0 +1,269 @@
+"""Doubts about places in frames, before any adjustment."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from factorgraph_adj import FrameCoordinate, LocalFrame, Network, preliminary
+from factorgraph_adj.graph.equations import compile_rows
+from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.validate.check import check
+from factorgraph_adj.validate.preliminary.similar import System, common
+from tests.networks.three_frames import HELD, SIGMA, room, three_frames, true_coordinates
+
+
+def told(network: Network) -> list[str]:
+    return [str(f) for f in preliminary(network)]
+
+
+def changed(network: Network, frame: str, point: str, **new: object) -> Network:
+    """Change the observation of a point in a frame."""
+    for ident, o in network.observations.items():
+        if (o.frame, o.point) == (frame, point):
+            network.observations[ident] = replace(o, **new)
+    return network
+
+
+def value(network: Network, frame: str, point: str) -> np.ndarray:
+    return np.array(
+        next(o.value for o in network.observations.values() if (o.frame, o.point) == (frame, point))
+    )
+
+
+def mirrored(network: Network, frame: str) -> Network:
+    """Exchange x and y of a frame."""
+    for name in room():
+        x, y, z = value(network, frame, name)
+        changed(network, frame, name, value=(y, x, z))
+    return network
+
+
+def test_without_errors_nothing_is_told() -> None:
+    """In 40 networks with 9 comparisons and about 25 places each, α = 0.1 % of a comparison."""
+    assert sum(len(told(three_frames(seed))) for seed in range(40)) <= 1
+
+
+@pytest.mark.parametrize("frame", ["scan", "model", "station"])
+def test_a_mirrored_frame_is_named_against_given_coordinates(frame) -> None:
+    (found,) = told(mirrored(three_frames(), frame))
+    assert found.startswith(f"the places of frame {frame!r} fit those of ")
+    assert found.endswith(
+        "its axes are left-handed; exchange x and y, or change the sign of one axis"
+    )
+
+
+def test_without_given_coordinates_the_frame_that_mirrors_both_others_is_named() -> None:
+    network = mirrored(three_frames(), "model")
+    for name, point in network.points.items():
+        network.points[name] = replace(point, coordinates=(np.nan,) * 3, fixed=(False,) * 3)
+    (found,) = told(network)
+    assert found.startswith(
+        "the places of frame 'model' fit those of frame 'scan', frame 'station'"
+    )
+
+
+def test_places_in_one_plane_tell_of_no_mirror() -> None:
+    network = three_frames()
+    flat = {n: np.array((*x[:2], 0.0)) for n, x in room().items()}
+    for name, x in flat.items():
+        if name in HELD:
+            network.points[name] = replace(network.points[name], coordinates=tuple(x))
+        for frame in ("scan", "model", "station"):
+            changed(network, frame, name, value=tuple(true_coordinates(frame, x).tolist()))
+    assert told(mirrored(network, "scan")) == []
+
+
+def test_a_gross_error_is_named_with_its_size_in_the_unit_of_the_frame() -> None:
+    network = three_frames()
+    off = value(network, "scan", "P4") + np.array((0.0, 0.05, 0.0))
+    (found,) = told(changed(network, "scan", "P4", value=tuple(off)))
+    assert found.startswith(
+        "point 'P4' in frame 'scan' does not fit beside frame 'model', frame 'station'"
+    )
+    size = float(found.split(": ")[1].split(" mm")[0])
+    assert size == pytest.approx(50.0, abs=5e3 * SIGMA)
+
+
+def test_two_names_exchanged_are_both_named() -> None:
+    network = three_frames()
+    first, second = value(network, "station", "P5"), value(network, "station", "P7")
+    changed(network, "station", "P5", value=tuple(second))
+    changed(network, "station", "P7", value=tuple(first))
+    found = told(network)
+    assert all("in frame 'station' does not fit" in f for f in found)
+    assert sorted(f[6:10] for f in found) == ["'P5'", "'P7'"]
+
+
+def test_the_test_of_a_place_has_the_size_that_its_distribution_says() -> None:
+    """v S⁻¹ v of every place follows χ² with three degrees of freedom: its mean is 3."""
+    rng = np.random.default_rng(4)
+    x = rng.uniform(0, 10, (7, 3))
+    turn = exp_rotation(np.array([[0.3, -1.0, 2.0]]))[0]
+    keys, values = np.arange(7), []
+    for _ in range(400):
+        a = System("a", keys, x + 0.003 * rng.normal(size=(7, 3)), np.full(7, 0.003), False, np.nan)
+        b = (5.0 * x @ turn.T) + 1.0 + 0.01 * rng.normal(size=(7, 3))
+        pair = common(a, System("b", keys, b, np.full(7, 0.01), False, 0.0))
+        assert pair is not None
+        values.append(pair.fitted().tests()[1])
+    # 2800 values with the variance 6, of which those of one network are correlated.
+    assert np.mean(values) == pytest.approx(3.0, abs=0.25)
+
+
+def test_the_error_of_a_place_is_what_was_made() -> None:
+    rng = np.random.default_rng(4)
+    x = rng.uniform(0, 10, (6, 3))
+    off = x.copy()
+    off[2] += (0.1, -0.2, 0.05)
+    keys = np.arange(6)
+    sigma = np.full(6, 0.01)
+    pair = common(
+        System("a", keys, x, sigma, False, 0.0), System("b", keys, off, sigma, False, 0.0)
+    )
+    assert pair is not None
+    error, _, freedom = pair.fitted().tests()
+    # The linear form leaves out the square of the turn that the error makes, 0.02².
+    assert error[2] == pytest.approx((0.1, -0.2, 0.05), abs=1e-3)
+    assert (freedom == 3).all()
+
+
+def chain(twist: float = 0.0, stretch: float = 1.0) -> Network:
+    """Return three frames; each pair has three places of its own in common.
+
+    Args:
+        twist: by how much the places that the third and the first have in common are turned.
+        stretch: and stretched, in the third frame.
+    """
+    rng = np.random.default_rng(2)
+    network = Network("chain")
+    turn = exp_rotation(np.array([[0.0, 0.0, twist]]))[0]
+    for name in "ABC":
+        network.add_frame(name, free=["rx", "ry", "rz", "x", "y", "z", "ln_scale"])
+    for pair in ("AB", "BC", "CA"):
+        for i, x in enumerate(rng.uniform(0, 10, (3, 3))):
+            network.add_point(f"{pair}{i}")
+            for frame in pair:
+                wrong = pair == "CA" and frame == "C"
+                q = stretch * turn @ x if wrong else x
+                value = tuple((q + 0.001 * rng.normal(size=3)).tolist())
+                network.add(FrameCoordinate(frame, f"{pair}{i}", value, sigma=(0.001,) * 3))
+    return network
+
+
+def test_a_loop_of_frames_that_closes_is_not_told() -> None:
+    assert told(chain()) == []
+
+
+def test_the_turns_of_a_loop_that_do_not_close_are_told() -> None:
+    (found,) = told(chain(twist=0.01))
+    assert found.startswith("the turns of the loop of frame ")
+    size = float(found.split("close: ")[1].split(" mgon")[0])
+    assert size == pytest.approx(0.01 / (np.pi / 200e3), rel=0.1)
+
+
+def test_the_scales_of_a_loop_that_do_not_close_are_told() -> None:
+    (found,) = told(chain(stretch=1.01))
+    assert found.startswith("the scales of the loop of frame ")
+    size = float(found.split("close: ")[1].split(" ppm")[0])
+    assert abs(size) == pytest.approx(1e4, rel=0.1)
+
+
+def test_an_origin_far_from_the_places_is_told_with_a_better_one() -> None:
+    network = three_frames()
+    del network.frames["scan"]
+    network.add_frame("scan", origin=(4_500_000.0, 5_400_000.0, 300.0))
+    (found,) = told(network)
+    assert found.startswith("the origin of frame 'scan' is far from its places")
+    assert "its offset and its rotation are hardly separable" in found
+    middle = np.mean([x for n, x in room().items() if n in HELD], axis=0)
+    assert found.endswith(" ".join(f"{v:.0f}" for v in middle))
+
+
+def test_left_handed_axes_of_the_network_are_told_for_frames_that_are_not_level() -> None:
+    network = three_frames()
+    left = Network("left", frame=LocalFrame(axes="ne"))
+    for p in network.points.values():
+        y, x, z = p.coordinates
+        left.add_point(p.name, None if np.isnan(x) else (x, y, z))
+    left.parameters = network.parameters
+    left.observations = network.observations
+    (found,) = told(left)
+    assert found.startswith("the axes of the network are left-handed, and frames are not level: ")
+
+
+# -- counts ---------------------------------------------------------------------------------------
+
+
+def reduced(keep: dict[str, str]) -> Network:
+    """Return the network with some of the points in each frame, by the digits of their names."""
+    network = three_frames()
+    network.observations = {
+        i: o
+        for i, o in network.observations.items()
+        if o.point[1:] in keep.get(o.frame, "01234567")
+    }
+    return network
+
+
+def of_frames(network: Network) -> list[str]:
+    return [str(p) for p in check(network) if str(p).startswith("frame ")]
+
+
+def test_a_frame_with_too_few_common_places_is_named_with_them() -> None:
+    assert of_frames(reduced({"model": "05"})) == [
+        "frame 'model': only 2 of its 2 places are common with the rest of the network (P0, P5), "
+        "and its 7 unknowns need 3 that do not lie in one line: observe more of them from "
+        "elsewhere, or hold some of its components"
+    ]
+
+
+def test_what_only_this_frame_saw_does_not_count() -> None:
+    network = reduced({"model": "015"})
+    network.observations = {
+        i: o for i, o in network.observations.items() if o.point != "P5" or o.frame == "model"
+    }
+    (found,) = of_frames(network)
+    assert "only 2 of its 3 places are common with the rest of the network (P0, P1)" in found
+
+
+def test_a_level_frame_needs_two_places_and_its_station_is_one() -> None:
+    assert of_frames(reduced({"station": "04"})) == []
+    network = reduced({"station": "4"})
+    (found,) = of_frames(network)
+    assert found.startswith("frame 'station': only 1 of its 2 places")
+    network.points["T"] = replace(
+        network.points["T"], coordinates=(10.0, 5.0, 1.5), fixed=(True,) * 3
+    )
+    assert of_frames(network) == []
+
+
+def test_in_a_free_network_one_frame_may_be_all() -> None:
+    network = Network("scan alone", datum="free")
+    network.add_frame("scan")
+    for name, x in room().items():
+        network.add_point(name)
+        network.add(FrameCoordinate("scan", name, tuple(x.tolist()), sigma=(0.001,) * 3))
+    assert of_frames(network) == []
+    assert compile_rows(network).n_rows == 24
+
+
+def test_a_frame_that_nothing_observes_is_named() -> None:
+    network = three_frames()
+    network.add_frame("idle")
+    (found,) = of_frames(network)
+    assert found.startswith("frame 'idle': it is unknown, but no observation depends on it")
+
+
+def test_held_points_that_frames_see_hold_the_datum() -> None:
+    network = three_frames()
+    del network.frames["station"]
+    del network.points["T"]
+    network.point_number = {n: i for i, n in enumerate(network.points)}
+    network.observations = {
+        i: o for i, o in network.observations.items() if o.frame == "scan" and o.point in HELD
+    }
+    del network.frames["model"]
+    assert [p for p in check(network) if "datum" in str(p)] == []
