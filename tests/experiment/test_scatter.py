@@ -26,6 +26,7 @@ from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
 from tests.networks.small_block import plan as mixed
+from tests.networks.three_frames import three_frames
 from tests.support.arrivals import between
 
 FEW = 30
@@ -212,6 +213,11 @@ def photos(*, positions: bool = False) -> Callable[[], fga.Network]:
     return make
 
 
+def frames() -> fga.Network:
+    """Three frames of a room, with a scale, levelled, and with its origin at a point."""
+    return fga.adjust(three_frames()).as_network()
+
+
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "slope_distance": slope_distances,
     "horizontal_distance": horizontal_distances,
@@ -228,6 +234,7 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "gnss_position": positions(o.GnssPosition),
     "photo_position": photos(positions=True),
     "image": photos(),
+    "frame_coordinate": frames,
     "correlated": correlated_directions,
     "mixed": mixed,
 }

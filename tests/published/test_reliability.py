@@ -137,13 +137,20 @@ def total_stations() -> fga.Reliability:
 
 @pytest.fixture(scope="module")
 def listed(total_stations: fga.Reliability) -> list[tuple[int, float, dict[str, str]]]:
-    """Row, unit and line of the table for each active observation, weighted coordinates too."""
+    """Row, unit and line of the table for each active observation, weighted coordinates too.
+
+    The unit of projected X and Y is that on the ground, see `comp3d.read_cor`.
+    """
+    network = total_stations.solution.network
     out = []
     for line in comp3d.read_table(data_dir("comp3d_topo") / "expected_obs.csv"):
         if line["active"] != "True":
             continue
-        unit = GON if line["unit_str"] == "g" else 1.0
         axis = {"-1": "x", "-2": "y", "-3": "z"}.get(line["code"])
+        unit = GON if line["unit_str"] == "g" else 1.0
+        if axis in ("x", "y"):
+            height = network.points[line["from"]].coordinates[2]
+            unit = 1.0 + height / network.frame.radius
         ident = line["line"] if axis is None else f"point {line['from']} {axis}"
         out.append((total_stations.row(ident), unit, line))
     assert sorted(row for row, _, _ in out) == list(range(536))

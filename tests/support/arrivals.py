@@ -9,6 +9,8 @@ import numpy as np
 
 from factorgraph_adj import IncrementalAdjustment, Network, Solution, adjust, reliability
 from factorgraph_adj.errors import AdjustmentError
+from factorgraph_adj.models.base import wrap
+from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.observations import AnyObservation, Correlated, ImagePoint
 from factorgraph_adj.quality.reliability import Reliability
 from factorgraph_adj.types import Array, Mask
@@ -94,17 +96,15 @@ def deviations(solution: Solution, kind: str, name: str) -> tuple[Mask, Array]:
 
 
 def between(a: Solution, b: Solution, kind: str, name: str) -> Array:
-    va, vb = (s.state[kind][s.number(kind, name)] for s in (a, b))
-    if kind == "pose":
-        ra, rb = va[:9].reshape(3, 3), vb[:9].reshape(3, 3)
-        turn = rb.T @ ra
-        w = 0.5 * np.array(
-            [turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]
-        )
-        return np.concatenate([w, va[9:] - vb[9:]])
+    """Return the step of the tangent that moves a variable of ``b`` to where ``a`` has it."""
+    record = UNKNOWNS[kind]
+    va, vb = (s.state[kind][s.number(kind, name)][None] for s in (a, b))
     size = len(b.equations.unknowns.component_names(kind, b.number(kind, name)))
-    moved = va[:size] - vb[:size]
-    return (moved + np.pi) % (2 * np.pi) - np.pi if kind == "orientation" else moved
+    moved = record.local(vb, va)[0, :size]
+    circular = np.array([c.circular for c in record.components[:size]], dtype=bool)
+    if circular.any():
+        moved = np.where(circular, wrap(moved), moved)
+    return moved
 
 
 TOLERANCES = (1e-9, 1e-7, 1e-5)
