@@ -18,8 +18,8 @@ from factorgraph_adj.models.variables import UnknownTable, unknown_kind
 from factorgraph_adj.solve.datum import generators
 from tests.networks import extension
 from tests.networks.extension import (
-    DRIFT,
     SIMILARITY,
+    TREND,
     TRUE,
     SamePoint,
     drifting_levels,
@@ -177,7 +177,7 @@ def test_arriving_in_any_order_gives_what_the_batch_gives(make: Any) -> None:
         inc.settle()
         assert not inc.waiting
         found = inc.solution()
-        kind = next(k for k in ("similarity", "drift") if network.of_kind(k))
+        kind = next(k for k in ("similarity", "trend") if network.of_kind(k))
         for key in network.of_kind(kind):
             a, b = (s.unknown(kind, key) for s in (batch, found))
             np.testing.assert_allclose(a.values, b.values, atol=2e-6 * a.sigmas.min())
@@ -224,7 +224,7 @@ def test_the_factor_graph_has_it() -> None:
         step = graph.graph.linearize(values).optimize()
         values = values.retract(step)
     key = graph.keys.key("similarity", "shift")
-    assert gtsam.DefaultKeyFormatter(key) == "s0"
+    assert gtsam.DefaultKeyFormatter(key) == "S0"
     solution = fga.adjust(network)
     np.testing.assert_allclose(
         values.atVector(key), solution.unknown("similarity", "shift").values, atol=1e-9
@@ -252,22 +252,22 @@ def test_what_is_not_determined_is_named() -> None:
 
 def test_each_drift_has_its_own_degree() -> None:
     solution = fga.adjust(drifting_levels())
-    assert solution.unknown("drift", "old").names == ("a0", "a1")
-    new = solution.unknown("drift", "new")
+    assert solution.unknown("trend", "old").names == ("a0", "a1")
+    new = solution.unknown("trend", "new")
     assert new.names == ("a0", "a1", "a2")
     assert np.all(np.abs(new.values - [0.001, 0.003, -0.002]) < 4 * new.sigmas)
     dense = Dense.at(solution.equations, solution.state)
     q = dense.cofactor(np.zeros(solution.equations.unknowns.n_columns, dtype=bool))
-    columns = solution.equations.unknowns.columns("drift", 1)
+    columns = solution.equations.unknowns.columns("trend", 1)
     np.testing.assert_allclose(new.sigmas**2, np.diag(q)[columns], rtol=1e-9)
 
 
 def test_taking_observations_out_takes_their_unknowns_along() -> None:
     network = drifting_levels()
-    new = [i for i, o in network.observations.items() if getattr(o, "drift", "") == "new"]
+    new = [i for i, o in network.observations.items() if getattr(o, "trend", "") == "new"]
     left = fga.without(network, new)
-    assert list(left.of_kind("drift")) == ["old"]
-    assert list(network.of_kind("drift")) == ["old", "new"]
+    assert list(left.of_kind("trend")) == ["old"]
+    assert list(network.of_kind("trend")) == ["old", "new"]
 
 
 def test_an_unknown_of_a_kind_that_the_network_does_not_state_is_named() -> None:
@@ -286,6 +286,6 @@ def test_an_unknown_of_a_kind_that_the_network_does_not_state_is_named() -> None
 
 def test_the_records_are_those_of_the_documentation() -> None:
     """CONTRIBUTING.md and the pages on kinds refer to these names."""
-    assert unknown_kind("drift") is DRIFT
+    assert unknown_kind("trend") is TREND
     assert unknown_kind("similarity").table == UnknownTable("similarities")
-    assert extension.DRIFTING_STEP.texts == ("drift",)
+    assert extension.DRIFTING_STEP.texts == ("trend",)

@@ -11,6 +11,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..network.network import DatumChoice
 from ..observations import AstronomicLatitude, AstronomicLongitude
+from .additive import solve_additive
 from .diagnosis import not_reached
 from .free_start import join_blocks, observed_misfits, resolve_doubt, start_heights
 from .horizon import Horizon, place_of
@@ -69,7 +70,7 @@ def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[St
         if problems:
             return state, problems
     orient_by_model(equations, state)
-    return state, []
+    return state, solve_additive(equations, state)
 
 
 def _begin(equations: Equations, state: State) -> tuple[Progress, ImageRays, InFrames]:

@@ -30,6 +30,8 @@ PART_COLUMNS = {
 }
 """Columns of the parts of a standard deviation, without the endings of their units."""
 LEVER_ARM = tuple(f"lever_arm_{a}" for a in "xyz")
+AXES = tuple("xyzenu")
+"""Axes of vectors."""
 PAIRS = tuple(a + b for axes in ("xyz", "enu") for a, b in product(axes, repeat=2))
 """Pairs of axes in names of covariances."""
 
@@ -42,6 +44,19 @@ def is_angle(kind: str) -> bool:
 def attributes(kind: str) -> frozenset[str]:
     """Return the names of the attributes of a kind of observation."""
     return observation_kind(kind).attributes
+
+
+def components_of(kind: str) -> tuple[str, ...]:
+    """Return the columns of a vector, empty for a kind with a single value."""
+    record = observation_kind(kind)
+    if "covariance" not in record.attributes:
+        return ()
+    return ("x", "y", "z") if "axes" in record.attributes else tuple(record.observation.components)
+
+
+def pair(a: str, b: str) -> str:
+    """Return the name of the covariance of two components: ``xy``, ``roll_pitch``."""
+    return a + b if len(a) == len(b) == 1 else f"{a}_{b}"
 
 
 def has_parts(kind: str) -> bool:
@@ -92,11 +107,12 @@ def sigma_fields(kind: str) -> tuple[str, ...]:
     for part, column in parts_of(kind).items():
         out += ["ppm"] if part == "ppm" else [f"{column}_{u}" for u in LENGTH]
     if "covariance" in attributes(kind):
-        axes = "xyzenu" if observation_kind(kind).by_axis else "xyz"
-        out += [f"sigma_{a}_{u}" for a in axes for u in LENGTH]
-        out += [
-            f"covariance_{pair}_{u}2" for pair in PAIRS if set(pair) <= set(axes) for u in LENGTH
-        ]
+        sets = (components_of(kind), "enu") if observation_kind(kind).by_axis else ()
+        for names in sets or (components_of(kind),):
+            out += [f"sigma_{a}_{u}" for a in names for u in units]
+        for names in sets or (components_of(kind),):
+            pairs = product(names, repeat=2)
+            out += [f"covariance_{pair(a, b)}_{u}2" for a, b in pairs for u in units]
     return tuple(out)
 
 
@@ -118,7 +134,7 @@ def plain_fields(kind: str) -> tuple[str, ...]:
     out = ["kind", "id", *names_of(kind)]
     if kind == "image":
         return (*out, "x", "y")
-    out += ["x", "y", "z"] if "covariance" in have else ["value"]
+    out += components_of(kind) or ["value"]
     out += ["unit", *numbers_of(kind), *texts_of(kind)]
     out += ["length_km"] if "length_km" in have else []
     out += LEVER_ARM if "lever_arm" in have else []
@@ -141,15 +157,24 @@ def columns() -> tuple[str, ...]:
     """Return the columns of observations.csv in the order in which they are written."""
     further = dict.fromkeys(n for k in KINDS for n in (*names_of(k), *texts_of(k), *numbers_of(k)))
     known = {*NAMES, *TEXTS, *HEIGHTS}
+    own = dict.fromkeys(c for k in KINDS for c in components_of(k) if c not in AXES)
+    stated = dict.fromkeys(f for k in KINDS if k != "image" for f in sigma_fields(k))
+    first = dict.fromkeys(
+        (
+            *(f"sigma{axis}_{u}" for axis in ("", *(f"_{a}" for a in AXES)) for u in LENGTH),
+            *(f"sigma_{u}" for u in (*ANGLE, "px")),
+        )
+    )
+    pairs = [f"covariance_{pair}_{u}2" for pair in PAIRS for u in LENGTH]
+    last = [f for f in stated if f not in first and f.startswith(("sigma_", "covariance_"))]
     return (
-        *("kind", "id", *NAMES, "value", "x", "y", "z", "unit", "axes"),
+        *("kind", "id", *NAMES, "value", "x", "y", "z", *own, "unit", "axes"),
         *("set", "instrument", "refraction", *HEIGHTS, "length_km"),
         *(n for n in further if n not in known),
-        *(f"sigma{axis}_{u}" for axis in ("", *(f"_{a}" for a in "xyzenu")) for u in LENGTH),
-        *(f"sigma_{u}" for u in (*ANGLE, "px")),
+        *first,
         *("combine", "ppm"),
         *(f"{c}_{u}" for part, c in PART_COLUMNS.items() if part != "ppm" for u in LENGTH),
-        *(f"covariance_{pair}_{u}2" for pair in PAIRS for u in LENGTH),
+        *dict.fromkeys((*pairs, *last)),
         *LEVER_ARM,
     )
 

@@ -32,11 +32,13 @@ from .fields import (
     LEVER_ARM,
     NAMES,
     attributes,
+    components_of,
     is_angle,
     known_fields,
     names_of,
     numbers_of,
     offer,
+    pair,
     parts_of,
     rules_of,
     sigma_fields,
@@ -50,8 +52,9 @@ from .tables import Row
 def with_reading(record: Mapping[str, object]) -> dict[str, object]:
     """Return a record with zero for a missing reading, as plans need no readings."""
     kind = record.get("kind")
-    vector = isinstance(kind, str) and kind in KINDS and "covariance" in attributes(kind)
-    names = ("x", "y") if kind == "image" else ("x", "y", "z") if vector else ("value",)
+    names: tuple[str, ...] = ("x", "y") if kind == "image" else ("value",)
+    if isinstance(kind, str) and kind in KINDS:
+        names = components_of(kind) or names
     return {**dict.fromkeys(names, 0.0), **record}
 
 
@@ -122,7 +125,6 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     kind = record.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         return None
-    have = attributes(kind)
     names = names_of(kind)
     arguments: dict[str, Any] = {
         n: str(record[n]) for n in (*names, *KINDS[kind].texts) if record.get(n)
@@ -133,12 +135,12 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     if any(n not in arguments for n in needed):
         return None
     arguments |= {n: None for n in names if n not in arguments}
-    vector = "covariance" in have
+    size = len(components_of(kind))
     if kind == "image":
         arguments |= {"x": 0.0, "y": 0.0}
     else:
-        arguments["value"] = (1.0,) * 3 if vector else 1.0
-    arguments["sigma"] = (1.0,) * 3 if vector else 1.0
+        arguments["value"] = (1.0,) * size if size else 1.0
+    arguments["sigma"] = (1.0,) * size if size else 1.0
     make: Callable[..., Observation] = KINDS[kind].observation
     return make(**arguments, source=source or None)
 
@@ -185,15 +187,15 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
         place = f"[sigma.{kind}] of the project"
         arguments["sigma"] = scalar_sigma(row, kind, context.sigma.get(kind, {}), place)
         return
-    axes = "xyz"
+    names = components_of(kind)
     if "axes" in have:
         axes = "".join(row.letters("axes", "xyzenu")) or "xyz"
-        arguments["axes"] = axes
-    whole = bool(set(axes) & set("enu"))
+        names, arguments["axes"] = tuple(axes), axes
+    whole = bool(set(names) & set("enu"))
     arguments["value"] = tuple(
-        row.number(a, unit, required=True) for a in ("xyz" if whole else axes)
+        row.number(a, unit, required=True) for a in ("xyz" if whole else names)
     )
-    _take_vector_sigma(row, kind, axes, context, arguments)
+    _take_vector_sigma(row, kind, names, context, arguments)
 
 
 def _stated(row: Row, kind: str, default: Mapping[str, object], place: str) -> Row | None:
@@ -246,38 +248,47 @@ def scalar_sigma(
 
 
 def _take_vector_sigma(
-    row: Row, kind: str, axes: str, context: RecordContext, arguments: dict[str, Any]
+    row: Row,
+    kind: str,
+    axes: tuple[str, ...],
+    context: RecordContext,
+    arguments: dict[str, Any],
 ) -> None:
-    """Read σ of each axis, or a covariance."""
+    """Read σ of each component, or a covariance."""
     stated = _stated(row, kind, context.sigma.get(kind, {}), f"[sigma.{kind}] of the project")
     if stated is None:
         return
+    units = tuple(ANGLE) if is_angle(kind) else tuple(LENGTH)
     if any(f.startswith("covariance_") for f in stated.fields):
-        arguments["covariance"] = _take_covariance(stated, axes)
+        arguments["covariance"] = _take_covariance(stated, axes, units)
         return
-    for_all = stated.quantity("sigma", LENGTH, positive=True)
-    sigma = [stated.quantity(f"sigma_{a}", LENGTH, positive=True) for a in axes]
+    for_all = stated.quantity("sigma", units, positive=True)
+    sigma = [stated.quantity(f"sigma_{a}", units, positive=True) for a in axes]
+    shown = "mgon" if is_angle(kind) else "mm"
     for a, s in zip(axes, sigma, strict=True):
         if s is None and for_all is None and not row.failed:
             other = "xyz" if set(axes) <= set("enu") else "enu"
             given = [f for f in stated.fields if f.startswith(tuple(f"sigma_{b}_" for b in other))]
             belongs = f"; {given[0]} belongs to axes {other}: state axes = {other}" if given else ""
-            row.wrong(f"no standard deviation of {a}: give sigma_{a}_mm or sigma_mm{belongs}")
+            row.wrong(
+                f"no standard deviation of {a}: give sigma_{a}_{shown} or sigma_{shown}{belongs}"
+            )
     if not row.failed:
         arguments["sigma"] = tuple(for_all if s is None else s for s in sigma)
 
 
-def _take_covariance(row: Row, axes: str) -> Array:
+def _take_covariance(row: Row, axes: tuple[str, ...], units: tuple[str, ...]) -> Array:
     size = len(axes)
     out = np.zeros((size, size))
-    squared = [f"{u}2" for u in LENGTH]
+    squared = [f"{u}2" for u in units]
+    shown = "mgon2" if "mgon" in units else "mm2"
     for i, j in product(range(size), repeat=2):
-        pair, mirrored = axes[i] + axes[j], axes[j] + axes[i]
-        value = row.quantity(f"covariance_{pair}", squared)
-        if value is None and i != j and row.present(f"covariance_{pair}", squared) is None:
+        name, mirrored = pair(axes[i], axes[j]), pair(axes[j], axes[i])
+        value = row.quantity(f"covariance_{name}", squared)
+        if value is None and i != j and row.present(f"covariance_{name}", squared) is None:
             value = row.quantity(f"covariance_{mirrored}", squared)
-        if i == j and row.present(f"covariance_{pair}", squared) is None:
-            row.wrong(f"the variance covariance_{pair}_mm2 is missing")
+        if i == j and row.present(f"covariance_{name}", squared) is None:
+            row.wrong(f"the variance covariance_{name}_{shown} is missing")
         out[i, j] = value or 0.0
     return out
 
@@ -369,8 +380,8 @@ def record(
     if "covariance" not in have:
         out["value"] = numbers.write(given.value, unit)
         return out | _sigma_record(given.sigma, kind, units)
-    names = given.axes if "axes" in have else "xyz"
-    of = "xyz" if set(names) & set("enu") else names
+    names = tuple(given.axes) if "axes" in have else components_of(kind)
+    of = components_of(kind) if set(names) & set("enu") else names
     out |= {a: numbers.write(v, unit) for a, v in zip(of, given.value, strict=True)}
     return out | _vector_sigma_record(given, names, units)
 
@@ -395,8 +406,8 @@ def _sigma_record(sigma: float | StandardDeviation, kind: str, units: Units) -> 
     return out
 
 
-def _vector_sigma_record(given: Any, axes: str, units: Units) -> dict[str, str]:
-    unit = units.sigma_length
+def _vector_sigma_record(given: Any, axes: tuple[str, ...], units: Units) -> dict[str, str]:
+    unit = units.sigma_angle if is_angle(given.kind) else units.sigma_length
     if given.sigma is not None:
         if len(set(given.sigma)) == 1:
             return {f"sigma_{unit}": numbers.write(given.sigma[0], unit)}
@@ -406,7 +417,7 @@ def _vector_sigma_record(given: Any, axes: str, units: Units) -> dict[str, str]:
     out = {}
     for i, j in product(range(len(axes)), repeat=2):
         if j >= i or covariance[i, j] != covariance[j, i]:
-            name = f"covariance_{axes[i]}{axes[j]}_{unit}2"
+            name = f"covariance_{pair(axes[i], axes[j])}_{unit}2"
             out[name] = numbers.write(float(covariance[i, j]), f"{unit}2")
     return out
 

@@ -15,6 +15,7 @@ import numpy as np
 from ..frames import Frame
 from ..rotation import skew
 from ..types import Array, Index, Mask
+from .height import heights
 from .sub_frame import horizons, split_frame
 
 
@@ -153,3 +154,40 @@ def of_verticals(motions: Motions, values: Array, at: Index) -> Array:
 def of_orientations(motions: Motions, values: Array, at: Index) -> Array:
     """Return the motions of orientation unknowns, for horizontal circles fixed in the object."""
     return motions.at_stations(at).orientation[:, None, :]
+
+
+def of_mounts(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of mounts: turned with their carrier, their arm scales with the object."""
+    out = np.zeros((len(values), 6, 7))
+    out[:, 3:, 6] = values[:, 9:12] / motions.size
+    return out
+
+
+def of_drifts(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of drifts: where positions are observed, a shift of the object is theirs.
+
+    Turns and the scale of the object are no shift; a drift may resemble them, but is not the same.
+    """
+    out = np.zeros((len(values), 9, 7))
+    out[:, :3, :3] = -np.eye(3)
+    return out
+
+
+def of_sizes(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of lengths, such as radii, which scale with the object."""
+    out = np.zeros((len(values), 1, 7))
+    out[:, 0, 6] = values[:, 0] / motions.size
+    return out
+
+
+def of_levels(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of heights of level surfaces, which stay level.
+
+    They rise with the object at the centre, and scale about it. No level surface tilts.
+    """
+    centre = motions.centre[None]
+    height, up = heights(motions.frame, centre)
+    out = np.zeros((len(values), 1, 7))
+    out[:, 0, :3] = up
+    out[:, 0, 6] = (values[:, 0] - height) / motions.size
+    return out

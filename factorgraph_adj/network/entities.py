@@ -262,8 +262,9 @@ def parameter(
         raise InputError(
             Problem(f"it needs {kind.size} values ({', '.join(kind.names())}), not {size}", where)
         )
-    open_start = [kind.single_turns and bool(np.isnan(c.start)) for c in kind.components[:size]]
-    if any(not np.isfinite(v) and not o for v, o in zip(given, open_start, strict=True)):
+    found = kind.absent != "found"  # whether a value that is not given is found by the adjustment
+    open_start = [found and bool(np.isnan(c.start)) for c in kind.components[:size]]
+    if any(np.isinf(v) or (np.isnan(v) and not o) for v, o in zip(given, open_start, strict=True)):
         raise InputError(Problem(f"values must be finite, not {given}", where))
     if fixed is True and sigma is not None:
         raise InputError(Problem("either fixed or sigma, not both", where))

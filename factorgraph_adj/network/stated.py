@@ -204,6 +204,122 @@ class StatedUnknowns:
             name, free, values or {}, sigma or {}, origin, level, self.points
         )
 
+    def set_mount(
+        self,
+        name: str,
+        *,
+        free: Iterable[str] = (),
+        values: Mapping[str, float] | None = None,
+        sigma: Mapping[str, float] | None = None,
+    ) -> None:
+        """State a mount: how an instrument sits on what carries it.
+
+        A boresight, a lever arm, a camera of a rig. Its components are the rotation vector rx, ry,
+        rz of B (radians, instrument → carrier) and the arm x, y, z = b (metres, in axes of the
+        carrier; those of a camera are photogrammetric: x right, y up, z backwards).
+
+        Args:
+            name: its name.
+            free: components to estimate without a prior; those that are neither free nor weighted
+                are held. Steps of the rotation are about the axes of the instrument.
+            values: values of components by name, SI; others are 0.
+            sigma: standard deviations of weighted components by name; of the rotations, rx and ry
+                or all three.
+
+        Raises:
+            InputError: an unknown component, numbers that are not finite, a component that is both
+                free and weighted.
+        """
+        self._set_parts("mount", name, free, values or {}, sigma or {})
+
+    def set_drift(
+        self,
+        name: str,
+        *,
+        free: Iterable[str] = (),
+        values: Mapping[str, float] | None = None,
+        sigma: Mapping[str, float] | None = None,
+    ) -> None:
+        """State the shift and drift of a strip, flight or profile: s + d t + e t².
+
+        Its components are s = x, y, z (metres), d = x_t, y_t, z_t (metres per unit of t) and e =
+        x_tt, y_tt, z_tt. The unit of t is that in which the observations state it: seconds,
+        exposures, or kilometres along the strip. Where t counts from the middle of the strip,
+        shift and drift are nearly uncorrelated.
+
+        Args:
+            name: its name.
+            free: components to estimate without a prior; those that are neither free nor weighted
+                are held.
+            values: values of components by name, SI; others are 0.
+            sigma: standard deviations of weighted components by name.
+
+        Raises:
+            InputError: as `set_mount`.
+        """
+        self._set_parts("drift", name, free, values or {}, sigma or {})
+
+    def set_size(
+        self,
+        name: str,
+        value: float | None = None,
+        *,
+        sigma: float | None = None,
+        fixed: bool = False,
+    ) -> None:
+        """State an unknown length, metres: a radius, a sag, an offset that observations share.
+
+        It is free unless held or weighted; a free one without a value is computed.
+        """
+        self._set_length("size", name, value, sigma, fixed)
+
+    def set_level(
+        self,
+        name: str,
+        value: float | None = None,
+        *,
+        sigma: float | None = None,
+        fixed: bool = False,
+    ) -> None:
+        """State the height of a level surface, metres: of a lake, or of the water of a tube.
+
+        It is free unless held or weighted; a free one without a value is computed.
+        """
+        self._set_length("level", name, value, sigma, fixed)
+
+    def _set_length(
+        self, kind: VariableKind, name: str, value: float | None, sigma: float | None, fixed: bool
+    ) -> None:
+        """State an unknown of one component; NaN stands for a value to be found."""
+        if value is None and (fixed or sigma is not None):
+            where = f"{unknown_kind(kind).noun} {name!r}"
+            raise InputError(Problem("it is held or weighted, and has no value", where))
+        self.set_unknown(
+            kind, name, (np.nan if value is None else value,), fixed=fixed, sigma=sigma
+        )
+
+    def _set_parts(
+        self,
+        kind: VariableKind,
+        name: str,
+        free: Iterable[str],
+        values: Mapping[str, float],
+        sigma: Mapping[str, float],
+    ) -> None:
+        """State an unknown whose components are held unless they are free or weighted."""
+        record, wanted = unknown_kind(kind), list(free)
+        where, names = f"{record.noun} {name!r}", record.names()
+        unknown = [n for n in (*wanted, *values, *sigma) if n not in names]
+        if unknown:
+            what = f"unknown component {unknown[0]!r}; valid: {known(names, meant=unknown[0])}"
+            raise InputError(Problem(what, where))
+        both = [n for n in wanted if n in sigma]
+        if both:
+            raise InputError(Problem(f"{', '.join(both)}: either free or sigma, not both", where))
+        held = [n for n in names if n not in wanted and n not in sigma]
+        given = [float(values.get(n, 0.0)) for n in names]
+        self.set_unknown(kind, name, given, fixed=held, sigma=sigma)
+
     frames = OfKind("frame")
     """Frames by name."""
     orientations = OfKind("orientation")
@@ -214,3 +330,11 @@ class StatedUnknowns:
     """Deflections of the vertical by station."""
     distance_meters = OfKind("edm")
     """Scales and zero constants by distance meter."""
+    mounts = OfKind("mount")
+    """Rotations and arms by mount."""
+    drifts = OfKind("drift")
+    """Shifts and drifts by strip, flight or profile."""
+    sizes = OfKind("size")
+    """Unknown lengths by name."""
+    levels = OfKind("level")
+    """Heights of level surfaces by name."""

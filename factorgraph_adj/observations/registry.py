@@ -9,6 +9,7 @@ simulations then treat the new kind like a built-in kind.
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property
@@ -19,6 +20,8 @@ from ..models.base import Linearised
 from ..models.variables import ENTITIES, UNKNOWNS
 from ..stochastic import PARTS
 from .weights import Weight
+
+_NAME = re.compile(r"[a-z][a-z0-9]*")
 
 Unit: TypeAlias = Literal["m", "rad", "image", "mixed"]
 """Unit of observed values: metres, radians, image units, or a unit for each component (mixed)."""
@@ -175,8 +178,8 @@ class ObservationKind:
         several = len(self.observation.components) > 1
         if several and self.model is not None:
             needs.append("covariance")
-            if self.observation.components != ("x", "y", "z"):
-                found.append("several components must be x, y and z, as tables have them")
+            if not all(_NAME.fullmatch(c) for c in self.observation.components):
+                found.append("names of its components are columns: lower-case letters and digits")
         found += [f"its class has no attribute {n!r}" for n in needs if n not in have]
         return found
 

@@ -31,7 +31,7 @@ def kinds() -> Iterator[None]:
         ({"name": "Similarity 2"}, "lower-case letters"),
         ({"name": "edm"}, "a kind of this name is registered already"),
         ({"name": "other", "noun": ""}, "its noun is missing"),
-        ({"name": "other"}, "its letter 's' belongs to the kind 'similarity'"),
+        ({"name": "other"}, "its letter 'S' belongs to the kind 'similarity'"),
         ({"name": "other", "letter": "xx"}, "must be one letter"),
         ({"name": "other", "letter": "x"}, "its table 'similarities' belongs to the kind"),
         ({"name": "other", "letter": "x", "table": None}, "its table is missing"),

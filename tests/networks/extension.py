@@ -1,7 +1,7 @@
-"""Kinds that the package does not know: a similarity, a drift, and observations that use them.
+"""Kinds that the package does not know: a similarity, a trend, and observations that use them.
 
 Two groups of points, such as the same marks in two epochs, are joined by an unknown similarity
-X_b = e^λ R X_a + t. A drift is a polynomial of time whose degree each instrument chooses.
+X_b = e^λ R X_a + t. A trend is a polynomial of time whose degree each instrument chooses.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def similarity_motions(motions: Motions, values: Array, at: Index) -> Array:
 SIMILARITY = UnknownKind(
     "similarity",
     "similarity",
-    "s",
+    "S",
     (
         *(Component(f"r{a}", "angle") for a in "xyz"),
         *(Component(f"t{a}", "length") for a in "xyz"),
@@ -157,17 +157,17 @@ MOVED_DISTANCE = ObservationKind(
     MovedDistance, SAME_POINT.variables, moved_distance, weight=LENGTHS
 )
 
-# -- a drift of unknown degree --------------------------------------------------------------------
+# -- a trend of unknown degree --------------------------------------------------------------------
 
 DEGREES = 6
-DRIFT = UnknownKind(
-    "drift",
-    "drift of level",
-    "d",
+TREND = UnknownKind(
+    "trend",
+    "trend of level",
+    "T",
     tuple(Component(f"a{i}", "length") for i in range(DEGREES)),
     variable_size=True,
     late=2,
-    table=UnknownTable("drifts"),
+    table=UnknownTable("trends"),
 )
 
 
@@ -185,8 +185,8 @@ class DriftingStep(Observation):
     _: KW_ONLY
     sigma: float
     """Standard deviation, metres."""
-    drift: str
-    """Name of the drift."""
+    trend: str
+    """Name of the trend."""
     time: float = field(metadata={"quantity": "number"})
     """Time τ, a plain number."""
     id: str | None = None
@@ -196,18 +196,18 @@ class DriftingStep(Observation):
 
 
 def drifting_step(
-    frame: Frame, station: Array, target: Array, drift: Array, *, observed: Array, time: Array
+    frame: Frame, station: Array, target: Array, trend: Array, *, observed: Array, time: Array
 ) -> Linearised:
     """Compute z_b − z_a + Σ a_i τ^i − observed, metres, (n, 1)."""
-    powers = time[:, None] ** np.arange(drift.shape[1])
+    powers = time[:, None] ** np.arange(trend.shape[1])
     up = np.broadcast_to([[[0.0, 0.0, 1.0]]], (len(time), 1, 3))
-    v = (target - station)[:, 2:] + np.sum(powers * drift, axis=1, keepdims=True) - observed
+    v = (target - station)[:, 2:] + np.sum(powers * trend, axis=1, keepdims=True) - observed
     return Linearised(v, (-up, up, powers[:, None, :]))
 
 
 DRIFTING_STEP = ObservationKind(
     DriftingStep,
-    (("point", "station"), ("point", "target"), ("drift", "drift")),
+    (("point", "station"), ("point", "target"), ("trend", "trend")),
     drifting_step,
     ("time",),
     linear=True,
@@ -221,13 +221,13 @@ OBSERVED = (SAME_POINT, MOVED_DISTANCE, DRIFTING_STEP)
 def registered() -> Iterator[None]:
     """Let the package know these kinds for a while."""
     register_unknown(SIMILARITY)
-    register_unknown(DRIFT)
+    register_unknown(TREND)
     for observed in OBSERVED:
         register_observation(observed)
     try:
         yield
     finally:
-        for kind in (SIMILARITY, DRIFT):
+        for kind in (SIMILARITY, TREND):
             del UNKNOWNS[kind.name]
         for observed in OBSERVED:
             del KINDS[observed.name]
@@ -286,15 +286,15 @@ def drifting_levels(seed: int = 1) -> fga.Network:
     heights = (100.0, 101.5, 99.2, 103.1)
     for i, z in enumerate(heights):
         network.add_point(f"P{i}", (10.0 * i, 0.0, z), fixed="xyz" if i == 0 else "xy")
-    network.set_unknown("drift", "old", (0.002, -0.004))
-    network.set_unknown("drift", "new", (0.001, 0.003, -0.002))
+    network.set_unknown("trend", "old", (0.002, -0.004))
+    network.set_unknown("trend", "new", (0.001, 0.003, -0.002))
     for k in range(24):
         i, j = k % 4, (k + 1 + k // 8) % 4
         if i == j:
             continue
-        drift = "old" if k % 2 else "new"
+        trend = "old" if k % 2 else "new"
         network.add(
-            DriftingStep(f"P{i}", f"P{j}", 0.0, sigma=3e-4, drift=drift, time=k / 8.0 - 1.0),
+            DriftingStep(f"P{i}", f"P{j}", 0.0, sigma=3e-4, trend=trend, time=k / 8.0 - 1.0),
             HeightDifference(f"P{i}", f"P{j}", 0.0, sigma=5e-4),
         )
     return measure(network, seed=seed)

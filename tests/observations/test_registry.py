@@ -52,10 +52,10 @@ class Nameless(SlopeDistance):
 
 @dataclass(frozen=True)
 class Several(SamePoint):
-    """A vector whose components tables do not know."""
+    """A vector whose components cannot be names of columns."""
 
     kind: ClassVar[str] = "several"
-    components: ClassVar[tuple[str, ...]] = ("u", "v")
+    components: ClassVar[tuple[str, ...]] = ("U", "v v")
 
 
 def _no_answer(frame: Any, a: Any, b: Any, c: Any, *, observed: Any) -> Linearised:
@@ -82,7 +82,7 @@ INTERVAL = replace(KINDS["slope_distance"], observation=Interval)
         (replace(INTERVAL, model=3), "its model must be a function"),
         (replace(INTERVAL, unit="foot"), "its unit must be m, rad"),
         (replace(INTERVAL, circular=True), "its unit must be rad"),
-        (replace(SAME_POINT, observation=Several), "must be x, y and z"),
+        (replace(SAME_POINT, observation=Several), "names of its components are columns"),
         (replace(INTERVAL, observation=int), "must be a frozen dataclass derived from Observation"),
     ],
 )
