@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .observations.in_frames import FrameCoordinate
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
     from .observations.registry import ObservationKind, register_observation
+    from .observations.relative import RelativePosition, RelativeRotation
     from .observations.terrestrial import (
         AstronomicLatitude,
         AstronomicLongitude,
@@ -111,6 +112,8 @@ __all__ = [
     "PhotoPosition",
     "Point",
     "Provenance",
+    "RelativePosition",
+    "RelativeRotation",
     "ReportOptions",
     "SlopeDistance",
     "Solution",
@@ -191,6 +194,8 @@ _MODULES = {
     "PhotoPosition": "observations.positions",
     "Point": "network.entities",
     "Provenance": "report.options",
+    "RelativePosition": "observations.relative",
+    "RelativeRotation": "observations.relative",
     "ReportOptions": "report.options",
     "SlopeDistance": "observations.terrestrial",
     "Solution": "solve.solution",

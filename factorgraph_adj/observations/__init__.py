@@ -18,6 +18,7 @@ from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from .registry import KINDS, ObservationKind, Unit, observation_kind, register_observation
+from .relative import RelativePosition, RelativeRotation
 from .terrestrial import (
     AstronomicLatitude,
     AstronomicLongitude,
@@ -56,6 +57,8 @@ __all__ = [
     "Photo",
     "PhotoPosition",
     "Point",
+    "RelativePosition",
+    "RelativeRotation",
     "Sight",
     "SlopeDistance",
     "StandardDeviation",

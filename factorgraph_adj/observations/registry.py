@@ -19,6 +19,7 @@ from ..errors import InputError, Problem, known
 from ..models.base import Linearised
 from ..models.variables import ENTITIES, UNKNOWNS
 from ..stochastic import PARTS
+from ..types import Array
 from .weights import Weight
 
 _NAME = re.compile(r"[a-z][a-z0-9]*")
@@ -58,6 +59,9 @@ class ObservationKind:
     longitude)."""
     by_axis: bool = False
     """Whether an observation has one row for each of its known coordinates, ``axes``."""
+    moved: Callable[[Array, Array], Array] | None = None
+    """(readings (n, d), errors (n, d)) → readings with these errors; None: errors are added. The
+    error of a rotation is a turn."""
 
     @property
     def name(self) -> str:
@@ -118,6 +122,10 @@ class ObservationKind:
     def defaults(self) -> dict[str, Any]:
         """Plain defaults of attributes, by name."""
         return {f.name: f.default for f in fields(self.observation) if f.default is not MISSING}
+
+    def with_errors(self, readings: Array, errors: Array) -> Array:
+        """Return readings (n, d) with errors (n, d)."""
+        return readings + errors if self.moved is None else self.moved(readings, errors)
 
     @property
     def curved(self) -> bool:

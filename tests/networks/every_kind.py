@@ -59,6 +59,14 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "photo_position": lambda: [
         o.PhotoPosition("f", (0.0, 0.0, 0.0), covariance=COVARIANCE, lever_arm=(0.1, -0.4, 0.7))
     ],
+    "relative_rotation": lambda: [
+        o.RelativeRotation("f", "g", (0.0, 0.0, 0.0), covariance=COVARIANCE, mount="arm"),
+        o.RelativeRotation("g", "f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
+    ],
+    "relative_position": lambda: [
+        o.RelativePosition("f", "g", (0.0, 0.0, 0.0), covariance=COVARIANCE, mount="arm"),
+        o.RelativePosition("g", "f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), instrument="odometer"),
+    ],
     "frame_coordinate": lambda: [
         o.FrameCoordinate("body", "j", (0.0, 0.0, 0.0), covariance=COVARIANCE),
         o.FrameCoordinate("body", "k", (0.0, 0.0), axes="zx", sigma=(1.0, 2.0)),
@@ -157,8 +165,8 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     add_frames(network, tuple((station + geometry.length).tolist()))
     for kind, make in OBSERVED.items():
         local = isinstance(frame, LocalFrame)
-        if kind == "photo_position" or (kind.startswith("astronomic") and local):
-            continue
+        if not o.KINDS[kind].points or (kind.startswith("astronomic") and local):
+            continue  # kinds of photos alone are those of `image_equations`
         for observation in make():
             if local and isinstance(observation, o.ControlPoint) and observation.axes == "un":
                 observation = o.ControlPoint("j", (1.0, 2.0, 3.0), axes="un", sigma=(0.1, 0.2))
@@ -283,7 +291,13 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         network.add_point(f"P{n}", centre + rotation @ (view.depth * ray))
         seen.append((x + camera.values["x0"], y + camera.values["y0"]))
     network.add_image_points("f", list(network.points), np.array(seen), sigma=0.005)
-    network.add(*OBSERVED["photo_position"]())
+    network.add_photo("g", "camera", position=centre + 2.0, rotation=world_R_camera(1.1, 0.3, -0.5))
+    turns = {"rx": 0.5, "ry": -0.8, "rz": 0.3, "x": 1.5, "y": -2.0, "z": 0.7}
+    network.set_mount("arm", free=tuple(turns), values=turns)
+    network.set_distance_meter("odometer", scale=-0.4, free=("scale", "zero"))
+    for kind, make in OBSERVED.items():
+        if not o.KINDS[kind].points:
+            network.add(*make())
     add_frames(network, (25.0, -10.0, 5.0))
     network.add(o.FrameCoordinate("body", None, (0.0, 0.0, 0.0), photo="f", covariance=COVARIANCE))
     equations = compile_network(network)
@@ -297,6 +311,8 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         "point": (0.01 * view.depth * ray,),
         "pose": (0.01 * ray,) * 3 + (0.01 * view.depth * ray,) * 3,
         "frame": (1e-3,) * 3 + (1e-2,) * 3 + (1e-3,),
+        "mount": (1e-3,) * 3 + (1e-2,) * 3,
+        "edm": (1e-3, 1e-2),
         "calibration": tuple(0.005 * radius / np.where(largest > 0, largest, 1.0)),
     }
     return equations, _steps(equations, by_kind)

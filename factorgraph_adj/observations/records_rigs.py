@@ -1,0 +1,19 @@
+"""Records of relative poses."""
+
+from __future__ import annotations
+
+from ..models import relative
+from .registry import ObservationKind
+from .relative import RelativePosition, RelativeRotation
+
+_PAIR = (("pose", "photo"), ("pose", "photo2"), ("mount", "mount"))
+
+RECORDS = (
+    ObservationKind(
+        RelativeRotation, _PAIR, relative.relative_rotation, unit="rad", moved=relative.turned
+    ),
+    ObservationKind(
+        RelativePosition, (*_PAIR, ("edm", "instrument")), relative.relative_position
+    ),
+)
+"""The kinds of this topic."""
