@@ -103,3 +103,21 @@ def turned(observed: Array, by: Array) -> Array:
     An error e of a rotation l is a turn, not a term of a sum.
     """
     return log_rotation(exp_rotation(observed) @ exp_rotation(by))
+
+
+def turned_with(
+    v: Array, pose: Array, pose2: Array, mount: Array, *, observed: Array
+) -> Array:
+    """Return the poses of B (n, 12), turned so that `relative_rotation` gives v (n, 3)."""
+    m = mount[:, :9].reshape(-1, 3, 3) @ exp_rotation(observed) @ exp_rotation(v)
+    rotation = split_pose(pose)[0] @ TURN @ m @ TURN
+    return np.concatenate([rotation.reshape(-1, 9), pose2[:, 9:]], axis=1)
+
+
+def moved_with(
+    v: Array, pose: Array, pose2: Array, mount: Array, odometer: Array, *, observed: Array
+) -> Array:
+    """Return the poses of B (n, 12), moved so that `relative_position` gives v (n, 3)."""
+    rotation, centre = split_pose(pose)
+    t = (v + observed) / (1.0 + odometer[:, :1]) + mount[:, 9:]
+    return np.concatenate([pose2[:, :9], centre + np.einsum("nij,nj->ni", rotation, t @ TURN)], 1)

@@ -29,6 +29,19 @@ Unit: TypeAlias = Literal["m", "rad", "image", "mixed"]
 
 
 @dataclass(frozen=True)
+class Follower:
+    """A variable of a kind that an observation may place: the member of a rig, by its carrier."""
+
+    place: int
+    """Place of the variable among the variables of the kind."""
+    carrier: int
+    """Place of the variable of the same kind that it follows."""
+    placed: Callable[..., Array]
+    """(residuals v (n, d), *stored values, observed=…) → stored values of the variable, (n, s), with
+    which the model gives v."""
+
+
+@dataclass(frozen=True)
 class ObservationKind:
     """Record of a kind of observation."""
 
@@ -62,6 +75,8 @@ class ObservationKind:
     moved: Callable[[Array, Array], Array] | None = None
     """(readings (n, d), errors (n, d)) → readings with these errors; None: errors are added. The
     error of a rotation is a turn."""
+    follower: Follower | None = None
+    """Variable that steps keep with its carrier, however small the standard deviations are."""
 
     @property
     def name(self) -> str:

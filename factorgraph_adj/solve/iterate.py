@@ -17,6 +17,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..graph.variables import State
+from .carried import carried
 from .damping import Damping
 from .determine import (
     astray,
@@ -240,6 +241,7 @@ def _try(run: Run, step: Step, before: float) -> Attempt[State]:
     """Try a step; where vᵀPv decreases little, points follow the cameras on their own."""
     equations, layers = run.equations, run.solver.layers
     plain = equations.unknowns.retract(run.state, step.movement)
+    plain = carried(equations, run.state, plain, step.movement)
     moved: State | None = plain
     if step.bound > ITERATION.passing:
         moved = before_the_cameras(equations, run.state, plain)
