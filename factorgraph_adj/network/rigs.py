@@ -7,7 +7,7 @@ from collections.abc import Container, Mapping
 from ..errors import InputError, Problem, known
 from ..observations.relative import RelativePosition, RelativeRotation
 
-RIGID = (1e-8, 1e-6)
+RIGID = (1e-8, 1e-7)
 """Play of a rigid mount: 10⁻⁸ rad and 1 µm count as exact beside image coordinates."""
 
 

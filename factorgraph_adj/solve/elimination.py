@@ -34,6 +34,9 @@ GTSAM's QR keeps twice the digits; in large networks its cost for each variable 
 LARGEST_TREE_BESIDE_CAMERAS = 30
 """The same number beside photos: GTSAM's QR leaves a dense matrix over their unknowns, whose making
 takes longer than all fronts."""
+MOST_JOINED = 30
+"""Largest number of photos that an unknown at no point, such as the mount of a rig, may join in
+GTSAM's elimination, which leaves a dense matrix over them."""
 MOST_SPREAD = 60
 """Largest number of variables at no point, such as distance meters, for which this is done: they
 are full columns of the reduced system."""
@@ -130,7 +133,8 @@ def layers_of(
     largest = min(LARGEST_TREE, LARGEST_TREE_BESIDE_CAMERAS) if cameras.any() else LARGEST_TREE
     # Rows beside the observations join what they touch as if it were a part of the tree.
     size = len(tree) + int(touched.sum()) // UNKNOWNS["pose"].size
-    large = size > largest and _spread(tree) <= MOST_SPREAD
+    large = size > largest or _joined(equations, cameras, tree) > MOST_JOINED
+    large &= _spread(tree) <= MOST_SPREAD
     if kept is not None or (reduce_points and large):
         every = np.ones(unknowns.n_columns, dtype=bool)
         first = table.offset[reduced]
@@ -159,7 +163,35 @@ def outside(equations: Equations, layers: Layers, place: int) -> Index:
     return np.flatnonzero(keep)
 
 
+def _joined(equations: Equations, cameras: Mask, tree: Sequence[tuple[VariableKind, int]]) -> int:
+    """Return the largest number of photos that one unknown of a tree at no point joins."""
+    offset = equations.unknowns["pose"].offset
+    photos = (offset >= 0) & cameras[np.maximum(offset, 0)]
+    inside: dict[VariableKind, list[int]] = {}
+    for kind, number in tree:
+        if _stands_nowhere(kind):
+            inside.setdefault(kind, []).append(number)
+    most = 0
+    for kind, numbers in inside.items():
+        pairs = [np.zeros((0, 2), dtype=np.intp)]
+        for block in equations.blocks:
+            own = [index for what, index in block.variables if what == kind]
+            of_photos = [index for what, index in block.variables if what == "pose"]
+            pairs += [
+                np.stack([a, b], axis=1)[photos[b] & np.isin(a, numbers)]
+                for a in own
+                for b in of_photos
+            ]
+        every = np.unique(np.concatenate(pairs), axis=0)
+        most = max(most, int(np.bincount(every[:, 0]).max(initial=0)))
+    return most
+
+
+def _stands_nowhere(kind: VariableKind) -> bool:
+    """Return whether unknowns of a kind stand neither at a point nor in a photo."""
+    return kind not in ("point", "pose", "calibration") and not UNKNOWNS[kind].at_point
+
+
 def _spread(tree: Sequence[tuple[VariableKind, int]]) -> int:
     """Return how many variables of a tree stand neither at a point nor in a photo."""
-    placed = ("point", "pose", "calibration")
-    return sum(kind not in placed and not UNKNOWNS[kind].at_point for kind, _ in tree)
+    return sum(_stands_nowhere(kind) for kind, _ in tree)
