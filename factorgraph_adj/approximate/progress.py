@@ -27,6 +27,8 @@ class Progress:
     """Poses of photos, (f, 12)."""
     frame: Array
     """Frames, (k, 17)."""
+    mount: Array
+    """Mounts, (m, 12)."""
 
     def copy(self) -> Progress:
         """Return an independent copy, for a trial."""
@@ -36,6 +38,7 @@ class Progress:
             orientation=self.orientation.copy(),
             pose=self.pose.copy(),
             frame=self.frame.copy(),
+            mount=self.mount.copy(),
         )
 
     @property
