@@ -20,6 +20,7 @@ def member_of_rig(
     photos: Mapping[str, object],
     mounts: Mapping[str, object],
     observations: Container[str] = (),
+    source: str | None = None,
 ) -> tuple[RelativeRotation, RelativePosition]:
     """Return the relative pose, of value zero, that puts a photo on its carrier.
 
@@ -31,6 +32,7 @@ def member_of_rig(
         photos: photos that may be carriers, by name.
         mounts: mounts, by name.
         observations: ids that are taken.
+        source: file and line that put the photo there.
 
     Raises:
         InputError: everything that is wrong.
@@ -53,7 +55,12 @@ def member_of_rig(
         raise InputError(problems)
     zero = (0.0, 0.0, 0.0)
     turn, shift = play
+    rotation, position = ids
     return (
-        RelativeRotation(carrier, photo, zero, sigma=(turn,) * 3, mount=mount, id=ids[0]),
-        RelativePosition(carrier, photo, zero, sigma=(shift,) * 3, mount=mount, id=ids[1]),
+        RelativeRotation(
+            carrier, photo, zero, sigma=(turn,) * 3, mount=mount, id=rotation, source=source
+        ),
+        RelativePosition(
+            carrier, photo, zero, sigma=(shift,) * 3, mount=mount, id=position, source=source
+        ),
     )
