@@ -84,9 +84,7 @@ def _why_no_frame(progress: Progress, frames: InFrames, frame: int) -> str:
     )
 
 
-def _why_no_pose(
-    progress: Progress, rays: ImageRays, relative: RelativePoses, photo: int
-) -> str:
+def _why_no_pose(progress: Progress, rays: ImageRays, relative: RelativePoses, photo: int) -> str:
     joined = np.flatnonzero((relative.first == photo) | (relative.second == photo))
     if len(joined):
         return _why_not_along(progress, rays, relative, photo, joined)

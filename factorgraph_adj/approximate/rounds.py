@@ -101,9 +101,7 @@ class _Seen:
     """Mounts as they were stated, (m, 12)."""
 
 
-def _begin(
-    equations: Equations, state: State, relative: RelativePoses
-) -> tuple[Progress, _Seen]:
+def _begin(equations: Equations, state: State, relative: RelativePoses) -> tuple[Progress, _Seen]:
     frame = equations.network.frame
     latitude, longitude = (
         float(

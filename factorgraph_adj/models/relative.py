@@ -11,8 +11,8 @@ and photogrammetric axes (x right, y up, z backwards) on both sides:
 
 Without a mount B_m is the identity and b is zero, so that the whole relative pose is observed. A
 member of a rig has a mount, and the observed values are zero: R_B = R_A B_m, X_B = X_A + R_A b.
-Poses are stored with axes of the graph (x right, y down, z forward); D = diag(1, −1, −1) turns them.
-(FRAMES F8.8 and F12.)
+Poses are stored in axes of the graph (x right, y down, z forward), which D = diag(1, −1, −1)
+turns. (FRAMES F8.8 and F12.)
 
 | partial | of the rotation, J = Jr⁻¹(v) | of the base |
 | --- | --- | --- |
@@ -105,9 +105,7 @@ def turned(observed: Array, by: Array) -> Array:
     return log_rotation(exp_rotation(observed) @ exp_rotation(by))
 
 
-def turned_with(
-    v: Array, pose: Array, pose2: Array, mount: Array, *, observed: Array
-) -> Array:
+def turned_with(v: Array, pose: Array, pose2: Array, mount: Array, *, observed: Array) -> Array:
     """Return the poses of B (n, 12), turned so that `relative_rotation` gives v (n, 3)."""
     m = mount[:, :9].reshape(-1, 3, 3) @ exp_rotation(observed) @ exp_rotation(v)
     rotation = split_pose(pose)[0] @ TURN @ m @ TURN

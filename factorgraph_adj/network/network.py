@@ -206,9 +206,14 @@ class Network(StatedUnknowns, Shown):
             raise InputError(Problem("carrier and mount are given together, or neither", where))
         ties: tuple[Observation, ...] = ()
         if carrier is not None and mount is not None:
-            taken = {"photos": self.photos, "mounts": self.mounts}
             ties = member_of_rig(
-                name, carrier, mount, play=play, observations=self.observations, **taken
+                name,
+                carrier,
+                mount,
+                play=play,
+                photos=self.photos,
+                mounts=self.mounts,
+                observations=self.observations,
             )
         self.photos[name] = checked_photo(
             name,

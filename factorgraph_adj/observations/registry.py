@@ -37,7 +37,7 @@ class Follower:
     carrier: int
     """Place of the variable of the same kind that it follows."""
     placed: Callable[..., Array]
-    """(residuals v (n, d), *stored values, observed=…) → stored values of the variable, (n, s), with
+    """(residuals v (n, d), *stored values, observed=…) → stored values (n, s) of the variable with
     which the model gives v."""
 
 

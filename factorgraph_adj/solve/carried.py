@@ -83,7 +83,7 @@ def _carriers(
     """Return the carrier of each variable (−1: none), and whether it may follow."""
     table = equations.unknowns[kind]
     carrier = np.full(len(table.names), -1, dtype=np.intp)
-    free: Mask = table.free.all(axis=1) & np.isinf(table.sigma).all(axis=1)
+    free: Mask = np.all(table.free & np.isinf(table.sigma), axis=1)
     for block, follower in followers:
         first, second = block.variables[follower.carrier][1], block.variables[follower.place][1]
         order = np.lexsort((first, second))
@@ -124,4 +124,3 @@ def _left(equations: Equations, block: Block, moved: State, promised: Array) -> 
     """Return whether remainders of second order count."""
     v = block.evaluate(equations.network.frame, moved, jacobians=False).residual
     return bool(np.any(np.abs(v - promised) > REMAINDER * block.sigma))
-

@@ -33,6 +33,7 @@ from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import parameter_name
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
+from .stiff import eased
 
 MOTIONS = (
     "shift in x",
@@ -305,6 +306,7 @@ def _unnoticed(
         threshold: limit of what is noticed, see `unnoticed_ratio`.
         size: mean distance of the points from their centre, metres.
     """
+    diagonal, rows = eased(system, diagonal)
     weighted = np.sqrt(diagonal)[:, None] * g
     length = np.linalg.norm(weighted, axis=0)
     real = _independent(weighted, length)
@@ -314,7 +316,7 @@ def _unnoticed(
     _, s, vt = np.linalg.svd(weighted[:, real] / length[real], full_matrices=False)
     keep = s > 1e-9 * s[0]
     basis = (vt[keep].T / s[keep]) / length[real][:, None]
-    noticed = system.times(g[:, real] @ basis)
+    noticed = rows[:, None] * system.times(g[:, real] @ basis)
     curved = threshold > UNNOTICED_IF_FREE
     of_places, of_azimuths = _of_places(system)
     sights = np.where(of_azimuths[:, None], 0.0, noticed) if curved else noticed

@@ -220,7 +220,7 @@ def step_from(
     Damping may lead to a state at which the undamped normal equations are regular; otherwise the
     end of the iteration raises an error that names the undetermined unknowns.
     """
-    damped = normal.diagonal * damping
+    damped = normal.eased * damping
     if damping == 0.0:
         run.smallest_pivot = 0.0
     try:

@@ -1,7 +1,7 @@
 """The same rig as a dense adjustment with exact mounts: members have no poses of their own.
 
 R_j = R B, X₀j = X₀ + R b. By the chain rule the partials by the pose of a member become those by
-carrier and mount: ω_j = B'ᵀω + Dβ, δX_j = δX₀ − R [D b]× ω + R D δb, with B' = D B D in camera axes.
+carrier and mount: ω_j = B'ᵀω + Dβ, δX_j = δX₀ − R [D b]× ω + R D δb, with B' = D B D.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.graph.variables import State
+from factorgraph_adj.models.variables import UNKNOWNS
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import TURN_ABOUT_X as TURN
 from factorgraph_adj.rotation import skew
@@ -75,8 +76,6 @@ def _place(equations: Equations, state: State, members: dict[str, tuple[str, str
 
 def mounts_given(state: State, number: int) -> tuple[float, ...]:
     """Return rotation vector and arm of a mount."""
-    from factorgraph_adj.models.variables import UNKNOWNS
-
     return tuple(UNKNOWNS["mount"].given(state["mount"][number][None])[0].tolist())
 
 
