@@ -122,6 +122,8 @@ class UnknownKind:
     """Value with which a test of significance compares a free component."""
     instrument: bool = False
     """Whether the unknown belongs to an instrument, for groups of variance components."""
+    remedy: str = ""
+    """What helps where unknowns of the kind are not determined; empty: nothing in particular."""
 
     @property
     def title(self) -> str:
@@ -402,6 +404,11 @@ _BUILT_IN: Sequence[UnknownKind] = (
         additional=True,
         reference="given",
         instrument=True,
+        remedy=(
+            "what all mounts of a rig share cannot be told from the poses of its carriers: hold one "
+            "mount, that of a reference member, or observe the carriers; a member without "
+            "observations of its own cannot have a free mount"
+        ),
     ),
     UnknownKind(
         "drift",

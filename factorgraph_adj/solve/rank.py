@@ -199,6 +199,8 @@ def undetermined(
             )
         if len(shares) > LISTED:
             lines.append(f"… and {len(shares) - LISTED} more")
+    own = dict.fromkeys(UNKNOWNS[kind].remedy for kind, _ in concerned)
+    lines += [what for what in own if what]
     if n_datum:
         lines.append(remedy)
     total = n_datum + z.shape[1]
