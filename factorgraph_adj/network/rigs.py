@@ -7,8 +7,9 @@ from collections.abc import Container, Mapping
 from ..errors import InputError, Problem, known
 from ..observations.relative import RelativePosition, RelativeRotation
 
-RIGID = (1e-8, 1e-7)
-"""Play of a rigid mount: 10⁻⁸ rad and 1 µm count as exact beside image coordinates."""
+RIGID = (1e-8, 1e-6)
+"""Play of a rigid mount, radians and metres: beside a projection centre with σ = 1 mm it changes
+nothing by more than (play/σ)² = 10⁻⁶ of σ. Ten times less costs digits that large blocks need."""
 
 
 def member_of_rig(

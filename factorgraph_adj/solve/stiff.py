@@ -1,7 +1,7 @@
 """The diagonal of N without the stiffness of rigid mounts, as a measure of how well unknowns hold.
 
 Damping, the search for datum defects and that for undetermined unknowns compare with the diagonal
-of N: what holds an unknown if all others are held. A rigid mount holds a photo to 0.1 µm beside its
+of N: what holds an unknown if all others are held. A rigid mount holds a photo to 1 µm beside its
 carrier, though nothing holds both better than to centimetres. Damping by such a diagonal would keep
 the whole rig where it is, and everything would look undetermined. Here no tie of a member to its
 carrier counts for more than what holds the best photo otherwise.

@@ -6,7 +6,12 @@ import numpy as np
 
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import Correlated, PhotoPosition, RelativePosition, RelativeRotation
+from factorgraph_adj.observations import (
+    Correlated,
+    PhotoPosition,
+    RelativePosition,
+    RelativeRotation,
+)
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.simulate import look_at
 from factorgraph_adj.types import Array
@@ -39,7 +44,7 @@ def odometry(
     for i in range(photos):
         angle = 2 * np.pi * i / photos
         at = np.array([RADIUS * np.cos(angle), RADIUS * np.sin(angle), 2.0 + 0.3 * np.sin(5 * i)])
-        ahead = at + [-np.sin(angle), np.cos(angle), 0.05 * np.sin(3 * i)]
+        ahead = at + np.array([-np.sin(angle), np.cos(angle), 0.05 * np.sin(3 * i)])
         turned = look_at(at, ahead) @ exp_rotation(np.array([0.0, 0.0, 0.1 * np.sin(i)]))
         network.add_photo(f"F{i}", "camera", position=at, rotation=turned, fixed=i == 0)
     odometer = None

@@ -6,6 +6,8 @@ photogrammetric axes of the member to those of the reference, b is the arm in ax
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from factorgraph_adj.models.lens import NoDistortion
@@ -69,6 +71,8 @@ def rig(
     held_points: int = 8,
     play: tuple[float, float] = RIGID,
     members: tuple[str, ...] = tuple(MOUNTS),
+    mounts: Mapping[str, tuple[float, ...]] = MOUNTS,
+    second: Mapping[str, str] | None = None,
 ) -> Network:
     """Return a rig with its true values, to be measured.
 
@@ -78,18 +82,21 @@ def rig(
         held_points: targets with known coordinates.
         play: of the members on their mounts, radians and metres.
         members: names of the mounts of the members.
+        mounts: true values of all mounts that are stated.
+        second: mounts of a second rig, by the mount of the first one, at every other epoch.
     """
     network = Network("rig")
     network.add_camera("camera", NoDistortion(), {"c": FOCAL})
-    for name in members:
-        values = dict(zip(PARTS, MOUNTS[name], strict=True))
+    for name in mounts if second else members:
+        values = dict(zip(PARTS, mounts[name], strict=True))
         network.set_mount(name, free=free, values=values)
     for i, (rotation, centre) in enumerate(carriers(epochs)):
         network.add_photo(f"E{i}", "camera", position=centre, rotation=rotation)
-        for name in members:
-            turned, at = on_mount(rotation, centre, MOUNTS[name])
+        for member in members:
+            name = (second or {}).get(member, member) if i % 2 else member
+            turned, at = on_mount(rotation, centre, mounts[name])
             network.add_photo(
-                f"E{i} {name}",
+                f"E{i} {member}",
                 "camera",
                 position=at,
                 rotation=turned,
