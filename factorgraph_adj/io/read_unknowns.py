@@ -278,11 +278,12 @@ class UnknownsReader:
         """Put photos on their carriers, once all photos and mounts are read."""
         network = self.network
         for row, name in self._carried:
+            before = len(self.problems)
             carrier = row.text("carrier", required=True)
             mount = row.text("mount", required=True)
             turn = row.quantity("play", ANGLE, positive=True)
             shift = row.quantity("play", LENGTH, positive=True)
-            if row.failed or carrier is None or mount is None:
+            if len(self.problems) > before or carrier is None or mount is None:
                 continue
             play = (turn or RIGID[0], shift or RIGID[1])
             try:

@@ -24,6 +24,8 @@ from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
+from tests.networks.odometry import odometry
+from tests.networks.rigs import rig
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
 from tests.networks.small_block import plan as mixed
 from tests.networks.three_frames import three_frames
@@ -218,6 +220,11 @@ def frames() -> fga.Network:
     return fga.adjust(three_frames()).as_network()
 
 
+def rigs() -> fga.Network:
+    """A rig of three cameras with free mounts, not quite rigid."""
+    return rig(4, members=("left", "right"), held_points=32, play=(2e-4, 1e-3))
+
+
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "slope_distance": slope_distances,
     "horizontal_distance": horizontal_distances,
@@ -235,6 +242,8 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "photo_position": photos(positions=True),
     "image": photos(),
     "frame_coordinate": frames,
+    "relative_rotation": rigs,
+    "relative_position": lambda: odometry(6, scale=0.05),
     "correlated": correlated_directions,
     "mixed": mixed,
 }
