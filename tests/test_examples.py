@@ -32,6 +32,7 @@ SHOWN = {
 """A line of the output of each script of the gallery."""
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 ALONE = (
+    "camera_rig",
     "gallery_8_gtsam",
     "gallery_9_parts",
     "gallery_two_faces",

@@ -73,7 +73,7 @@ def test_snooping_names_a_member_that_slipped_on_a_stiff_mount() -> None:
     assert photo.rotation is not None
     assert photo.position is not None
     moved = plan.copy()
-    slipped = np.array(photo.position) + [0.03, 0.0, 0.0]
+    slipped = np.array(photo.position) + np.array([0.03, 0.0, 0.0])
     moved.photos[name] = replace(photo, position=tuple(slipped.tolist()))
     measured = measure(moved, seed=2)
     for ident, o in plan.observations.items():
