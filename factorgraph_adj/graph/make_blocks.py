@@ -141,6 +141,7 @@ def _plain_block(
             c: np.array([getattr(o, c) for o in observations], dtype=float) for c in kind.constants
         },
         fixes=kind.fixes,
+        named=tuple(a for (_, a), i in zip(kind.variables, index, strict=True) if i[0] >= 0),
         widths=widths,
     )
 
