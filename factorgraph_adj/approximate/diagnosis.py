@@ -7,12 +7,12 @@ import numpy as np
 from ..errors import Problem, known
 from ..graph.equations import Equations
 from ..types import Array, Index, Mask
+from .in_frames import InFrames
 from .intersection import doubtful
 from .progress import Progress
 from .rays import ImageRays, posed
 from .resection import FITS, MANY, misses, resect
 from .spheres import positions_in_space
-from .sub_frames import InFrames
 from .survey import Sighted
 
 NEARLY_ALL = 0.8

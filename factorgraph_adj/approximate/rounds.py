@@ -15,6 +15,7 @@ from .additive import solve_additive
 from .diagnosis import not_reached
 from .free_start import join_blocks, observed_misfits, resolve_doubt, start_heights
 from .horizon import Horizon, place_of
+from .in_frames import InFrames, read_frames
 from .intersection import GOOD_CROSSING, LEAST_CROSSING, intersect
 from .levelling import height_differences, heights
 from .orientation import orient, orient_by_model
@@ -24,7 +25,7 @@ from .rays import GOOD_PARALLAX, LEAST_PARALLAX, ImageRays, intersect_rays, read
 from .resection import resections
 from .single_ray import far_points, ray_and_more
 from .spheres import spheres, start_in_space
-from .sub_frames import InFrames, place_frames, places_in_frames, read_frames
+from .sub_frames import place_frames, places_in_frames
 from .survey import read_survey
 from .vectors import given_positions, known_coordinates, vectors
 

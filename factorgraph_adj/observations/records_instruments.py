@@ -23,6 +23,7 @@ RECORDS = (
         "rad",
         weight=DIRECTIONS,
         circular=True,
+        tells="direction",
     ),
     ObservationKind(
         FrameZenith,
@@ -31,12 +32,14 @@ RECORDS = (
         ("face",),
         "rad",
         weight=INCLINATIONS,
+        tells="zenith",
     ),
     ObservationKind(
         FrameDistance,
         (*_SIGHT, ("edm", "instrument")),
         frame_sights.frame_distance,
         weight=LENGTHS,
+        tells="distance",
     ),
 )
 """Records in the order of registration."""
