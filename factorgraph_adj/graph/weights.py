@@ -100,17 +100,13 @@ def weigh(network: Network, block: Block, state: State) -> Block:
     if weight is None:
         return block
     observations = [network.observations[i] for i in block.ids]
+    sigmas = [o.sigma for o in observations]  # type: ignore[attr-defined]
+    of_parts = [i for i, s in enumerate(sigmas) if isinstance(s, StandardDeviation)]
+    if not of_parts:
+        return block
     # The standard deviation of a clustered observation is that of its cluster.
     clustered = {ident for ids, _ in network.clusters for ident in ids}
-    sigmas = [o.sigma for o in observations]  # type: ignore[attr-defined]
-    rows = np.array(
-        [
-            i
-            for i, s in enumerate(sigmas)
-            if isinstance(s, StandardDeviation) and block.ids[i] not in clustered
-        ],
-        dtype=np.intp,
-    )
+    rows = np.array([i for i in of_parts if block.ids[i] not in clustered], dtype=np.intp)
     if not len(rows):
         return block
     part = block.select(rows)

@@ -58,9 +58,8 @@ def _chained(v: Array, gradient: Array, there: InFrame, given: tuple[Array | Non
         there: q and its partials.
         given: frame, point, origin and vertical; None where one is not there.
     """
-    every = (there.by_frame, there.by_place, there.by_origin, there.by_vertical)
-    g = gradient[:, None, :]
-    return v[:, None], tuple(g @ j for j, x in zip(every, given, strict=True) if x is not None)
+    every = there.chain(gradient)
+    return v[:, None], tuple(j for j, x in zip(every, given, strict=True) if x is not None)
 
 
 def frame_direction(
