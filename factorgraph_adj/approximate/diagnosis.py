@@ -73,9 +73,14 @@ def _unoriented(progress: Progress) -> Index:
 
 def _why_no_frame(progress: Progress, frames: InFrames, frame: int) -> str:
     point = frames.point[frames.frame == frame]
-    n = int(np.count_nonzero(progress.complete[point[point >= 0]]))
     turned = np.isnan(frames.given[frame, :2]).any()
     need = "three that do not lie in one line" if turned else "two, as it is level"
+    sights = frames.sights
+    partly = (sights.frame == frame) & ~sights.whole
+    if not len(point) and partly.any():
+        point = sights.point[partly]
+        need = "four with direction and zenith angle, or its station and the directions to two"
+    n = int(np.count_nonzero(progress.complete[point[point >= 0]]))
     return (
         f"only {n} of its {len(point)} places are known; its approximate values need {need}, or "
         "give them"

@@ -32,6 +32,8 @@ def place_frames(progress: Progress, seen: InFrames) -> bool:
     known = np.isfinite(x[:, :2]).all(axis=1)
     order = np.argsort(seen.frame[rows[known]], kind="stable")
     rows, x = rows[known][order], x[known][order]
+    if not len(rows):
+        return False
     frames, first = np.unique(seen.frame[rows], return_index=True)
     for f, own, there in zip(
         frames.tolist(), np.split(rows, first[1:]), np.split(x, first[1:]), strict=True
