@@ -14,7 +14,7 @@ from ..types import Array, Index, Mask
 from .in_frames import InFrames
 from .progress import Progress
 from .rays import nearest_to_rays
-from .resection import three_points, triples
+from .resection import some_triples, three_points
 from .sub_frames import origins_of
 
 LEAST = 4
@@ -54,25 +54,26 @@ def resect_frames(progress: Progress, seen: InFrames) -> bool:
         if len(own) < LEAST or (seen.origin[f] >= 0 and np.any(given[3:6] != 0.0)):
             continue
         x = progress.horizon.from_plan(progress.plan[seen.sights.point[own]])
-        pose = resect_in_space(x, unit[own])
+        # In the axes of the horizon, because those of the network may be left-handed.
+        middle = x.mean(axis=0)
+        nearby = _horizon(progress, f, middle)
+        pose = resect_in_space((x - middle) @ nearby.T, unit[own])
         if pose is None:
             continue
-        rotation, centre = pose
+        turned, centre = pose[0], middle + nearby.T @ pose[1]
         known = np.isfinite(origins[f]).all()
         if not known:  # the instrument stands on its point
             plan = progress.horizon.to_plan(centre[None])
             progress.set_plan(seen.origin[f : f + 1], plan[:, :2])
             progress.set_height(seen.origin[f : f + 1], plan[:, 2])
         at = origins[f] if known else centre
-        horizon = _horizon(progress, f, at)
-        turned = horizon @ rotation
         if not np.isnan(given[:2]).any():
             tilt = exp_rotation(np.array([[given[0], given[1], 0.0]]))[0]
             left = log_rotation((tilt.T @ turned)[None])[0, 2]
             turn = given[2] if np.isfinite(given[2]) else left
             turned = tilt @ exp_rotation(np.array([[0.0, 0.0, turn]]))[0]
         scale = np.exp(-given[6]) if np.isfinite(given[6]) else 1.0
-        offset = scale * turned.T @ (horizon @ (centre - at))
+        offset = scale * turned.T @ (_horizon(progress, f, at) @ (centre - at))
         offset = np.where(np.isnan(given[3:6]), offset, given[3:6])
         _fill(progress, f, turned, offset, given)
         filled = True
@@ -151,7 +152,7 @@ def resect_in_space(x: Array, unit: Array) -> tuple[Array, Array] | None:
         chosen = np.sort(rng.choice(len(x), 4 * SCORED, replace=False))
         x, unit = x[chosen], unit[chosen]
     middle = x.mean(axis=0)
-    some = triples(len(x))
+    some = some_triples(len(x))
     rotations, centres = three_points((x - middle)[some], unit[some])
     if not len(rotations):
         return None
