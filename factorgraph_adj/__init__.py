@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .network.selection import without
     from .observations.base import Observation
     from .observations.correlated import Correlated
+    from .observations.frame_sights import FrameDirection, FrameDistance, FrameZenith
     from .observations.image import ImagePoint
     from .observations.in_frames import FrameCoordinate
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
@@ -91,6 +92,9 @@ __all__ = [
     "FaceReading",
     "Finding",
     "FrameCoordinate",
+    "FrameDirection",
+    "FrameDistance",
+    "FrameZenith",
     "GeocentricFrame",
     "GnssPosition",
     "GnssVector",
@@ -171,6 +175,9 @@ _MODULES = {
     "FaceReading": "field.readings",
     "Finding": "validate.preliminary.finding",
     "FrameCoordinate": "observations.in_frames",
+    "FrameDirection": "observations.frame_sights",
+    "FrameDistance": "observations.frame_sights",
+    "FrameZenith": "observations.frame_sights",
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",
     "GnssVector": "observations.positions",

@@ -14,6 +14,7 @@ from ..stochastic import StandardDeviation
 from .base import Observation, Sight
 from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
+from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
@@ -44,6 +45,9 @@ __all__ = [
     "Correlated",
     "Direction",
     "FrameCoordinate",
+    "FrameDirection",
+    "FrameDistance",
+    "FrameZenith",
     "GnssPosition",
     "GnssVector",
     "HeightDifference",

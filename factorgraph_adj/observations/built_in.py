@@ -8,6 +8,7 @@ from ..models import position, sub_frame, terrestrial
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
+from .records_instruments import RECORDS as _INSTRUMENTS
 from .registry import KINDS, ObservationKind, register_observation
 from .terrestrial import (
     AstronomicLatitude,
@@ -129,7 +130,10 @@ _BUILT_IN: Sequence[ObservationKind] = (
         fixes="coordinates",
     ),
     ObservationKind(ImagePoint, _RAY, None, unit="image"),
-    ObservationKind(FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate),
+    ObservationKind(
+        FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate, tells="coordinates"
+    ),
+    *_INSTRUMENTS,
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)
