@@ -142,5 +142,3 @@ def errors_of(solution: fga.Solution, plan: fga.Network, kind: str) -> Array:
         free = ~np.array(p.fixed)
         out += ((e.values - p.values)[free] / e.sigmas[free]).tolist()
     return np.array(out)
-
-
