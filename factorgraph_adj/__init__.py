@@ -28,6 +28,14 @@ if TYPE_CHECKING:
     from .network.entities import Camera, Parameter, Photo, Point
     from .network.network import Network
     from .network.selection import without
+    from .observations.airborne import (
+        AntennaVector,
+        NavigationAttitude,
+        PhotoAngle,
+        PhotoAttitude,
+        PhotoBase,
+        PhotoRange,
+    )
     from .observations.base import Observation
     from .observations.correlated import Correlated
     from .observations.image import ImagePoint
@@ -78,6 +86,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AdjustmentError",
+    "AntennaVector",
     "ApproximationError",
     "AstronomicLatitude",
     "AstronomicLongitude",
@@ -101,6 +110,7 @@ __all__ = [
     "IncrementalAdjustment",
     "InputError",
     "LocalFrame",
+    "NavigationAttitude",
     "Network",
     "Observation",
     "ObservationKind",
@@ -108,7 +118,11 @@ __all__ = [
     "Part",
     "PartsSolution",
     "Photo",
+    "PhotoAngle",
+    "PhotoAttitude",
+    "PhotoBase",
     "PhotoPosition",
+    "PhotoRange",
     "Point",
     "Provenance",
     "ReportOptions",
@@ -171,6 +185,12 @@ _MODULES = {
     "FaceReading": "field.readings",
     "Finding": "validate.preliminary.finding",
     "FrameCoordinate": "observations.in_frames",
+    "AntennaVector": "observations.airborne",
+    "NavigationAttitude": "observations.airborne",
+    "PhotoAngle": "observations.airborne",
+    "PhotoAttitude": "observations.airborne",
+    "PhotoBase": "observations.airborne",
+    "PhotoRange": "observations.airborne",
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",
     "GnssVector": "observations.positions",
