@@ -28,6 +28,14 @@ if TYPE_CHECKING:
     from .network.entities import Camera, Parameter, Photo, Point
     from .network.network import Network
     from .network.selection import without
+    from .observations.airborne import (
+        AntennaVector,
+        NavigationAttitude,
+        PhotoAngle,
+        PhotoAttitude,
+        PhotoBase,
+        PhotoRange,
+    )
     from .observations.base import Observation
     from .observations.correlated import Correlated
     from .observations.frame_sights import FrameDirection, FrameDistance, FrameZenith
@@ -79,6 +87,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AdjustmentError",
+    "AntennaVector",
     "ApproximationError",
     "AstronomicLatitude",
     "AstronomicLongitude",
@@ -105,6 +114,7 @@ __all__ = [
     "IncrementalAdjustment",
     "InputError",
     "LocalFrame",
+    "NavigationAttitude",
     "Network",
     "Observation",
     "ObservationKind",
@@ -112,7 +122,11 @@ __all__ = [
     "Part",
     "PartsSolution",
     "Photo",
+    "PhotoAngle",
+    "PhotoAttitude",
+    "PhotoBase",
     "PhotoPosition",
+    "PhotoRange",
     "Point",
     "Provenance",
     "ReportOptions",
@@ -178,6 +192,12 @@ _MODULES = {
     "FrameDirection": "observations.frame_sights",
     "FrameDistance": "observations.frame_sights",
     "FrameZenith": "observations.frame_sights",
+    "AntennaVector": "observations.airborne",
+    "NavigationAttitude": "observations.airborne",
+    "PhotoAngle": "observations.airborne",
+    "PhotoAttitude": "observations.airborne",
+    "PhotoBase": "observations.airborne",
+    "PhotoRange": "observations.airborne",
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",
     "GnssVector": "observations.positions",

@@ -176,6 +176,7 @@ def _plain_block(
         fixes=kind.fixes,
         named=tuple(a for (_, a), i in zip(kind.variables, index, strict=True) if i[0] >= 0),
         widths=widths,
+        composed=kind.moved,
     )
 
 

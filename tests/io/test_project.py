@@ -26,6 +26,7 @@ from factorgraph_adj.models import lens
 from factorgraph_adj.models.registry import LENSES
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
+from factorgraph_adj.observations.airborne import ABOUT, ANGLES
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.stochastic import StandardDeviation
@@ -167,11 +168,17 @@ def any_observation(draw):
     names = {f.name for f in fields(cls)}
     if kind == "frame_coordinate":
         names -= {draw(st.sampled_from(["point", "photo"]))}
-    have = [n for n in ("station", "target", "target2", "point", "photo") if n in names]
+    have = [n for n in ("station", "target", "target2", "point", "photo", "photo2") if n in names]
     chosen = draw(st.lists(NAME, min_size=len(have), max_size=len(have), unique=True))
     arguments = dict(zip(have, chosen, strict=True))
     if kind == "frame_coordinate":
         arguments = {"point": None, "frame": draw(NAME)} | arguments
+    if "lever_arm" in names:
+        arguments["lever_arm"] = (draw(SIGMA), draw(VALUE), draw(VALUE))
+    if "angle" in names:
+        arguments["angle"] = draw(st.sampled_from(ANGLES))
+    if "about" in names:
+        arguments["about"] = draw(st.sampled_from(ABOUT))
     for height in ("instrument_height", "target_height", "target2_height"):
         if height in names:
             arguments[height] = draw(VALUE)
@@ -186,7 +193,7 @@ def any_observation(draw):
             arguments["covariance"] = np.diag([draw(SIGMA) for _ in axes])
         return cls(**arguments)
     arguments["value"] = draw(VALUE)
-    if kind.endswith("_distance"):
+    if cls.nonnegative:
         arguments["value"] = abs(arguments["value"])
     if kind == "zenith_angle":
         arguments["value"] = abs(arguments["value"]) % math.pi
@@ -212,7 +219,7 @@ def test_a_record_survives_json_as_numbers(found):
     units = UNITS["SI"]
     fields_of = record(found, units=units)
     texts = {"kind", "id", "station", "target", "target2", "point", "photo", "axes", "set", "unit"}
-    texts |= {"frame"}
+    texts |= {"frame", "photo2", "angle", "about"}
     as_numbers = {k: v if k in texts or not v else float(v) for k, v in fields_of.items()}
     line = json.loads(json.dumps(as_numbers))
     assert_same(found, observation(line, context=RecordContext(units)))
