@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .network.selection import without
     from .observations.base import Observation
     from .observations.correlated import Correlated
+    from .observations.far_directions import GyroAzimuth, PhotoSight, PhotoTilt
     from .observations.image import ImagePoint
     from .observations.in_frames import FrameCoordinate
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
         VerticalAngle,
         ZenithAngle,
     )
+    from .observations.vertical import LevelHeight, ProfileHeight
     from .parts.adjust import adjust_parts
     from .parts.network import adjust
     from .parts.part import Part
@@ -94,12 +96,14 @@ __all__ = [
     "GeocentricFrame",
     "GnssPosition",
     "GnssVector",
+    "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
     "ImagePoint",
     "IncrementalAdjustment",
     "InputError",
+    "LevelHeight",
     "LocalFrame",
     "Network",
     "Observation",
@@ -109,7 +113,10 @@ __all__ = [
     "PartsSolution",
     "Photo",
     "PhotoPosition",
+    "PhotoSight",
+    "PhotoTilt",
     "Point",
+    "ProfileHeight",
     "Provenance",
     "ReportOptions",
     "SlopeDistance",
@@ -174,12 +181,14 @@ _MODULES = {
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",
     "GnssVector": "observations.positions",
+    "GyroAzimuth": "observations.far_directions",
     "HeightDifference": "observations.terrestrial",
     "HorizontalAngle": "observations.terrestrial",
     "HorizontalDistance": "observations.terrestrial",
     "ImagePoint": "observations.image",
     "IncrementalAdjustment": "incremental.adjustment",
     "InputError": "errors",
+    "LevelHeight": "observations.vertical",
     "LocalFrame": "frames",
     "Network": "network.network",
     "Observation": "observations.base",
@@ -189,7 +198,10 @@ _MODULES = {
     "PartsSolution": "parts.result",
     "Photo": "network.entities",
     "PhotoPosition": "observations.positions",
+    "PhotoSight": "observations.far_directions",
+    "PhotoTilt": "observations.far_directions",
     "Point": "network.entities",
+    "ProfileHeight": "observations.vertical",
     "Provenance": "report.options",
     "ReportOptions": "report.options",
     "SlopeDistance": "observations.terrestrial",

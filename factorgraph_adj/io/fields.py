@@ -29,7 +29,6 @@ PART_COLUMNS = {
     "centring_target": "centring_target",
 }
 """Columns of the parts of a standard deviation, without the endings of their units."""
-LEVER_ARM = tuple(f"lever_arm_{a}" for a in "xyz")
 AXES = tuple("xyzenu")
 """Axes of vectors."""
 PAIRS = tuple(a + b for axes in ("xyz", "enu") for a, b in product(axes, repeat=2))
@@ -51,7 +50,8 @@ def components_of(kind: str) -> tuple[str, ...]:
     record = observation_kind(kind)
     if "covariance" not in record.attributes:
         return ()
-    return ("x", "y", "z") if "axes" in record.attributes else tuple(record.observation.components)
+    stated = tuple(record.observation.components)
+    return stated if len(stated) > 1 else ("x", "y", "z")
 
 
 def pair(a: str, b: str) -> str:
@@ -91,9 +91,29 @@ def numbers_of(kind: str) -> dict[str, Quantity]:
     """
     record = observation_kind(kind)
     stated = {f.name: f.metadata.get("quantity", "length") for f in fields(record.observation)}
-    own = {n: stated[n] for n in record.constants if n != "lever_arm"}
+    triples = vectors_of(kind)
+    own = {n: stated[n] for n in record.constants if n not in triples}
     ordered = [*(n for n in HEIGHTS if n in own), *(n for n in own if n not in HEIGHTS)]
     return {n: own[n] for n in ordered}
+
+
+@lru_cache
+def vectors_of(kind: str) -> dict[str, Quantity]:
+    """Return the vectors of three numbers that the model of a kind takes, with their quantities.
+
+    Each has three columns, such as ``lever_arm_x``. Their quantity is as that of `numbers_of`.
+    """
+    record = observation_kind(kind)
+    return {
+        f.name: f.metadata.get("quantity", "length")
+        for f in fields(record.observation)
+        if f.name in record.constants and "tuple" in str(f.type)
+    }
+
+
+def vector_columns(name: str) -> tuple[str, ...]:
+    """Return the columns of a vector: ``lever_arm_x``, ``lever_arm_y``, ``lever_arm_z``."""
+    return tuple(f"{name}_{a}" for a in "xyz")
 
 
 @lru_cache
@@ -137,7 +157,7 @@ def plain_fields(kind: str) -> tuple[str, ...]:
     out += components_of(kind) or ["value"]
     out += ["unit", *numbers_of(kind), *texts_of(kind)]
     out += ["length_km"] if "length_km" in have else []
-    out += LEVER_ARM if "lever_arm" in have else []
+    out += [c for n in vectors_of(kind) for c in vector_columns(n)]
     return tuple(out)
 
 
@@ -175,7 +195,7 @@ def columns() -> tuple[str, ...]:
         *("combine", "ppm"),
         *(f"{c}_{u}" for part, c in PART_COLUMNS.items() if part != "ppm" for u in LENGTH),
         *dict.fromkeys((*pairs, *last)),
-        *LEVER_ARM,
+        *dict.fromkeys(c for k in KINDS for n in vectors_of(k) for c in vector_columns(n)),
     )
 
 

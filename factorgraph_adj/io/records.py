@@ -29,7 +29,6 @@ from ..units import ANGLE, LENGTH
 from . import numbers
 from .context import ImageAxes, RecordContext
 from .fields import (
-    LEVER_ARM,
     NAMES,
     attributes,
     components_of,
@@ -44,6 +43,8 @@ from .fields import (
     sigma_fields,
     texts_of,
     unknown_field,
+    vector_columns,
+    vectors_of,
 )
 from .numbers import Units
 from .tables import Row
@@ -145,6 +146,12 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     return make(**arguments, source=source or None)
 
 
+def _reading(row: Row, name: str, unit: str, optional: frozenset[str]) -> float | None:
+    """Return the observed value in a field, which is 0 if the kind has a default for values."""
+    found = row.number(name, unit, required="value" not in optional)
+    return 0.0 if found is None and name not in row and "value" in optional else found
+
+
 def _project_unit(quantity: Quantity, units: Units) -> str:
     """Return the project's unit for a number without a unit of its own."""
     return {"length": units.length, "angle": units.angle, "ppm": "ppm"}.get(quantity, "")
@@ -180,20 +187,23 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
             arguments[name] = row.text(name, required=name not in optional)
     if "length_km" in have:
         arguments["length_km"] = row.number("length_km", positive=True)
-    if "lever_arm" in have and any(n in row for n in LEVER_ARM):
-        arguments["lever_arm"] = tuple(row.number(n, unit, required=True) for n in LEVER_ARM)
+    for name, quantity in vectors_of(kind).items():
+        columns = vector_columns(name)
+        if name not in optional or any(n in row for n in columns):
+            of = unit if quantity == "length" and not angle else _project_unit(quantity, units)
+            arguments[name] = tuple(row.number(n, of, required=True) for n in columns)
     if "covariance" not in have:
-        arguments["value"] = row.number("value", unit, required=True)
+        arguments["value"] = _reading(row, "value", unit, optional)
         place = f"[sigma.{kind}] of the project"
         arguments["sigma"] = scalar_sigma(row, kind, context.sigma.get(kind, {}), place)
         return
     names = components_of(kind)
     if "axes" in have:
-        axes = "".join(row.letters("axes", "xyzenu")) or "xyz"
+        axes = "".join(row.letters("axes", "xyzenu")) or KINDS[kind].defaults["axes"]
         names, arguments["axes"] = tuple(axes), axes
     whole = bool(set(names) & set("enu"))
     arguments["value"] = tuple(
-        row.number(a, unit, required=True) for a in ("xyz" if whole else names)
+        _reading(row, a, unit, optional) for a in ("xyz" if whole else names)
     )
     _take_vector_sigma(row, kind, names, context, arguments)
 
@@ -374,9 +384,11 @@ def record(
             out[name] = numbers.write(number, _project_unit(quantity, units))
     if "length_km" in have and given.length_km is not None:
         out["length_km"] = numbers.write(given.length_km)
-    if "lever_arm" in have and any(given.lever_arm):
-        arm = zip(LEVER_ARM, given.lever_arm, strict=True)
-        out |= {n: numbers.write(v, unit) for n, v in arm}
+    for name, quantity in vectors_of(kind).items():
+        vector = getattr(found, name)
+        if name not in KINDS[kind].optional or any(vector):
+            by_axis = zip(vector_columns(name), vector, strict=True)
+            out |= {n: numbers.write(v, _project_unit(quantity, units)) for n, v in by_axis}
     if "covariance" not in have:
         out["value"] = numbers.write(given.value, unit)
         return out | _sigma_record(given.sigma, kind, units)

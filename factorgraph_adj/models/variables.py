@@ -434,6 +434,36 @@ _BUILT_IN: Sequence[UnknownKind] = (
         late=1,
         table=UnknownTable("levels"),
     ),
+    UnknownKind(
+        "profile",
+        "height profile",
+        "h",
+        (
+            *(Component("height" + power, "length") for power in ("", "_t", "_tt")),
+            Component("scale", "ppm"),
+        ),
+        short="profile",
+        motions=motions.of_profiles,
+        connects=True,
+        late=2,
+        table=UnknownTable("profiles", held_unless_free=True),
+        default=(0.0,) * 4,
+        additional=True,
+        instrument=True,
+    ),
+    UnknownKind(
+        "gyro",
+        "gyrotheodolite",
+        "g",
+        (Component("constant", "angle", np.nan, sign="E", column="value"),),
+        motions=motions.of_gyros,
+        connects=True,
+        late=1,
+        table=UnknownTable("gyros"),
+        default=(0.0,),
+        additional=True,
+        instrument=True,
+    ),
 )
 for _kind in _BUILT_IN:
     register_unknown(_kind)

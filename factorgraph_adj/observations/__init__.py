@@ -14,6 +14,7 @@ from ..stochastic import StandardDeviation
 from .base import Observation, Sight
 from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
+from .far_directions import GyroAzimuth, PhotoSight, PhotoTilt
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
@@ -30,6 +31,7 @@ from .terrestrial import (
     VerticalAngle,
     ZenithAngle,
 )
+from .vertical import LevelHeight, ProfileHeight
 from .weights import Weight
 
 __all__ = [
@@ -46,16 +48,21 @@ __all__ = [
     "FrameCoordinate",
     "GnssPosition",
     "GnssVector",
+    "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
     "ImagePoint",
+    "LevelHeight",
     "Observation",
     "ObservationKind",
     "Parameter",
     "Photo",
     "PhotoPosition",
+    "PhotoSight",
+    "PhotoTilt",
     "Point",
+    "ProfileHeight",
     "Sight",
     "SlopeDistance",
     "StandardDeviation",

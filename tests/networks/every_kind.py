@@ -18,12 +18,15 @@ from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.models import lens
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
 from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations import KINDS
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.types import Array
 
 ARCSEC = np.pi / 180 / 3600
 HEIGHTS = {"instrument_height": 1.53, "target_height": 1.21}
 SIGHT = {"sigma": 0.01, **HEIGHTS}
+BODY, SEEN = (0.36, -0.48, 0.8), (-0.6, 0.0, -0.8)
+"""Unit vectors towards a body in the frame of the network and of an instrument."""
 COVARIANCE = np.array([[4.0, 1.0, -0.5], [1.0, 3.0, 0.7], [-0.5, 0.7, 5.0]])
 
 OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
@@ -65,6 +68,22 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.FrameCoordinate("tripod", "j", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
         o.FrameCoordinate("slanted", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
     ],
+    "profile_height": lambda: [
+        o.ProfileHeight("j", 300.0, sigma=0.3, profile="flight", t=-1.7),
+        o.ProfileHeight("k", 300.0, sigma=0.3),
+    ],
+    "level_height": lambda: [
+        o.LevelHeight("j", "lake", sigma=0.1, slope=1e-3, along=200.0, geoid=0.03)
+    ],
+    "photo_tilt": lambda: [
+        o.PhotoTilt("f", (0.0, 0.0), covariance=COVARIANCE[:2, :2], mount="camera"),
+        o.PhotoTilt("f", (0.0,), axes="y", sigma=(0.1,)),
+    ],
+    "photo_sight": lambda: [
+        o.PhotoSight("f", BODY, SEEN, covariance=COVARIANCE[:2, :2], mount="camera"),
+        o.PhotoSight("f", BODY, SEEN, axes="y", sigma=(0.1,)),
+    ],
+    "gyro_azimuth": lambda: [o.GyroAzimuth("i", "j", 0.0, gyro="gyro", **SIGHT)],
 }
 """Observations of each kind between the points i, j, k and of the photo f."""
 
@@ -155,9 +174,12 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     network.set_unknown("index_error", "circle", (2e-4,))
     network.set_unknown("collimation_error", "telescope", (3e-4,))
     add_frames(network, tuple((station + geometry.length).tolist()))
+    add_profile(network)
+    network.set_level("lake", 110.0)
+    network.set_gyro("gyro", 0.02)
     for kind, make in OBSERVED.items():
         local = isinstance(frame, LocalFrame)
-        if kind == "photo_position" or (kind.startswith("astronomic") and local):
+        if KINDS[kind].photos == KINDS[kind].named or (kind.startswith("astronomic") and local):
             continue
         for observation in make():
             if local and isinstance(observation, o.ControlPoint) and observation.axes == "un":
@@ -177,6 +199,9 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
         # Of a steep sight the reading changes by c/sin z.
         "collimation_error": (1e-3 * geometry.reach / geometry.length,),
         "frame": (1e-3,) * 3 + (1e-2 * geometry.length,) * 3 + (1e-3,),
+        "level": (1.0,),
+        "profile": (1.0, 1.0, 1.0, 1e-3),
+        "gyro": (0.01,),
     }
     return equations, _steps(equations, steps)
 
@@ -189,6 +214,20 @@ def add_frames(network: Network, origin: tuple[float, float, float]) -> None:
     if "i" in network.points:
         network.add_frame("tripod", free=every, values=values, origin="i", level=True)
         network.add_frame("slanted", free=every, values=values, origin="i")
+
+
+def add_profile(network: Network) -> None:
+    """Add a height profile of which everything is free."""
+    every = ("height", "height_t", "height_tt", "scale")
+    values = dict(zip(every, (3.0, -0.4, 0.2, 0.01), strict=True))
+    network.set_profile("flight", free=every, values=values)
+
+
+def add_mount(network: Network) -> None:
+    """Add a mount of which everything is free."""
+    every = ("rx", "ry", "rz", "x", "y", "z")
+    values = dict(zip(every, (0.3, -0.2, 0.5, 0.1, -0.2, 0.3), strict=True))
+    network.set_mount("camera", free=every, values=values)
 
 
 def _steps(equations: Equations, by_kind: dict[str, tuple[float, ...]]) -> Array:
@@ -283,7 +322,23 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         network.add_point(f"P{n}", centre + rotation @ (view.depth * ray))
         seen.append((x + camera.values["x0"], y + camera.values["y0"]))
     network.add_image_points("f", list(network.points), np.array(seen), sigma=0.005)
-    network.add(*OBSERVED["photo_position"]())
+    add_profile(network)
+    add_mount(network)
+    for kind, make in OBSERVED.items():
+        if KINDS[kind].photos and KINDS[kind].photos == KINDS[kind].named:
+            network.add(*make())
+    network.add(
+        o.ProfileHeight(
+            None,
+            20.0,
+            photo="f",
+            sigma=0.3,
+            profile="flight",
+            t=0.7,
+            mount="camera",
+            lever_arm=(0.1, -0.4, 0.7),
+        )
+    )
     add_frames(network, (25.0, -10.0, 5.0))
     network.add(o.FrameCoordinate("body", None, (0.0, 0.0, 0.0), photo="f", covariance=COVARIANCE))
     equations = compile_network(network)
@@ -297,6 +352,8 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         "point": (0.01 * view.depth * ray,),
         "pose": (0.01 * ray,) * 3 + (0.01 * view.depth * ray,) * 3,
         "frame": (1e-3,) * 3 + (1e-2,) * 3 + (1e-3,),
+        "mount": (1e-2,) * 3 + (1e-1,) * 3,
+        "profile": (1.0, 1.0, 1.0, 1e-3),
         "calibration": tuple(0.005 * radius / np.where(largest > 0, largest, 1.0)),
     }
     return equations, _steps(equations, by_kind)
