@@ -441,7 +441,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
     UnknownKind(
         "profile",
         "height profile",
-        "h",
+        "b",
         (
             *(Component("height" + power, "length") for power in ("", "_t", "_tt")),
             Component("scale", "ppm"),
