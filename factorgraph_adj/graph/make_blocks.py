@@ -142,6 +142,7 @@ def _plain_block(
         },
         fixes=kind.fixes,
         widths=widths,
+        composed=kind.moved,
     )
 
 

@@ -31,6 +31,7 @@ from .context import ImageAxes, RecordContext
 from .fields import (
     NAMES,
     attributes,
+    columns_of_vector,
     components_of,
     is_angle,
     known_fields,
@@ -43,7 +44,6 @@ from .fields import (
     sigma_fields,
     texts_of,
     unknown_field,
-    vector_columns,
     vectors_of,
 )
 from .numbers import Units
@@ -128,11 +128,14 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
         return None
     names = names_of(kind)
     arguments: dict[str, Any] = {
-        n: str(record[n]) for n in (*names, *KINDS[kind].texts) if record.get(n)
+        n: str(record[n])
+        for n in (*names, *KINDS[kind].texts, *KINDS[kind].choices)
+        if record.get(n)
     }
     record_of_kind = KINDS[kind]
     needed = [n for n in names if n not in record_of_kind.may_lack]
-    needed += [n for n in record_of_kind.texts if n not in record_of_kind.optional]
+    texts = (*record_of_kind.texts, *record_of_kind.choices)
+    needed += [n for n in texts if n not in record_of_kind.optional]
     if any(n not in arguments for n in needed):
         return None
     arguments |= {n: None for n in names if n not in arguments}
@@ -182,16 +185,17 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
         found = row.number(name, _project_unit(quantity, units), required=name not in optional)
         if found is not None:
             arguments[name] = found
-    for name in KINDS[kind].texts:
+    for name in (*KINDS[kind].texts, *KINDS[kind].choices):
         if name in row or name not in optional:
             arguments[name] = row.text(name, required=name not in optional)
     if "length_km" in have:
         arguments["length_km"] = row.number("length_km", positive=True)
     for name, quantity in vectors_of(kind).items():
-        columns = vector_columns(name)
-        if name not in optional or any(n in row for n in columns):
+        own = columns_of_vector(name)
+        if name not in optional or any(n in row for n in own):
+            # Lengths beside a length have its unit.
             of = unit if quantity == "length" and not angle else _project_unit(quantity, units)
-            arguments[name] = tuple(row.number(n, of, required=True) for n in columns)
+            arguments[name] = tuple(row.number(n, of, required=True) for n in own)
     if "covariance" not in have:
         arguments["value"] = _reading(row, "value", unit, optional)
         place = f"[sigma.{kind}] of the project"
@@ -387,8 +391,10 @@ def record(
     for name, quantity in vectors_of(kind).items():
         vector = getattr(found, name)
         if name not in KINDS[kind].optional or any(vector):
-            by_axis = zip(vector_columns(name), vector, strict=True)
-            out |= {n: numbers.write(v, _project_unit(quantity, units)) for n, v in by_axis}
+            beside = quantity == "length" and not is_angle(kind)
+            size = unit if beside else _project_unit(quantity, units)
+            each = zip(columns_of_vector(name), vector, strict=True)
+            out |= {n: numbers.write(v, size) for n, v in each}
     if "covariance" not in have:
         out["value"] = numbers.write(given.value, unit)
         return out | _sigma_record(given.sigma, kind, units)

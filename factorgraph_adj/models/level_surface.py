@@ -11,16 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from ..frames import Frame
-from ..rotation import TURN_ABOUT_X, skew
 from ..types import Array
+from .antenna import antennas
 from .base import Linearised
 from .height import heights
-from .position import split_pose
-from .sub_frame import COMPONENTS as _FRAME_COMPONENTS
 
-_ARM = slice(9, 12)
-"""Stored values of a mount that are its arm."""
-MOUNT = _FRAME_COMPONENTS - 1
+MOUNT = 6
 """Components of a mount: three rotations, three of the arm."""
 
 
@@ -50,26 +46,24 @@ def profile_height(
     """
     assert (point is None) != (pose is None)
     n = len(observed)
-    rotation, arm = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
-    place = point
-    if pose is not None:
-        rotation, centre = split_pose(pose)
-        arm = (lever_arm + mount[:, _ARM]) @ TURN_ABOUT_X
-        place = centre + np.einsum("nij,nj->ni", rotation, arm)
-    assert place is not None
+    if pose is None:
+        assert point is not None
+        place, turned = point, None
+    else:
+        turned = antennas(pose, mount, lever_arm)
+        place = pose[:, 9:] + turned.arm
     h, up = heights(frame, place)
     powers = np.stack([np.ones(n), t, t * t], axis=1)
     above = h - np.sum(profile[:, :3] * powers, axis=1)
     scale = 1.0 + profile[:, 3:]
     by_place = (scale * up)[:, None, :]
-    by_mount = np.zeros((n, 1, MOUNT))
-    if pose is None:
-        parts: tuple[Array, ...] = (by_place,)
-    else:
-        by_mount[:, :, 3:] = by_place @ rotation @ TURN_ABOUT_X
-        parts = (np.concatenate([-by_place @ rotation @ skew(arm), by_place], axis=2),)
     by_profile = np.concatenate([-scale * powers, above[:, None]], axis=1)[:, None, :]
-    return Linearised(scale * above[:, None] - observed, (*parts, by_mount, by_profile))
+    if turned is None:
+        parts = (by_place, np.zeros((n, 1, MOUNT)))
+    else:
+        by_pose = np.concatenate([by_place @ turned.by_turn, by_place], axis=2)
+        parts = (by_pose, by_place @ turned.by_mount)
+    return Linearised(scale * above[:, None] - observed, (*parts, by_profile))
 
 
 def level_height(

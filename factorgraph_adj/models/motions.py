@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..frames import Frame
-from ..rotation import skew
+from ..rotation import right_jacobian_inverse, skew
 from ..types import Array, Index, Mask
 from .height import heights
 from .sub_frame import horizons, split_frame
@@ -180,6 +180,19 @@ def of_drifts(motions: Motions, values: Array, at: Index) -> Array:
     """
     out = np.zeros((len(values), 9, 7))
     out[:, :3, :3] = -np.eye(3)
+    return out
+
+
+def of_attitude_drifts(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of drifts of attitudes: where these are observed, a turn is a drift.
+
+    Exp(ψ') = Exp(E θ) Exp(ψ): ψ' = ψ + J_l⁻¹(ψ) E θ, in the horizon E at the centre. In a curved
+    frame the horizons of the photos differ from it, and observed attitudes notice the turn.
+    """
+    enu = motions.frame.basis(motions.centre[None], np.zeros((1, 2))).enu[0]
+    left_inverse = right_jacobian_inverse(values[:, :3]).transpose(0, 2, 1)
+    out = np.zeros((len(values), 6, 7))
+    out[:, :3] = left_inverse @ (np.linalg.det(enu) * enu @ motions.turn)
     return out
 
 

@@ -1,11 +1,11 @@
-"""GNSS vectors, positions of points and photos, and weighted variables."""
+"""GNSS vectors, positions of points, and weighted variables."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..frames import Frame
-from ..rotation import TURN_ABOUT_X, log_rotation, right_jacobian_inverse, skew
+from ..rotation import log_rotation, right_jacobian_inverse, skew
 from ..types import Array
 from .base import Linearised
 from .sight import up_by_angles
@@ -62,23 +62,6 @@ def coordinate(
 def split_pose(pose: Array) -> tuple[Array, Array]:
     """Return world_R_camera (n, 3, 3) and projection centres (n, 3) of stored poses (n, 12)."""
     return pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]
-
-
-def photo_position(frame: Frame, pose: Array, *, observed: Array, lever_arm: Array) -> Linearised:
-    """Compute X₀ + R a − observed, metres, (n, 3).
-
-    Args:
-        frame: not used.
-        pose: stored poses, (n, 12).
-        observed: positions of the antennas, (n, 3).
-        lever_arm: a, antenna − projection centre, (n, 3), metres in photogrammetric axes of the
-            camera: x right, y up, z backwards.
-    """
-    rotation, centre = split_pose(pose)
-    arm = lever_arm @ TURN_ABOUT_X
-    v = (centre - observed) + np.einsum("nij,nj->ni", rotation, arm)
-    moves = np.broadcast_to(np.eye(3), rotation.shape)
-    return Linearised(v, (np.concatenate([-rotation @ skew(arm), moves], axis=2),))
 
 
 def photo_coordinate(frame: Frame, pose: Array, *, observed: Array, axis: Array) -> Linearised:

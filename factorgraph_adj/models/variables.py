@@ -114,6 +114,8 @@ class UnknownKind:
     absent: Literal["refused", "default", "found"] = "refused"
     """Treatment of a name that the network does not state: the name is refused, means the default,
     or creates a free unknown whose start value is computed."""
+    shifts: bool = False
+    """Whether the first three components are a shift of observed coordinates along x, y, z."""
     at_point: bool = False
     """Whether the unknown belongs to a point, whose name is the first key."""
     additional: bool = False
@@ -412,10 +414,33 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "d",
         tuple(Component(a + power, "length") for power in ("", "_t", "_tt") for a in "xyz"),
         motions=motions.of_drifts,
+        shifts=True,
         late=2,
         table=UnknownTable("drifts", held_unless_free=True),
         default=(0.0,) * 9,
         additional=True,
+    ),
+    UnknownKind(
+        "attitude_drift",
+        "drift of attitudes",
+        "a",
+        tuple(Component(f"r{a}{power}", "angle") for power in ("", "_t") for a in "xyz"),
+        motions=motions.of_attitude_drifts,
+        late=2,
+        table=UnknownTable("attitude_drifts", held_unless_free=True),
+        default=(0.0,) * 6,
+        additional=True,
+    ),
+    UnknownKind(
+        "shutter",
+        "shutter",
+        "t",
+        (Component("error", "number", sign="time error (s)", column="error_s", plain=True),),
+        late=2,
+        table=UnknownTable("shutters"),
+        default=(0.0,),
+        additional=True,
+        instrument=True,
     ),
     UnknownKind(
         "size",

@@ -259,6 +259,43 @@ class StatedUnknowns:
         """
         self._set_parts("drift", name, free, values or {}, sigma or {})
 
+    def set_attitude_drift(
+        self,
+        name: str,
+        *,
+        free: Iterable[str] = (),
+        values: Mapping[str, float] | None = None,
+        sigma: Mapping[str, float] | None = None,
+    ) -> None:
+        """State the drift of observed attitudes of a strip or flight: ψ = ψ₀ + ψ₁ t, radians.
+
+        Its components are ψ₀ = rx, ry, rz and ψ₁ = rx_t, ry_t, rz_t (per unit of t): a rotation
+        vector about east, north and up at the photo, by which the axes of an inertial platform are
+        turned: the true attitude is Exp(ψ) times the observed one. The unit of t is that in which
+        the observations state it.
+
+        Args:
+            name: its name.
+            free: components to estimate without a prior; those that are neither free nor weighted
+                are held.
+            values: values of components by name, radians; others are 0.
+            sigma: standard deviations of weighted components by name.
+
+        Raises:
+            InputError: as `set_mount`.
+        """
+        self._set_parts("attitude_drift", name, free, values or {}, sigma or {})
+
+    def set_shutter(
+        self, name: str, *, error: float = 0.0, sigma: float | None = None, fixed: bool = False
+    ) -> None:
+        """State the time error of a shutter, seconds: recorded minus true time of exposure.
+
+        It is free unless held or weighted. With the velocity Ẋ of the antenna, the position that
+        belongs to the recorded time is ahead by Ẋ times the error: one of 10 ms is 0.6 m at 60 m/s.
+        """
+        self.set_unknown("shutter", name, (error,), fixed=fixed, sigma=sigma)
+
     def set_size(
         self,
         name: str,
@@ -380,6 +417,10 @@ class StatedUnknowns:
     """Rotations and arms by mount."""
     drifts = OfKind("drift")
     """Shifts and drifts by strip, flight or profile."""
+    attitude_drifts = OfKind("attitude_drift")
+    """Turns and their rates by strip or flight."""
+    shutters = OfKind("shutter")
+    """Time errors by shutter."""
     sizes = OfKind("size")
     """Unknown lengths by name."""
     levels = OfKind("level")

@@ -11,6 +11,14 @@ photos, cameras and other unknowns, to which observations refer by name.
 
 from ..network.entities import Camera, Parameter, Photo, Point
 from ..stochastic import StandardDeviation
+from .airborne import (
+    AntennaVector,
+    NavigationAttitude,
+    PhotoAngle,
+    PhotoAttitude,
+    PhotoBase,
+    PhotoRange,
+)
 from .base import Observation, Sight
 from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
@@ -37,6 +45,7 @@ from .weights import Weight
 __all__ = [
     "BUILT_IN",
     "KINDS",
+    "AntennaVector",
     "AnyObservation",
     "AstronomicLatitude",
     "AstronomicLongitude",
@@ -54,11 +63,16 @@ __all__ = [
     "HorizontalDistance",
     "ImagePoint",
     "LevelHeight",
+    "NavigationAttitude",
     "Observation",
     "ObservationKind",
     "Parameter",
     "Photo",
+    "PhotoAngle",
+    "PhotoAttitude",
+    "PhotoBase",
     "PhotoPosition",
+    "PhotoRange",
     "PhotoSight",
     "PhotoTilt",
     "Point",
