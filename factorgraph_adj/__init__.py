@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     )
     from .observations.base import Observation
     from .observations.correlated import Correlated
+    from .observations.far_directions import GyroAzimuth, PhotoSight, PhotoTilt
     from .observations.frame_sights import FrameDirection, FrameDistance, FrameZenith
     from .observations.image import ImagePoint
     from .observations.in_frames import FrameCoordinate
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
         VerticalAngle,
         ZenithAngle,
     )
+    from .observations.vertical import LevelHeight, ProfileHeight
     from .parts.adjust import adjust_parts
     from .parts.network import adjust
     from .parts.part import Part
@@ -107,12 +109,14 @@ __all__ = [
     "GeocentricFrame",
     "GnssPosition",
     "GnssVector",
+    "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
     "ImagePoint",
     "IncrementalAdjustment",
     "InputError",
+    "LevelHeight",
     "LocalFrame",
     "NavigationAttitude",
     "Network",
@@ -127,7 +131,10 @@ __all__ = [
     "PhotoBase",
     "PhotoPosition",
     "PhotoRange",
+    "PhotoSight",
+    "PhotoTilt",
     "Point",
+    "ProfileHeight",
     "Provenance",
     "ReportOptions",
     "SlopeDistance",
@@ -201,12 +208,14 @@ _MODULES = {
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",
     "GnssVector": "observations.positions",
+    "GyroAzimuth": "observations.far_directions",
     "HeightDifference": "observations.terrestrial",
     "HorizontalAngle": "observations.terrestrial",
     "HorizontalDistance": "observations.terrestrial",
     "ImagePoint": "observations.image",
     "IncrementalAdjustment": "incremental.adjustment",
     "InputError": "errors",
+    "LevelHeight": "observations.vertical",
     "LocalFrame": "frames",
     "Network": "network.network",
     "Observation": "observations.base",
@@ -216,7 +225,10 @@ _MODULES = {
     "PartsSolution": "parts.result",
     "Photo": "network.entities",
     "PhotoPosition": "observations.positions",
+    "PhotoSight": "observations.far_directions",
+    "PhotoTilt": "observations.far_directions",
     "Point": "network.entities",
+    "ProfileHeight": "observations.vertical",
     "Provenance": "report.options",
     "ReportOptions": "report.options",
     "SlopeDistance": "observations.terrestrial",

@@ -22,6 +22,7 @@ from .airborne import (
 from .base import Observation, Sight
 from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
+from .far_directions import GyroAzimuth, PhotoSight, PhotoTilt
 from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
@@ -39,6 +40,7 @@ from .terrestrial import (
     VerticalAngle,
     ZenithAngle,
 )
+from .vertical import LevelHeight, ProfileHeight
 from .weights import Weight
 
 __all__ = [
@@ -59,10 +61,12 @@ __all__ = [
     "FrameZenith",
     "GnssPosition",
     "GnssVector",
+    "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
     "ImagePoint",
+    "LevelHeight",
     "NavigationAttitude",
     "Observation",
     "ObservationKind",
@@ -73,7 +77,10 @@ __all__ = [
     "PhotoBase",
     "PhotoPosition",
     "PhotoRange",
+    "PhotoSight",
+    "PhotoTilt",
     "Point",
+    "ProfileHeight",
     "Sight",
     "SlopeDistance",
     "StandardDeviation",

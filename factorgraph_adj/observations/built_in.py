@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..models import position, sub_frame, terrestrial
-from . import records_flight
+from . import records_flight, records_vertical
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector
@@ -128,6 +128,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate, tells="coordinates"),
     *_INSTRUMENTS,
     *records_flight.RECORDS,
+    *records_vertical.RECORDS,
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)

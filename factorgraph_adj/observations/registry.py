@@ -264,6 +264,6 @@ def observation_kind(name: str) -> ObservationKind:
     found = KINDS.get(name) or IN_MEMORY.get(name)
     if found is None:
         raise InputError(
-            f"unknown kind of observation {name!r}; valid: {known(KINDS, most=30, meant=name)}"
+            f"unknown kind of observation {name!r}; valid: {known(KINDS, most=80, meant=name)}"
         )
     return found

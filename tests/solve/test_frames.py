@@ -208,8 +208,8 @@ def test_a_frame_that_turns_about_one_of_its_axes(axis):
     np.testing.assert_allclose(found[:, axis], tilt[:, axis], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("free", [("rx", "ry"), ("rx", "rz"), ("ry", "rz")])
-def test_one_rotation_cannot_be_held_alone(free):
+@pytest.mark.parametrize("free", [("rx", "rz"), ("ry", "rz")])
+def test_a_tilt_cannot_be_held_alone(free):
     """Turns about two axes turn about the third, so that it would end elsewhere by each way."""
     network = fga.Network("two turns")
     with pytest.raises(fga.InputError, match=r"frame 'f'.*two of the rotations rx, ry, rz, or"):

@@ -23,11 +23,7 @@ TEXTS = {
     "images": IMAGES,
     "observations": OBSERVATIONS,
 }
-KINDS = (
-    "slope_distance, horizontal_distance, vertical_angle, zenith_angle, direction, "
-    "horizontal_angle, azimuth, height_difference, astronomic_latitude, astronomic_longitude, "
-    "gnss_vector, gnss_position, control, photo_position, image, frame_coordinate"
-)
+KINDS = ", ".join(BUILT_IN)
 LENGTHS = "m, dm, cm, mm, um, km"
 ANGLES = "rad, mrad, gon, mgon, cc, deg, arcmin, arcsec"
 
