@@ -12,7 +12,7 @@ from factorgraph_adj.frames import GeocentricFrame
 from factorgraph_adj.io.project import load_project, read_project
 from factorgraph_adj.io.records import observation
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import Direction, GnssVector, SlopeDistance
+from factorgraph_adj.observations import BUILT_IN, Direction, GnssVector, SlopeDistance
 from factorgraph_adj.validate.check import check
 from tests.networks.projects import IMAGES, OBSERVATIONS, PHOTOS, POINTS, PROJECT, write
 
