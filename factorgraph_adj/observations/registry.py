@@ -15,6 +15,8 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
+import numpy as np
+
 from ..errors import InputError, Problem, known
 from ..models.base import Linearised
 from ..models.variables import ENTITIES, UNKNOWNS
@@ -56,7 +58,8 @@ class ObservationKind:
     """(frame, *variables, observed=…, constants…) → residuals and partials; None for image
     coordinates and for single coordinates of a point, whose rows the graph builds itself."""
     constants: tuple[str, ...] = ()
-    """Attributes of the observation that the model takes as arrays."""
+    """Attributes of the observation that the model takes as arrays: fields, or properties that
+    follow from them."""
     unit: Unit = "m"
     """Unit of the observed value."""
     weight: Weight | None = None
@@ -66,15 +69,19 @@ class ObservationKind:
     """Whether the partials are independent of the positions of the points."""
     circular: bool = False
     """Whether the value is an angle of the full circle, from 0 to 2π."""
-    fixes: Literal["nothing", "direction", "coordinates", "place"] = "nothing"
+    fixes: Literal["nothing", "direction", "coordinates", "attitude", "place"] = "nothing"
     """Information about the position of the network: nothing, its direction from north,
     coordinates in the frame of the network, or a place on the Earth (astronomic latitude,
     longitude)."""
+    tells: Literal["nothing", "coordinates", "direction", "zenith", "distance"] = "nothing"
+    """What it tells of its point in its frame of its own, for approximate values and for checks."""
     by_axis: bool = False
     """Whether an observation has one row for each of its known coordinates, ``axes``."""
-    moved: Callable[[Array, Array], Array] | None = None
-    """(readings (n, d), errors (n, d)) → readings with these errors; None: errors are added. The
-    error of a rotation is a turn."""
+    choices: tuple[str, ...] = ()
+    """Attributes of text that choose among forms of the observation, such as an angle."""
+    moved: Callable[..., Array] | None = None
+    """(observed (n, d), change (n, d), constants…) → the readings whose residuals are larger by
+    −change; None: the sum. Readings of rotations do not add."""
     follower: Follower | None = None
     """Variable that steps keep with its carrier, however small the standard deviations are."""
 
@@ -138,9 +145,12 @@ class ObservationKind:
         """Plain defaults of attributes, by name."""
         return {f.name: f.default for f in fields(self.observation) if f.default is not MISSING}
 
-    def with_errors(self, readings: Array, errors: Array) -> Array:
-        """Return readings (n, d) with errors (n, d)."""
-        return readings + errors if self.moved is None else self.moved(readings, errors)
+    def with_errors(self, o: Any, readings: Array, errors: Array) -> Array:
+        """Return the readings (d,) of an observation with errors (d,)."""
+        if self.moved is None:
+            return readings + errors
+        constants = {c: np.array([getattr(o, c)], dtype=float) for c in self.constants}
+        return np.asarray(self.moved(readings[None], errors[None], **constants)[0])
 
     @property
     def curved(self) -> bool:
@@ -193,8 +203,11 @@ class ObservationKind:
             if attribute.partition(".")[0] not in have:
                 found.append(f"its class has no attribute {attribute!r} for the kind {kind!r}")
         for constant in self.constants:
-            if constant not in have:
+            if constant not in have and not _computed(self.observation, constant):
                 found.append(f"its class has no attribute {constant!r} for a constant")
+        found += [
+            f"its class has no attribute {c!r} for a choice" for c in self.choices if c not in have
+        ]
         needs = (
             ["sigma", "id", "source"] if self.model is None else ["value", "sigma", "id", "source"]
         )
@@ -229,6 +242,11 @@ class ObservationKind:
                 f"not {len(places)} arguments"
             )
         return found
+
+
+def _computed(observation: type[Any], name: str) -> bool:
+    """Return whether a class computes an attribute from its fields."""
+    return isinstance(getattr(observation, name, None), property)
 
 
 KINDS: dict[str, ObservationKind] = {}
@@ -269,6 +287,6 @@ def observation_kind(name: str) -> ObservationKind:
     found = KINDS.get(name) or IN_MEMORY.get(name)
     if found is None:
         raise InputError(
-            f"unknown kind of observation {name!r}; valid: {known(KINDS, most=30, meant=name)}"
+            f"unknown kind of observation {name!r}; valid: {known(KINDS, most=80, meant=name)}"
         )
     return found

@@ -15,7 +15,7 @@ from ..graph.variables import camera_of_calibration
 from ..io.numbers import Units, parse, write
 from ..models.base import within
 from ..network.entities import Camera
-from ..observations import KINDS, Unit, observation_kind
+from ..observations import Unit, observation_kind
 from ..types import Array, Index
 from ..units import ANGLE, LENGTH, decimal, format_angle, format_turn
 
@@ -309,11 +309,10 @@ class ReportRows:
 
     def _turned(self, block: Block, i: int) -> Array | None:
         """Return the adjusted values of observation i if its errors are not added."""
-        record = None if block.prior else KINDS.get(block.kind)
-        if record is None or record.moved is None:
+        if block.composed is None:
             return None
         v = self._residuals[block.first_row + i * block.dimension + np.arange(block.dimension)]
-        return record.with_errors(block.observed[[i]], v[None])[0]
+        return np.asarray(block.select(np.array([i])).moved(v[None])[0])
 
     def _camera(self, calibration: int) -> Camera:
         """Return the camera of a calibration, by number."""

@@ -288,7 +288,7 @@ def _shifted(network: Network, o: Observation, component: str, size: float) -> O
         value = np.atleast_1d(np.array(getattr(o, "value"), dtype=float))  # noqa: B009
     error = np.zeros_like(value)
     error[axes.index(component) if component else 0] = size
-    moved = o.record.with_errors(value[None], error[None])[0]
+    moved = o.record.with_errors(o, value, error)
     return o.with_reading(moved.tolist(), network.frame)
 
 
