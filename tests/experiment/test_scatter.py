@@ -26,6 +26,7 @@ from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
 from tests.networks.small_block import plan as mixed
+from tests.networks.instruments import room_of
 from tests.networks.three_frames import three_frames
 from tests.support.arrivals import between
 
@@ -218,6 +219,15 @@ def frames() -> fga.Network:
     return fga.adjust(three_frames()).as_network()
 
 
+def instruments(*which: str, constants: bool = False) -> Callable[[], fga.Network]:
+    """Instruments in a room, each in a frame of its own."""
+
+    def make() -> fga.Network:
+        return fga.adjust(room_of(3, which, points=6, held=4, constants=constants)).as_network()
+
+    return make
+
+
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "slope_distance": slope_distances,
     "horizontal_distance": horizontal_distances,
@@ -235,6 +245,9 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "photo_position": photos(positions=True),
     "image": photos(),
     "frame_coordinate": frames,
+    "frame_direction": instruments("theodolite", "levelled theodolite"),
+    "frame_zenith": instruments("theodolite", "on a pillar, tilted", "tracker"),
+    "frame_distance": instruments("levelled scanner", "tracker", constants=True),
     "correlated": correlated_directions,
     "mixed": mixed,
 }
