@@ -71,7 +71,7 @@ def test_every_instrument_gets_its_variance_components() -> None:
     for ident, o in plan.observations.items():
         factor = factors.get((o.frame, o.kind), 1.0)
         true.observations[ident] = replace(o, sigma=factor * o.sigma)
-    noisy = measure(true, seed=4)
+    noisy = measure(true, seed=5)
     for ident, o in noisy.observations.items():
         noisy.observations[ident] = replace(o, sigma=plan.observations[ident].sigma)
     found = fga.estimate_variance_components(noisy, groups="frame")
