@@ -187,9 +187,7 @@ def _horizon(progress: Progress, f: int, at: Array) -> Array:
     return np.asarray(horizons(basis, progress.frame[f, 16:])[0])
 
 
-def _directions_to(
-    progress: Progress, seen: InFrames, f: int, rows: Index, at: Array
-) -> Array:
+def _directions_to(progress: Progress, seen: InFrames, f: int, rows: Index, at: Array) -> Array:
     """Return unit vectors from ``at`` to the points of sights, in its horizon, (n, 3)."""
     x = progress.horizon.from_plan(progress.plan[seen.sights.point[rows]])
     y = (x - at) @ _horizon(progress, f, at).T

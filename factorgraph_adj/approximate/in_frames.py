@@ -48,6 +48,15 @@ class Sights:
         """Places in the frames, unit of the frame; NaN where not all three are known, (n, 3)."""
         return place_of_sight(*self.value.T)
 
+    @property
+    def spread(self) -> Array:
+        """Root mean square of the standard deviations of ``q`` along its three axes, (n,)."""
+        _, zenith, distance = self.value.T
+        across = self.sigma * np.stack(
+            [np.abs(distance * np.sin(zenith)), distance, np.ones(len(zenith))], axis=1
+        )
+        return np.asarray(np.sqrt(np.mean(across**2, axis=1)))
+
 
 @dataclass(frozen=True)
 class InFrames:

@@ -130,9 +130,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         fixes="coordinates",
     ),
     ObservationKind(ImagePoint, _RAY, None, unit="image"),
-    ObservationKind(
-        FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate, tells="coordinates"
-    ),
+    ObservationKind(FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate, tells="coordinates"),
     *_INSTRUMENTS,
 )
 for _kind in _BUILT_IN:

@@ -109,9 +109,7 @@ def _around(
     return a, sigma, m
 
 
-def spoke_hats(
-    points: ReducedPoints, alone: PointCholesky
-) -> Iterator[tuple[int, Index, Array]]:
+def spoke_hats(points: ReducedPoints, alone: PointCholesky) -> Iterator[tuple[int, Index, Array]]:
     """Iterate over place of the block, rows and JₚN⁻¹Jₚᵀ (m, d, d) of the observations.
 
     Args:

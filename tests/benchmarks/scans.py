@@ -59,7 +59,9 @@ def hall(stations: int, sights: int, *, seed: int = 1) -> Hall:
     rng = np.random.default_rng(seed)
     rows = max(1, round(np.sqrt(stations / 2)))
     grid = np.array([(i // rows, i % rows) for i in range(stations)], dtype=float)
-    at = np.column_stack([SPACING * grid + rng.uniform(-1, 1, (stations, 2)), np.full(stations, 1.6)])
+    at = np.column_stack(
+        [SPACING * grid + rng.uniform(-1, 1, (stations, 2)), np.full(stations, 1.6)]
+    )
     times = rng.integers(2, 5, sights)
     times = times[: np.searchsorted(np.cumsum(times), sights - 4)]
     low, high = at[:, :2].min(axis=0) - 5.0, at[:, :2].max(axis=0) + 5.0

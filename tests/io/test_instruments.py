@@ -103,7 +103,7 @@ def test_wrong_rows_are_named_with_file_and_line(
     kind, frame, point, value, sigma = wrong
     row |= {"kind": kind, "frame": frame, "point": point}
     row[next(c for c in header if c.startswith("value"))] = value
-    row |= {c: sigma for c in header if c.startswith("sigma")}
+    row["sigma_mm" if kind == "frame_distance" else "sigma_mgon"] = sigma
     with table.open("a") as file:
         file.write(",".join(row[c] for c in header) + "\n")
     with pytest.raises(fga.InputError) as error:

@@ -25,9 +25,7 @@ def test_a_target_confused_in_one_scan_is_found() -> None:
     network = scans(11)
     kinds = ("frame_direction", "frame_zenith", "frame_distance")
     sights = {
-        (o.kind, o.point): i
-        for i, o in network.observations.items()
-        if o.frame == "scanner 0"
+        (o.kind, o.point): i for i, o in network.observations.items() if o.frame == "scanner 0"
     }
     wrong = []
     for kind in kinds:

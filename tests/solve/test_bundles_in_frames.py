@@ -96,7 +96,9 @@ class Pair:
     @classmethod
     def of(cls, scale: float) -> Pair:
         photos = block_of_photos(scale)
-        return cls(fga.adjust(photos, tolerance=1e-8), fga.adjust(as_bundles(photos), tolerance=1e-8))
+        return cls(
+            fga.adjust(photos, tolerance=1e-8), fga.adjust(as_bundles(photos), tolerance=1e-8)
+        )
 
     def estimates(self) -> float:
         """Return the largest difference of a coordinate, in its standard deviation."""

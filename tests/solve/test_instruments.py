@@ -72,7 +72,10 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "frame coordinates": lambda: network_of_frames(4, ("scan", "model", "levelled scan", "plan")),
     **{
         f"{name}": lambda name=name: room_of(
-            7, ["compensated scanner", "tracker", "levelled theodolite"], frame_name=name, coarse=0.1
+            7,
+            ["compensated scanner", "tracker", "levelled theodolite"],
+            frame_name=name,
+            coarse=0.1,
         )
         for name in FRAMES
     },
