@@ -32,8 +32,8 @@ from .nodes import Nodes
 from .point_cholesky import square
 from .ray_leverage import point_hats, ray_leverages
 from .reduction import RayCovariances, ReducedPoints, factorise_points
-from .spoke_leverage import spoke_hats, spoke_leverages
 from .selected_inverse import SelectedInverse
+from .spoke_leverage import spoke_hats, spoke_leverages
 from .tree import TreeFactors
 
 AT_ONCE = 8_000_000

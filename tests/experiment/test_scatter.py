@@ -24,9 +24,9 @@ from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
+from tests.networks.instruments import room_of
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
 from tests.networks.small_block import plan as mixed
-from tests.networks.instruments import room_of
 from tests.networks.three_frames import three_frames
 from tests.support.arrivals import between
 

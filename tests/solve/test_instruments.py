@@ -61,6 +61,7 @@ def far_target() -> fga.Network:
     return measure(network, seed=8)
 
 
+MIXED = ("compensated scanner", "tracker", "levelled theodolite")
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "scanners": lambda: room_of(1, ["scanner"] * 3, held=3),
     "theodolites without distances": lambda: room_of(2, ["theodolite"] * 3, held=4),

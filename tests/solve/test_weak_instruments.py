@@ -1,4 +1,4 @@
-"""Instruments whose position is not determined are named, and free networks of them have a datum."""
+"""Instruments whose position is not determined are named; free networks of them have a datum."""
 
 from __future__ import annotations
 
