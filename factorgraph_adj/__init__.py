@@ -28,8 +28,17 @@ if TYPE_CHECKING:
     from .network.entities import Camera, Parameter, Photo, Point
     from .network.network import Network
     from .network.selection import without
+    from .observations.airborne import (
+        AntennaVector,
+        NavigationAttitude,
+        PhotoAngle,
+        PhotoAttitude,
+        PhotoBase,
+        PhotoRange,
+    )
     from .observations.base import Observation
     from .observations.correlated import Correlated
+    from .observations.far_directions import GyroAzimuth, PhotoSight, PhotoTilt
     from .observations.frame_sights import FrameDirection, FrameDistance, FrameZenith
     from .observations.image import ImagePoint
     from .observations.in_frames import FrameCoordinate
@@ -47,6 +56,7 @@ if TYPE_CHECKING:
         VerticalAngle,
         ZenithAngle,
     )
+    from .observations.vertical import LevelHeight, ProfileHeight
     from .parts.adjust import adjust_parts
     from .parts.network import adjust
     from .parts.part import Part
@@ -79,6 +89,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AdjustmentError",
+    "AntennaVector",
     "ApproximationError",
     "AstronomicLatitude",
     "AstronomicLongitude",
@@ -98,13 +109,16 @@ __all__ = [
     "GeocentricFrame",
     "GnssPosition",
     "GnssVector",
+    "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
     "ImagePoint",
     "IncrementalAdjustment",
     "InputError",
+    "LevelHeight",
     "LocalFrame",
+    "NavigationAttitude",
     "Network",
     "Observation",
     "ObservationKind",
@@ -112,8 +126,15 @@ __all__ = [
     "Part",
     "PartsSolution",
     "Photo",
+    "PhotoAngle",
+    "PhotoAttitude",
+    "PhotoBase",
     "PhotoPosition",
+    "PhotoRange",
+    "PhotoSight",
+    "PhotoTilt",
     "Point",
+    "ProfileHeight",
     "Provenance",
     "ReportOptions",
     "SlopeDistance",
@@ -178,15 +199,23 @@ _MODULES = {
     "FrameDirection": "observations.frame_sights",
     "FrameDistance": "observations.frame_sights",
     "FrameZenith": "observations.frame_sights",
+    "AntennaVector": "observations.airborne",
+    "NavigationAttitude": "observations.airborne",
+    "PhotoAngle": "observations.airborne",
+    "PhotoAttitude": "observations.airborne",
+    "PhotoBase": "observations.airborne",
+    "PhotoRange": "observations.airborne",
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",
     "GnssVector": "observations.positions",
+    "GyroAzimuth": "observations.far_directions",
     "HeightDifference": "observations.terrestrial",
     "HorizontalAngle": "observations.terrestrial",
     "HorizontalDistance": "observations.terrestrial",
     "ImagePoint": "observations.image",
     "IncrementalAdjustment": "incremental.adjustment",
     "InputError": "errors",
+    "LevelHeight": "observations.vertical",
     "LocalFrame": "frames",
     "Network": "network.network",
     "Observation": "observations.base",
@@ -196,7 +225,10 @@ _MODULES = {
     "PartsSolution": "parts.result",
     "Photo": "network.entities",
     "PhotoPosition": "observations.positions",
+    "PhotoSight": "observations.far_directions",
+    "PhotoTilt": "observations.far_directions",
     "Point": "network.entities",
+    "ProfileHeight": "observations.vertical",
     "Provenance": "report.options",
     "ReportOptions": "report.options",
     "SlopeDistance": "observations.terrestrial",

@@ -73,8 +73,8 @@ def _unoriented(progress: Progress) -> Index:
 
 def _why_no_frame(progress: Progress, frames: InFrames, frame: int) -> str:
     point = frames.point[frames.frame == frame]
-    turned = np.isnan(frames.given[frame, :2]).any()
-    need = "three that do not lie in one line" if turned else "two, as it is level"
+    turns = np.isnan(frames.given[frame, :3]).sum()
+    need = "three that do not lie in one line" if turns > 1 else "two, as it turns about one axis"
     sights = frames.sights
     partly = (sights.frame == frame) & ~sights.whole
     if not len(point) and partly.any():

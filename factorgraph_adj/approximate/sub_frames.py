@@ -2,8 +2,9 @@
 
 A frame with common places is a similarity between coordinates q in the frame and places X: with
 y = E (X − O), y = e^ℓ R (q + c). Rotation and scale follow from the places reduced to their means
-(Kabsch; Umeyama 1991, eqs. 34 to 43); where rx and ry are held, the turn about z follows from the
-plan alone. Components that are given or held are kept.
+(Kabsch; Umeyama 1991, eqs. 34 to 43); where two rotations are held, the turn about the third axis
+follows from the plane across it, about z from the plan alone. Components that are given or held
+are kept.
 """
 
 from __future__ import annotations
@@ -169,15 +170,17 @@ def _turn(a: Array, b: Array, given: Array, axes: list[int]) -> Array | None:
     turns = np.isnan(given[:3])
     if not turns.any():
         return np.asarray(exp_rotation(given[None, :3])[0])
-    if not turns[:2].any():
-        # R = R_tilt R₃(κ): the turn about z comes first, in the plane of the frame.
-        tilt = exp_rotation(np.array([[given[0], given[1], 0.0]]))[0]
+    if turns.sum() == 1:
+        # R = R_tilt R_k(κ): the turn about the axis k comes first, in the plane across it.
+        k = int(np.argmax(turns))
+        tilt = exp_rotation(np.where(turns, 0.0, given[:3])[None])[0]
         c = b @ tilt
-        sine = float(np.sum(a[:, 0] * c[:, 1] - a[:, 1] * c[:, 0]))
-        cosine = float(np.sum(a[:, 0] * c[:, 0] + a[:, 1] * c[:, 1]))
+        i, j = (k + 1) % 3, (k + 2) % 3
+        sine = float(np.sum(a[:, i] * c[:, j] - a[:, j] * c[:, i]))
+        cosine = float(np.sum(a[:, i] * c[:, i] + a[:, j] * c[:, j]))
         if not np.hypot(sine, cosine) > 0:
             return None
-        turn = exp_rotation(np.array([[0.0, 0.0, np.arctan2(sine, cosine)]]))[0]
+        turn = exp_rotation(np.eye(3)[[k]] * np.arctan2(sine, cosine))[0]
         return np.asarray(tilt @ turn)
     moment = b.T @ a
     values = np.linalg.svd(moment, compute_uv=False)

@@ -177,6 +177,7 @@ def _plain_block(
         fixes=kind.fixes,
         named=tuple(a for (_, a), i in zip(kind.variables, index, strict=True) if i[0] >= 0),
         widths=widths,
+        composed=kind.moved,
     )
 
 
@@ -389,10 +390,19 @@ def _weighted_tilts(network: Network, kind: UnknownKind, table: Variables, rows:
         [f"weighted {n}" for n in names].__getitem__,
         model=partial(position.tilt, size=kind.size),
         # The turn about z may not be known yet.
-        constants={"up": exp_rotation(np.nan_to_num(np.array(given)))[:, :, 2]},
+        constants={"upright": _upright(exp_rotation(np.nan_to_num(np.array(given)))[:, 2])},
         prior=True,
         fixes="horizon",
     )
+
+
+def _upright(g: Array) -> Array:
+    """Return the shortest turns (n, 3, 3) from directions g (n, 3) to (0, 0, 1)."""
+    across = np.hypot(g[:, 0], g[:, 1])
+    angle = np.arctan2(across, g[:, 2])
+    axis = np.stack([g[:, 1], -g[:, 0], np.zeros(len(g))], axis=1)
+    axis[across == 0.0] = [1.0, 0.0, 0.0]
+    return exp_rotation(axis * (angle / np.where(across == 0.0, 1.0, across))[:, None])
 
 
 def _weighted_centres(table: Variables, weighted: Mask) -> Iterable[Block]:

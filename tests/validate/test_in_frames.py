@@ -13,6 +13,8 @@ from factorgraph_adj.graph.equations import compile_rows
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.validate.check import check
 from factorgraph_adj.validate.preliminary.similar import System, common
+from tests.networks.every_kind import FRAMES
+from tests.networks.frames import network_of_frames
 from tests.networks.instruments import room_of
 from tests.networks.three_frames import HELD, SIGMA, room, three_frames, true_coordinates
 
@@ -290,3 +292,16 @@ def test_a_target_confused_in_one_scan_is_told_before_the_adjustment() -> None:
 def test_places_of_right_sights_fit_in_most_seeds() -> None:
     told = sum(bool(fga.preliminary(room_of(s, ["scanner"] * 3, points=9))) for s in range(30))
     assert told <= 2
+
+
+@pytest.mark.parametrize("frame_name", FRAMES)
+def test_plans_are_compared_with_given_coordinates_in_their_horizon(frame_name) -> None:
+    """Of the X and Y of a geocentric frame a plan says nothing."""
+    network = network_of_frames(3, ("plan", "levelled scan"), frame_name=frame_name)
+    network.datum = "given"
+    for name, point in network.points.items():
+        network.points[name] = replace(point, fixed=(True,) * 3)
+    assert not told(network)
+    x, y = value(network, "plan", "P2")
+    (found,) = told(changed(network, "plan", "P2", value=(x + 0.1, y)))
+    assert found.startswith("point 'P2' in frame 'plan' does not fit")
