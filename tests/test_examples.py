@@ -27,6 +27,7 @@ SHOWN = {
     "gallery_9_parts": "Σr of office 2: 72.12 of 153 observations",
     "gallery_two_faces": "set aside: zenith_angle S C, error 8.1 mgon, w -7.5 doubts that are "
     "left: 0",
+    "gallery_trackers": "frame_direction in T2: σ × 3.50 ± 0.47",
     "gallery_8_gtsam": "P σx, mm 1.192026 1.192026 -1.4e-12",
 }
 """A line of the output of each script of the gallery."""
@@ -35,6 +36,7 @@ ALONE = (
     "camera_rig",
     "gallery_8_gtsam",
     "gallery_9_parts",
+    "gallery_trackers",
     "gallery_two_faces",
     "industry_block",
     "make_industry_block",

@@ -89,7 +89,8 @@ def generators(equations: Equations, state: State, about: About | None = None) -
         record = UNKNOWNS[kind]
         on = np.flatnonzero(table.offset >= 0)
         if record.motions is not None and len(on):
-            moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
+            these = replace(motions, held=~table.free[on])
+            moved = record.motions(these, state[kind][on], places_of(equations, kind, on))
             for j in range(moved.shape[1]):
                 has = j < table.size[on]
                 g[table.offset[on[has]] + j] = moved[has, j]

@@ -24,6 +24,7 @@ from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
+from tests.networks.instruments import room_of
 from tests.networks.odometry import odometry
 from tests.networks.rigs import rig
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
@@ -284,6 +285,15 @@ def gyro_azimuths() -> fga.Network:
     return network
 
 
+def instruments(*which: str, constants: bool = False) -> Callable[[], fga.Network]:
+    """Instruments in a room, each in a frame of its own."""
+
+    def make() -> fga.Network:
+        return fga.adjust(room_of(3, which, points=6, held=4, constants=constants)).as_network()
+
+    return make
+
+
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "slope_distance": slope_distances,
     "horizontal_distance": horizontal_distances,
@@ -308,6 +318,9 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "photo_tilt": tilts_and_sights(o.PhotoTilt),
     "photo_sight": tilts_and_sights(o.PhotoSight),
     "gyro_azimuth": gyro_azimuths,
+    "frame_direction": instruments("theodolite", "levelled theodolite"),
+    "frame_zenith": instruments("theodolite", "on a pillar, tilted", "tracker"),
+    "frame_distance": instruments("levelled scanner", "tracker", constants=True),
     "correlated": correlated_directions,
     "mixed": mixed,
 }
