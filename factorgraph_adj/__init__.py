@@ -72,6 +72,8 @@ if TYPE_CHECKING:
     from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
+    from .triangulation.models import as_models
+    from .triangulation.relative import relative_model
     from .validate.preliminary.finding import Finding
     from .validate.preliminary.search import preliminary
     from .version import __version__
@@ -123,6 +125,7 @@ __all__ = [
     "adjust",
     "adjust_parts",
     "adjusted_lines",
+    "as_models",
     "build_graph",
     "causes",
     "check_points",
@@ -147,6 +150,7 @@ __all__ = [
     "register_lens",
     "register_observation",
     "register_unknown",
+    "relative_model",
     "reliability",
     "robust_adjust",
     "s_transform",
@@ -203,6 +207,7 @@ _MODULES = {
     "adjust": "parts.network",
     "adjust_parts": "parts.adjust",
     "adjusted_lines": "quality.lines",
+    "as_models": "triangulation.models",
     "build_graph": "graph.build",
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",
@@ -227,6 +232,7 @@ _MODULES = {
     "register_lens": "models.registry",
     "register_observation": "observations.registry",
     "register_unknown": "models.variables",
+    "relative_model": "triangulation.relative",
     "reliability": "quality.reliability",
     "robust_adjust": "quality.robust",
     "s_transform": "quality.datum_change",

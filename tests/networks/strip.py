@@ -79,3 +79,25 @@ def block_of_models(strip: Strip, models: tuple[Model, ...]) -> fga.Network:
             at = tuple(x.tolist())
             network.add(FrameCoordinate(frame, f"photo {name}", at, sigma=SIGMA_CENTRE))
     return network
+
+
+def network_of_photos(strip: Strip) -> fga.Network:
+    """Return the strip as photos, control held, check points with their known coordinates.
+
+    Poses start along the line of the control points' strip, points have no start values.
+    """
+    network = fga.Network("strip of photos")
+    network.add_camera("camera", NoDistortion(), {"c": PRINCIPAL_DISTANCE})
+    images: dict[str, dict[str, Array]] = {}
+    for pair in strip.pairs:
+        for name, (a, b) in pair.images.items():
+            images.setdefault(pair.left, {})[name] = a
+            images.setdefault(pair.right, {})[name] = b
+    for name in dict.fromkeys(n for found in images.values() for n in found):
+        at = strip.control.get(name)
+        check = strip.check.get(name)
+        network.add_point(name, at, fixed="" if at is None else "xyz", check=check)
+    for photo, found in images.items():
+        network.add_photo(photo, "camera")
+        network.add_image_points(photo, list(found), np.array([*found.values()]), sigma=SIGMA_IMAGE)
+    return network
