@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .observations.in_frames import FrameCoordinate
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
     from .observations.registry import ObservationKind, register_observation
+    from .observations.strips import StripCoordinate
     from .observations.terrestrial import (
         AstronomicLatitude,
         AstronomicLongitude,
@@ -117,6 +118,7 @@ __all__ = [
     "SlopeDistance",
     "Solution",
     "StandardDeviation",
+    "StripCoordinate",
     "TopocentricFrame",
     "UnknownKind",
     "VerticalAngle",
@@ -199,6 +201,7 @@ _MODULES = {
     "SlopeDistance": "observations.terrestrial",
     "Solution": "solve.solution",
     "StandardDeviation": "stochastic",
+    "StripCoordinate": "observations.strips",
     "TopocentricFrame": "frames",
     "UnknownKind": "models.variables",
     "VerticalAngle": "observations.terrestrial",

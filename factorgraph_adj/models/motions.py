@@ -191,3 +191,14 @@ def of_levels(motions: Motions, values: Array, at: Index) -> Array:
     out[:, 0, :3] = up
     out[:, 0, 6] = (values[:, 0] - height) / motions.size
     return out
+
+
+def of_polynomials(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of strip polynomials, whose constants follow a shift of the object.
+
+    The other motions change coordinates of strips that a polynomial does not know of.
+    """
+    out = np.zeros((len(values), values.shape[1], 7))
+    constants = min(3, values.shape[1])
+    out[:, :constants, :3] = np.eye(3)[:constants]
+    return out

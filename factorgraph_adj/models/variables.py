@@ -25,6 +25,8 @@ from ..rotation import exp_rotation, log_rotation
 from ..types import Array, Index, Mask
 from . import motions
 from .base import within
+from .deformation import DEFORMATIONS
+from .strip import COEFFICIENTS
 
 VariableKind: TypeAlias = str
 """Name of a kind of unknowns: a key of `UNKNOWNS`."""
@@ -433,6 +435,27 @@ _BUILT_IN: Sequence[UnknownKind] = (
         connects=True,
         late=1,
         table=UnknownTable("levels"),
+    ),
+    UnknownKind(
+        "polynomial",
+        "strip polynomial",
+        "y",
+        tuple(Component(name, "length") for name in COEFFICIENTS),
+        short="strip",
+        variable_size=True,
+        motions=motions.of_polynomials,
+        late=2,
+        table=UnknownTable("polynomials", held_unless_free=True),
+    ),
+    UnknownKind(
+        "model_deformation",
+        "model deformation",
+        "h",
+        tuple(Component(name, "length") for name in DEFORMATIONS),
+        late=2,
+        table=UnknownTable("model_deformations", held_unless_free=True),
+        default=(0.0,) * len(DEFORMATIONS),
+        additional=True,
     ),
 )
 for _kind in _BUILT_IN:

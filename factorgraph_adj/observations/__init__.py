@@ -18,6 +18,7 @@ from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from .registry import KINDS, ObservationKind, Unit, observation_kind, register_observation
+from .strips import StripCoordinate
 from .terrestrial import (
     AstronomicLatitude,
     AstronomicLongitude,
@@ -59,6 +60,7 @@ __all__ = [
     "Sight",
     "SlopeDistance",
     "StandardDeviation",
+    "StripCoordinate",
     "Unit",
     "VerticalAngle",
     "Weight",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..models import position, sub_frame, terrestrial
+from . import records_models
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
@@ -129,7 +130,13 @@ _BUILT_IN: Sequence[ObservationKind] = (
         fixes="coordinates",
     ),
     ObservationKind(ImagePoint, _RAY, None, unit="image"),
-    ObservationKind(FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate),
+    ObservationKind(
+        FrameCoordinate,
+        (*_IN_FRAME, ("model_deformation", "deformation")),
+        sub_frame.frame_coordinate,
+        ("base",),
+    ),
+    *records_models.RECORDS,
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)

@@ -240,9 +240,9 @@ def _effects(solution: Solution, unit: Network, photos: tuple[str, ...]) -> Arra
             weighted = part[on] / block.sigma[on][:, :, None]
             np.add.at(design, (rows[on][:, :, None], columns[:, None, :]), weighted)
     free = unknowns.free
-    on = design[:, free]
-    scale = np.linalg.norm(on, axis=0)
-    left, upper = np.linalg.qr(on / scale)
+    active = design[:, free]
+    scale = np.linalg.norm(active, axis=0)
+    left, upper = np.linalg.qr(active / scale)
     by_rays = np.zeros((unknowns.n_columns, len(design)))
     by_rays[free] = solve_triangular(upper, left.T) / scale[:, None]
     taken: list[Array] = []

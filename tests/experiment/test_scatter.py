@@ -24,6 +24,8 @@ from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
+from tests.networks.bent_strips import bent_strips
+from tests.networks.deformed_models import deformed_block
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
 from tests.networks.small_block import plan as mixed
 from tests.networks.three_frames import three_frames
@@ -235,6 +237,8 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "photo_position": photos(positions=True),
     "image": photos(),
     "frame_coordinate": frames,
+    "frame_coordinate, deformed": deformed_block,
+    "strip_coordinate": bent_strips,
     "correlated": correlated_directions,
     "mixed": mixed,
 }
