@@ -84,6 +84,10 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
         out["face"] = int(rng.integers(1, 3))
         error = "index_error" if kind == "zenith_angle" else "collimation_error"
         out |= {error: "#5"} if rng.random() < 0.5 else {}
+    if "strip" in have:
+        out |= {"strip": next(free), "along": number(rng), "across": number(rng)}
+    if "deformation" in have and rng.random() < 0.5:
+        out |= {"deformation": next(free), "base": abs(number(rng))}
     if "length_km" in have:
         out["length_km"] = abs(number(rng))
     if "lever_arm" in have:

@@ -172,6 +172,8 @@ def any_observation(draw):
     arguments = dict(zip(have, chosen, strict=True))
     if kind == "frame_coordinate":
         arguments = {"point": None, "frame": draw(NAME)} | arguments
+    if "strip" in names:
+        arguments |= {"strip": draw(NAME), "along": draw(VALUE), "across": draw(VALUE)}
     for height in ("instrument_height", "target_height", "target2_height"):
         if height in names:
             arguments[height] = draw(VALUE)

@@ -76,6 +76,8 @@ def everything(frame_name: str) -> Network:
     n.set_distance_meter("tape", sigma_scale=1 / 3e6)
     n.add_frame("model, 1", free=("rx", "ry", "rz", "x", "y", "z"), sigma={"ln_scale": 1e-5 / 3})
     n.add_frame("tripod", free=["rz"], sigma={"rx": 1e-5, "ry": 2e-5}, origin="A", level=True)
+    n.set_polynomial("strip, 1", plan=3, values={"a2": 1 / 3, "z_x": -1e-3}, sigma={"z_xxy": 0.1})
+    n.set_model_deformation("film ü", free=["x_xy"], sigma={"affinity": 1 / 3}, values={"y": 0.1})
     n.add_frame("wall", free=["rz", "x"], values={"rz": -1 / 3, "z": 0.1}, origin=(1 / 3, 2, 3e6))
     per_part = StandardDeviation(0.002, ppm=2.0, centring_target=0.001)
     turned = StandardDeviation(1e-5, centring_instrument=0.001, centring_target=0.002)
@@ -102,6 +104,13 @@ def everything(frame_name: str) -> Network:
         o.FrameCoordinate("model, 1", None, (1, 1 / 3), axes="zx", photo="f1", sigma=(0.1, 0.2)),
         o.FrameCoordinate("tripod", '"D"', (1, 2, 1 / 3), sigma=(1e-3, 2e-3, 3e-3)),
         o.FrameCoordinate("wall", "#C", (1 / 3,), axes="x", sigma=(1e-3,)),
+        o.FrameCoordinate(
+            "wall", "#C", (1 / 3,), axes="y", sigma=(1e-3,), deformation="film ü", base=1 / 3
+        ),
+        o.StripCoordinate("strip, 1", "A", (1, 1 / 3, 2), along=1 / 3, across=-2, sigma=(1, 2, 3)),
+        o.StripCoordinate(
+            "strip, 1", "B, 2", (1, 1 / 3), axes="yx", along=0, across=1, covariance=np.diag([1, 2])
+        ),
         o.PhotoPosition("f1", (1, 2, 3.0), sigma=(0.01, 0.02, 0.03), lever_arm=(0.1, 0, -0.2)),
     )
     if not local:
