@@ -15,7 +15,7 @@ from tests.support.places import data_dir
 
 
 def models(
-    relief: float, *, tilt: float = 0.0, centres: bool = False, seed: int = 1
+    relief: float, *, tilt: float = 0.0, centres: bool = False, every: int = 2, seed: int = 1
 ) -> fga.Network:
     """Return four measured models of 1 km with uncorrelated coordinates.
 
