@@ -15,8 +15,9 @@ nearer than ``least_radius`` are left out.
 | ``isocentre`` | on flat ground exactly |
 | ``principal`` | up to t²/4 on flat ground; relief Δh adds (Δh / H) (c t / r) sin α |
 
-The station in plan is the place on the ground that the radial centre shows. t is the tilt, α the angle from the principal line. For all but the last the tilts of the photos
-must be known: those of the poses are taken.
+The station in plan is the place on the ground that the radial centre shows. t is the tilt, α the
+angle from the principal line. For all but the last the tilts of the photos must be known: those of
+the poses are taken.
 """
 
 from __future__ import annotations
