@@ -18,7 +18,7 @@ from ..simulation.generate.patterns import corners
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..triangulation.alternate import an_block, plan_height
-from ..triangulation.models import ModelBlock, as_models, pairs_of_strips
+from ..triangulation.models import ModelBlock, as_models, pairs_of_strips, photos_of_strips
 from ..triangulation.radial import radial_observations
 from ..triangulation.relative import RelativeModel, relative_model, start_values
 from ..triangulation.strips import LEAST_COMMON, as_strips, control_of, join_models
@@ -93,17 +93,6 @@ def triplets(network: Network) -> list[tuple[str, ...]]:
             starts.append(len(strip) - 3)
         found += [tuple(strip[i : i + 3]) for i in starts]
     return found
-
-
-def photos_of_strips(network: Network) -> list[list[str]]:
-    """Return the photos of each strip in order."""
-    strips: list[list[str]] = []
-    for a, b in pairs_of_strips(network):
-        if strips and strips[-1][-1] == a:
-            strips[-1].append(b)
-        else:
-            strips.append([a, b])
-    return strips
 
 
 def strips_of_models(network: Network) -> dict[str, list[RelativeModel]]:

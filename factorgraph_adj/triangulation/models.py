@@ -33,9 +33,10 @@ from ..network.entities import ImageTable
 from ..network.network import Network
 from ..network.selection import without
 from ..observations import Correlated, PhotoPosition
+from ..rotation import log_rotation
 from ..shown import Rows, Shown
 from ..types import Array
-from .relative import LEAST_POINTS, RelativeModel, relative_model, start_values
+from .relative import FACING_DOWN, LEAST_POINTS, RelativeModel, relative_model, start_values
 
 SEVEN = UNKNOWNS["frame"].names()
 """Components of a frame, all of which are free for a model."""
@@ -82,6 +83,17 @@ def pairs_of_strips(network: Network) -> tuple[tuple[str, str], ...]:
     return tuple((named[i], named[j]) for i, j in both if len(seen[i] & seen[j]) >= LEAST_SHARED)
 
 
+def photos_of_strips(network: Network) -> list[list[str]]:
+    """Return the photos of each strip in order."""
+    strips: list[list[str]] = []
+    for a, b in pairs_of_strips(network):
+        if strips and strips[-1][-1] == a:
+            strips[-1].append(b)
+        else:
+            strips.append([a, b])
+    return strips
+
+
 def as_models(
     network: Network,
     units: Sequence[Sequence[str]] | None = None,
@@ -119,12 +131,22 @@ def as_models(
             raise InputError(Problem("two units have the same photos", f"model {m.name!r}"))
         known = np.array([place[p] for p in m.points])
         middle = np.nanmean(known, axis=0)
-        out.add_frame(m.name, free=SEVEN, origin=middle.tolist())
+        first = state["pose"][network.photo_number[m.photos[0]]]
+        values = _start(first, middle)
+        out.add_frame(m.name, free=SEVEN, values=values, origin=middle.tolist())
     if joint:
         out.add(_joint(models, centres=centres))
     else:
         out.add(*(m.observations(centres=centres) for m in models))
     return ModelBlock(out, models)
+
+
+def _start(pose: Array, origin: Array) -> dict[str, float]:
+    """Return components of the frame of a model whose first photo has an approximate pose (12,)."""
+    rotation = pose[:9].reshape(3, 3) @ FACING_DOWN.T
+    turn = log_rotation(rotation[None])[0]
+    offset = (pose[9:] - origin) @ rotation
+    return dict(zip(SEVEN, (*turn.tolist(), *offset.tolist(), 0.0), strict=True))
 
 
 def _without_rays(

@@ -64,7 +64,7 @@ def test_counts_are_those_of_the_methods(table: Table3) -> None:
     assert table.of(25).outcome.u == 6 * photos + 3 * len(table.of(25).outcome.errors)
 
 
-@pytest.mark.slow(reason="all methods that can be run, those in turn included, and the command")
+@pytest.mark.slow("all methods that can be run, those in turn included, and the command")
 def test_the_whole_table_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 0
     said = capsys.readouterr().out
