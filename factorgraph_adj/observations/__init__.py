@@ -11,9 +11,19 @@ photos, cameras and other unknowns, to which observations refer by name.
 
 from ..network.entities import Camera, Parameter, Photo, Point
 from ..stochastic import StandardDeviation
+from .airborne import (
+    AntennaVector,
+    NavigationAttitude,
+    PhotoAngle,
+    PhotoAttitude,
+    PhotoBase,
+    PhotoRange,
+)
 from .base import Observation, Sight
 from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
+from .far_directions import GyroAzimuth, PhotoSight, PhotoTilt
+from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
@@ -31,11 +41,13 @@ from .terrestrial import (
     VerticalAngle,
     ZenithAngle,
 )
+from .vertical import LevelHeight, ProfileHeight
 from .weights import Weight
 
 __all__ = [
     "BUILT_IN",
     "KINDS",
+    "AntennaVector",
     "AnyObservation",
     "AstronomicLatitude",
     "AstronomicLongitude",
@@ -45,18 +57,31 @@ __all__ = [
     "Correlated",
     "Direction",
     "FrameCoordinate",
+    "FrameDirection",
+    "FrameDistance",
+    "FrameZenith",
     "GnssPosition",
     "GnssVector",
+    "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
     "ImagePoint",
+    "LevelHeight",
+    "NavigationAttitude",
     "Observation",
     "ObservationKind",
     "Parameter",
     "Photo",
+    "PhotoAngle",
+    "PhotoAttitude",
+    "PhotoBase",
     "PhotoPosition",
+    "PhotoRange",
+    "PhotoSight",
+    "PhotoTilt",
     "Point",
+    "ProfileHeight",
     "Sight",
     "SlopeDistance",
     "StandardDeviation",

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..models import position, sub_frame, terrestrial
-from . import records_models
+from . import records_flight, records_models, records_vertical
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
-from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
+from .positions import ControlPoint, GnssPosition, GnssVector
+from .records_instruments import RECORDS as _INSTRUMENTS
 from .registry import KINDS, ObservationKind, register_observation
 from .terrestrial import (
     AstronomicLatitude,
@@ -122,21 +123,19 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(GnssVector, _SIGHT, position.gnss_vector, _HEIGHTS, linear=True),
     ObservationKind(GnssPosition, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
     ObservationKind(ControlPoint, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
-    ObservationKind(
-        PhotoPosition,
-        (("pose", "photo"),),
-        position.photo_position,
-        ("lever_arm",),
-        fixes="coordinates",
-    ),
+    records_flight.POSITION,
     ObservationKind(ImagePoint, _RAY, None, unit="image"),
     ObservationKind(
         FrameCoordinate,
         (*_IN_FRAME, ("model_deformation", "deformation")),
         sub_frame.frame_coordinate,
         ("base",),
+        tells="coordinates",
     ),
+    *_INSTRUMENTS,
+    *records_flight.RECORDS,
     *records_models.RECORDS,
+    *records_vertical.RECORDS,
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)
