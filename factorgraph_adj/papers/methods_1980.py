@@ -18,6 +18,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
+from typing import Literal
 
 import numpy as np
 
@@ -32,6 +33,13 @@ from .methods_1980_run import Method, Outcome
 GRAPHICAL = "graphical or mechanical; its equations are those of 16"
 INSTRUMENT = "instrumental: errors are prorated in the plotter; as an adjustment it is 8"
 
+NEEDED = {
+    "terrestrial": "distances and azimuths",
+    "statoscope": "statoscope",
+    "tilts": "measured tilts",
+}
+"""Names of parts of a block."""
+
 
 @dataclass(frozen=True)
 class Row:
@@ -45,8 +53,8 @@ class Row:
     """How it is run; None: it is not."""
     reason: str = ""
     """Why it is not run."""
-    terrestrial: bool = False
-    """Whether it needs distances and azimuths."""
+    needs: Literal["", "terrestrial", "statoscope", "tilts"] = ""
+    """Part of the block that it needs beside photos and control."""
 
 
 METHODS: tuple[Row, ...] = (
@@ -58,25 +66,35 @@ METHODS: tuple[Row, ...] = (
     Row(6, "multiple projectors", None, INSTRUMENT),
     Row(7, "two projectors", None, INSTRUMENT),
     Row(8, "aeropolygon", run.joined_strips),
-    Row(9, "aerolevelling", None, "needs heights of photos from a statoscope: photo_height"),
-    Row(10, "models, geodetic control", run.geodetic_control, terrestrial=True),
+    Row(
+        9,
+        "aerolevelling, heights in corners",
+        lambda b: run.aerolevelled(b.plotter, b, practice=True),
+        needs="statoscope",
+    ),
+    Row(10, "models, geodetic control", run.geodetic_control, needs="terrestrial"),
     Row(11, "models, polynomials", lambda b: run.bent_strips(b.plotter, b)),
     Row(12, "models, plan and height", lambda b: run.in_turn(b.plotter, b)),
     Row(13, "models, an-block", run.models_in_plan),
-    Row(14, "models, auxiliary data", None, "needs tilts of photos: photo_attitude"),
+    Row(14, "models, tilts, heights in corners", run.tilted, needs="tilts"),
     Row(15, "semi-analytical bundle", run.pseudo_images),
     Row(16, "numerical radial", run.radial),
     Row(
         17,
         "bundle, geodetic control",
         partial(run.bundle, terrestrial=True, control="one"),
-        terrestrial=True,
+        needs="terrestrial",
     ),
     Row(18, "IMT, polynomials", lambda b: run.bent_strips(b.network, b)),
     Row(19, "IMT, plan and height", lambda b: run.in_turn(b.network, b)),
     Row(20, "IMT, collocation", None, "needs collocation of residuals at control"),
     Row(21, "IMT, triplets", lambda b: run.simultaneous(b, run.triplets(b.network))),
-    Row(22, "IMT, auxiliary data", None, "needs statoscope, APR or a lake: photo_height, level"),
+    Row(
+        22,
+        "IMT, statoscope, heights in corners",
+        lambda b: run.aerolevelled(b.network, b, practice=False),
+        needs="statoscope",
+    ),
     Row(23, "IMT, additional parameters", partial(run.simultaneous, deformed=True)),
     Row(24, "IMT, simultaneous", run.simultaneous),
     Row(25, "bundle", run.bundle),
@@ -84,7 +102,7 @@ METHODS: tuple[Row, ...] = (
         26,
         "SAPGO, plan of corners held",
         partial(run.bundle, terrestrial=True, control="corners"),
-        terrestrial=True,
+        needs="terrestrial",
     ),
     Row(27, "bundle, collocation", None, "needs a covariance of image errors from a kernel"),
     Row(28, "bundle, additional parameters", partial(run.bundle, lens="ebner")),
@@ -182,8 +200,8 @@ def run_methods(
 def _ran(row: Row, block: MethodBlock) -> Ran:
     if row.method is None:
         return Ran(row, None, reason=row.reason)
-    if row.terrestrial and not block.terrestrial:
-        return Ran(row, None, reason="the block has no distances and azimuths")
+    if row.needs and not getattr(block, row.needs):
+        return Ran(row, None, reason=f"the block has no {NEEDED[row.needs]}")
     begin = perf_counter()
     try:
         found = row.method(block)

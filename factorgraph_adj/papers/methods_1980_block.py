@@ -8,15 +8,16 @@ some of the methods can take out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..models.lens import NoDistortion
 from ..models.orthogonal_lens import EbnerLens
 from ..network.network import Network
-from ..observations import Azimuth, Observation, SlopeDistance
-from ..rotation import world_R_camera
+from ..observations import Azimuth, Observation, ProfileHeight, SlopeDistance
+from ..rotation import exp_rotation, world_R_camera
 from ..simulation.simulate import Seed, disturb, measure
 from ..types import Array, Index
 
@@ -40,6 +41,8 @@ SYSTEMATIC = 0.008
 """Largest systematic error of each term, mm."""
 SIGMA_DISTANCE, SIGMA_AZIMUTH = 0.02, 5e-5
 """Standard deviations of distances, metres, and of azimuths, radians."""
+SIGMA_STATOSCOPE, SIGMA_TILT = 0.5, 2e-4
+"""Standard deviations of statoscope readings, metres, and of tilts of photos, radians."""
 CAMERA = "camera"
 
 
@@ -53,6 +56,10 @@ class MethodBlock:
     """The same photos as a stereoplotter measures them."""
     terrestrial: tuple[Observation, ...] = ()
     """Distances and azimuths between control points."""
+    statoscope: tuple[ProfileHeight, ...] = ()
+    """Heights of photos from a statoscope, a profile for each strip."""
+    tilts: Mapping[str, Array] = field(default_factory=dict)
+    """Attitudes (3, 3), world_R_camera, by photo, of which the tilts were measured."""
     image_base: float = IMAGE_BASE
     """Image base of the Ebner model, image units."""
 
@@ -81,7 +88,29 @@ def simulated_block(seed: Seed = 1980) -> MethodBlock:
         told.add(Azimuth(f"P{a}", f"P{b}", 0.0, sigma=SIGMA_AZIMUTH))
     terrestrial = tuple(measure(told, seed=seed).observations.values())
     read = [_read(plan, sigma, seed + k) for k, sigma in enumerate((COMPARATOR, PLOTTER))]
-    return MethodBlock(read[0], read[1], terrestrial)
+    return MethodBlock(read[0], read[1], terrestrial, *_flown(plan, seed))
+
+
+def _flown(plan: Network, seed: Seed) -> tuple[tuple[ProfileHeight, ...], dict[str, Array]]:
+    """Return what a statoscope and a horizon camera measure: heights by strip, and attitudes."""
+    rng = np.random.default_rng([seed, 14])
+    surface = rng.normal(0.0, [20.0, 2.0], (STRIPS, 2))
+    heights, tilts = [], {}
+    for name, photo in plan.photos.items():
+        strip, k = (int(n) for n in name.split("."))
+        t = float(k - (PHOTOS + 1) / 2)
+        assert photo.position is not None
+        assert photo.rotation is not None
+        a, b = surface[strip - 1]
+        value = photo.position[2] - a - b * t + rng.normal(0.0, SIGMA_STATOSCOPE)
+        heights.append(
+            ProfileHeight(
+                None, float(value), photo=name, sigma=SIGMA_STATOSCOPE, profile=f"{strip}", t=t
+            )
+        )
+        turn = np.array([[*rng.normal(0.0, SIGMA_TILT, 2), 0.0]])
+        tilts[name] = photo.rotation @ exp_rotation(turn)[0]
+    return tuple(heights), tilts
 
 
 def _photos(ground: Array, rng: np.random.Generator) -> tuple[Network, Array]:

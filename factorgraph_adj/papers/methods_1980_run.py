@@ -14,16 +14,17 @@ from ..models.lens import BrownLens, NoDistortion
 from ..models.orthogonal_lens import EbnerLens
 from ..network.network import Network
 from ..observations import FrameCoordinate
+from ..rotation import log_rotation
 from ..simulation.generate.patterns import corners
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..triangulation.alternate import an_block, plan_height
 from ..triangulation.models import ModelBlock, as_models, pairs_of_strips, photos_of_strips
 from ..triangulation.radial import radial_observations
-from ..triangulation.relative import RelativeModel, relative_model, start_values
+from ..triangulation.relative import FACING_DOWN, RelativeModel, relative_model, start_values
 from ..triangulation.strips import LEAST_COMMON, as_strips, control_of, join_models
 from ..types import Array
-from .methods_1980_block import MethodBlock
+from .methods_1980_block import SIGMA_TILT, MethodBlock
 
 ROUNDS = 5
 """Rounds of plan and height: practice had three to five."""
@@ -183,31 +184,60 @@ def geodetic_control(block: MethodBlock) -> Outcome:
     return outcome(adjust(models), block)
 
 
+def aerolevelled(network: Network, block: MethodBlock, *, practice: bool) -> Outcome:
+    """9, 22: models with heights of photos from a statoscope, height control in the corners."""
+    models = as_models(with_corners(network, axes="z"))
+    out = uncorrelated(models) if practice else models.network
+    for o in block.statoscope:
+        if o.profile is not None and o.profile not in out.profiles:
+            out.set_profile(o.profile, free=("height", "height_t"))
+    out.add(*(o for o in block.statoscope if o.photo in out.photos))
+    return outcome(adjust(out), block)
+
+
+def tilted(block: MethodBlock) -> Outcome:
+    """14: models whose tilts are those measured of their first photos; control as 9."""
+    models = as_models(with_corners(block.plotter, axes="z"))
+    out = uncorrelated(models)
+    for m in models.models:
+        rotation = block.tilts[m.photos[0]] @ FACING_DOWN.T
+        turn = log_rotation(rotation[None])[0].tolist()
+        given = out.frames[m.name]
+        sigma = (SIGMA_TILT, SIGMA_TILT, *given.sigma[2:])
+        out.of_kind("frame")[m.name] = replace(
+            given, values=(*turn, *given.values[3:]), sigma=sigma
+        )
+    return outcome(adjust(out), block)
+
+
 def without_plan(network: Network) -> Network:
     """Return the block with one control point in plan, that with most rays; heights are held."""
     _, point, *_ = network.images.columns()
     rays = np.bincount(point, minlength=len(network.points))
     control = [n for n, p in network.points.items() if all(p.fixed)]
     kept = max(control, key=lambda n: int(rays[network.point_number[n]]))
-    return _freed_in_plan(network, [n for n in control if n != kept])
+    return _freed(network, [n for n in control if n != kept], "xy")
 
 
-def _freed_in_plan(network: Network, names: Sequence[str]) -> Network:
-    """Return the block with some control points in height alone."""
+def _freed(network: Network, names: Sequence[str], axes: str) -> Network:
+    """Return the block with some axes of some control points free."""
     out = network.copy()
     for n in names:
         p = out.points[n]
-        x, y, _ = p.coordinates
-        out.points[n] = replace(p, fixed=(False, False, True), check=(x, y, np.nan))
+        held = [f and a not in axes for f, a in zip(p.fixed, "xyz", strict=True)]
+        check = [x if a in axes else np.nan for x, a in zip(p.coordinates, "xyz", strict=True)]
+        out.points[n] = replace(
+            p, fixed=(held[0], held[1], held[2]), check=(check[0], check[1], check[2])
+        )
     return out
 
 
-def with_corners(network: Network) -> Network:
-    """Return the block with control in plan in its corners alone; heights are held."""
+def with_corners(network: Network, *, axes: str = "xy") -> Network:
+    """Return the block with control of some axes in its corners alone; others are held."""
     control = [n for n, p in network.points.items() if all(p.fixed)]
     xy = np.array([network.points[n].coordinates[:2] for n in control])
     kept = {control[i] for i in corners(xy)}
-    return _freed_in_plan(network, [n for n in control if n not in kept])
+    return _freed(network, [n for n in control if n not in kept], axes)
 
 
 def simultaneous(

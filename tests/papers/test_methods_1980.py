@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import factorgraph_adj as fga
 from factorgraph_adj.papers.methods_1980 import METHODS, REPORTED, Table3, main, run_methods
 from factorgraph_adj.papers.methods_1980_block import MethodBlock, simulated_block
+from factorgraph_adj.papers.methods_1980_run import outcome, uncorrelated, with_corners
+from factorgraph_adj.triangulation.models import as_models
 from tests.loaders.tsaiyoung import read_strip
 from tests.networks.strip import network_of_photos
 from tests.support.places import data_dir
 
-QUICK = (5, 8, 11, 13, 15, 16, 17, 18, 23, 24, 25, 28, 29)
+QUICK = (5, 8, 9, 11, 13, 14, 15, 16, 17, 18, 23, 24, 25, 28, 29)
 """Methods that take a second or less each."""
 
 
@@ -53,6 +56,15 @@ def test_methods_in_plan_say_nothing_of_heights(table: Table3) -> None:
     assert plan(table, 16) < 4 * plan(table, 25)
 
 
+def test_auxiliary_data_hold_heights_where_control_is_in_the_corners_alone(table: Table3) -> None:
+    """Heights by models alone have 1.42 m; a statoscope helps little, measured tilts much."""
+    bare = as_models(with_corners(simulated_block().plotter, axes="z"))
+    found = outcome(fga.adjust(uncorrelated(bare)), simulated_block())
+    alone = float(np.sqrt(np.mean(found.errors[:, 2] ** 2)))
+    assert table.of(9).rms[2] < alone
+    assert table.of(14).rms[2] < 0.5 * alone
+
+
 def test_counts_are_those_of_the_methods(table: Table3) -> None:
     """Seven unknowns a model, four in plan, six a photo, ten coefficients a strip."""
     block = simulated_block().network
@@ -69,7 +81,7 @@ def test_the_whole_table_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 0
     said = capsys.readouterr().out
     assert "28  bundle, additional parameters" in said
-    assert "9 aerolevelling: needs heights of photos" in " ".join(said.split())
+    assert "20 IMT, collocation: needs collocation" in " ".join(said.split())
 
 
 @pytest.mark.published
