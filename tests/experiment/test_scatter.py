@@ -24,6 +24,8 @@ from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
+from tests.networks.bent_strips import bent_strips
+from tests.networks.deformed_models import deformed_block
 from tests.networks.instruments import room_of
 from tests.networks.odometry import odometry
 from tests.networks.rigs import rig
@@ -313,6 +315,8 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "frame_coordinate": frames,
     "relative_rotation": rigs,
     "relative_position": lambda: odometry(6, scale=0.05),
+    "frame_coordinate, deformed": deformed_block,
+    "strip_coordinate": bent_strips,
     "profile_height": profile_heights,
     "level_height": level_heights,
     "photo_tilt": tilts_and_sights(o.PhotoTilt),
