@@ -234,3 +234,16 @@ def test_a_model_point_with_a_detectable_error_is_found_as_often_as_predicted() 
         found += abs(tested.w[row]) > tested.critical_w
     # σ of a frequency of 0.8 in 80 trials is 0.045.
     assert found / trials == pytest.approx(0.8, abs=3.3 * 0.045)
+
+
+def test_points_on_a_line_orient_no_photos() -> None:
+    """Below the line of flight rays say nothing of the roll of the photos: it is named."""
+    plan = strip_plan(2, overlap=0.6, rows=5)
+    for name, p in list(plan.points.items()):
+        x, _, _ = p.coordinates
+        plan.points[name] = replace(p, coordinates=(x, 0.0, 0.0), fixed=(False,) * 3)
+    for f in plan.photos.values():
+        x, _, z = f.position
+        plan.photos[f.name] = replace(f, position=(x, 0.0, z), rotation=np.diag([1.0, -1.0, -1.0]))
+    with pytest.raises((fga.DatumError, fga.AdjustmentError)):
+        relative_model(measure(plan, seed=0, noise=False), ("0", "1"))

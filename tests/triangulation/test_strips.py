@@ -270,3 +270,26 @@ def test_strips_that_cannot_be_joined_are_named() -> None:
     with pytest.raises(fga.InputError, match="fix no similarity"):
         fitted_similarity(np.eye(3)[:2], np.eye(3)[:2], "it")
     assert sum(map(len, HEIGHT_TERMS)) == 12  # as Schut's
+
+
+def test_plans_components_protocols_and_plots_take_strips() -> None:
+    pytest.importorskip("matplotlib")
+    from factorgraph_adj.report.plots import plot_network, plot_redundancy
+
+    plan = bent_strips()
+    network = measure(plan, seed=3)
+    solution = fga.adjust(network)
+    planned = fga.plan(plan)
+    np.testing.assert_allclose(
+        planned.solution.unknown("polynomial", "north").sigmas,
+        solution.unknown("polynomial", "north").sigmas,
+        rtol=1e-9,
+    )
+    said = fga.protocol(solution)
+    assert "strip coordinate" in said
+    assert "strip north" in said
+    assert "z_xx" in said
+    found = fga.estimate_variance_components(network)
+    assert found.converged
+    for figure in (plot_network(solution), plot_redundancy(fga.reliability(solution))):
+        assert figure.axes
