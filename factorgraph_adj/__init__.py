@@ -28,6 +28,14 @@ if TYPE_CHECKING:
     from .network.entities import Camera, Parameter, Photo, Point
     from .network.network import Network
     from .network.selection import without
+    from .observations.airborne import (
+        AntennaVector,
+        NavigationAttitude,
+        PhotoAngle,
+        PhotoAttitude,
+        PhotoBase,
+        PhotoRange,
+    )
     from .observations.base import Observation
     from .observations.correlated import Correlated
     from .observations.far_directions import GyroAzimuth, PhotoSight, PhotoTilt
@@ -80,6 +88,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AdjustmentError",
+    "AntennaVector",
     "ApproximationError",
     "AstronomicLatitude",
     "AstronomicLongitude",
@@ -105,6 +114,7 @@ __all__ = [
     "InputError",
     "LevelHeight",
     "LocalFrame",
+    "NavigationAttitude",
     "Network",
     "Observation",
     "ObservationKind",
@@ -112,7 +122,11 @@ __all__ = [
     "Part",
     "PartsSolution",
     "Photo",
+    "PhotoAngle",
+    "PhotoAttitude",
+    "PhotoBase",
     "PhotoPosition",
+    "PhotoRange",
     "PhotoSight",
     "PhotoTilt",
     "Point",
@@ -178,6 +192,12 @@ _MODULES = {
     "FaceReading": "field.readings",
     "Finding": "validate.preliminary.finding",
     "FrameCoordinate": "observations.in_frames",
+    "AntennaVector": "observations.airborne",
+    "NavigationAttitude": "observations.airborne",
+    "PhotoAngle": "observations.airborne",
+    "PhotoAttitude": "observations.airborne",
+    "PhotoBase": "observations.airborne",
+    "PhotoRange": "observations.airborne",
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",
     "GnssVector": "observations.positions",

@@ -33,7 +33,7 @@ def _above_level(block: Block, levels: Array) -> Array:
 
 def _above_profile(block: Block, profiles: Array) -> Array:
     """Return the reading in metres of height, and what the surface rises along the profile."""
-    own, t = np.nan_to_num(profiles[block.variables[-1][1]]), block.constants["t"]
+    own, t = np.nan_to_num(profiles[block.variables[-1][1]]), block.constants["time"]
     return np.asarray(block.observed[:, 0] / (1.0 + own[:, 3]) + own[:, 1] * t + own[:, 2] * t**2)
 
 

@@ -30,6 +30,7 @@ from factorgraph_adj.io.write_project import write_project
 from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
+from factorgraph_adj.observations.airborne import ABOUT, ANGLES
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.stochastic import COMBINATIONS, StandardDeviation
 from tests.networks.every_kind import FRAMES as EVERY_FRAME
@@ -77,12 +78,19 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     if either:
         del have[str(rng.choice(["point", "photo"]))]
     free = iter(rng.permutation(["1", "B, 2", "#C", '"D" ü', " E ", "7.50"]).tolist())
-    names = ("station", "target", "target2", "point", "photo", "instrument", "refraction", "set")
-    out = {n: next(free) for n in names[:5] if n in have}
+    names = ("station", "target", "target2", "point", "photo", "photo2")
+    out = {n: next(free) for n in names if n in have}
     out |= {"point": out.get("point")} if either else {}
+    texts = ("instrument", "refraction", "set", "mount", "drift")
+    texts = tuple(n for n in texts if n != "mount" or out.get("photo"))  # no point has a mount
+    out |= {n: str(rng.integers(9)) for n in texts if n in have and rng.random() < 0.5}
+    choices = {"angle": ANGLES, "about": ABOUT}
+    out |= {n: str(rng.choice(valid)) for n, valid in choices.items() if n in have}
     needed = (*KINDS[kind].texts, *KINDS[kind].frames)
     out |= {n: next(free) for n in needed if n not in KINDS[kind].optional}
-    out |= {n: str(rng.integers(9)) for n in names[5:] if n in have and rng.random() < 0.5}
+    out |= {"time": number(rng)} if "time" in have else {}
+    if "shutter" in have and rng.random() < 0.5:
+        out |= {"shutter": "s", "velocity": tuple(number(rng) for _ in range(3))}
     out |= {n: number(rng) for n in have if n.endswith("_height") and rng.random() < 0.5}
     if "face" in have:
         out["face"] = int(rng.integers(1, 3))
@@ -93,7 +101,7 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     for name in vectors_of(kind):
         vector = np.array([number(rng) for _ in range(3)])
         unit = have[name].metadata.get("quantity") == "number"
-        if name != "lever_arm" or "photo" in out:
+        if name not in KINDS[kind].optional or (name == "lever_arm" and "photo" in out):
             out[name] = tuple((vector / np.linalg.norm(vector) if unit else vector).tolist())
     if "x" in have:
         out |= {"x": number(rng), "y": number(rng)}

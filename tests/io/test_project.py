@@ -27,6 +27,7 @@ from factorgraph_adj.models import lens
 from factorgraph_adj.models.registry import LENSES
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
+from factorgraph_adj.observations.airborne import ABOUT, ANGLES
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.stochastic import StandardDeviation
@@ -170,7 +171,7 @@ def any_observation(draw):
     either = {"point", "photo"} <= KINDS[kind].may_lack
     if either:
         names -= {draw(st.sampled_from(["point", "photo"]))}
-    have = [n for n in ("station", "target", "target2", "point", "photo") if n in names]
+    have = [n for n in ("station", "target", "target2", "point", "photo", "photo2") if n in names]
     chosen = draw(st.lists(NAME, min_size=len(have), max_size=len(have), unique=True))
     arguments = dict(zip(have, chosen, strict=True))
     arguments = ({"point": None} if either else {}) | arguments
@@ -178,6 +179,12 @@ def any_observation(draw):
     arguments |= {n: draw(NAME) for n in needed if n not in KINDS[kind].optional}
     needed = (n for n in vectors_of(kind) if n not in KINDS[kind].optional)
     arguments |= {n: draw(st.sampled_from(UNIT_VECTORS)) for n in needed}
+    if "lever_arm" in names and "photo" in arguments:
+        arguments["lever_arm"] = (draw(SIGMA), draw(VALUE), draw(VALUE))
+    if "angle" in names:
+        arguments["angle"] = draw(st.sampled_from(ANGLES))
+    if "about" in names:
+        arguments["about"] = draw(st.sampled_from(ABOUT))
     for height in ("instrument_height", "target_height", "target2_height"):
         if height in names:
             arguments[height] = draw(VALUE)
@@ -194,7 +201,7 @@ def any_observation(draw):
             arguments["covariance"] = np.diag([draw(SIGMA) for _ in axes])
         return cls(**arguments)
     arguments["value"] = draw(VALUE)
-    if kind.endswith("_distance"):
+    if cls.nonnegative:
         arguments["value"] = abs(arguments["value"])
     if kind == "zenith_angle":
         arguments["value"] = abs(arguments["value"]) % math.pi
@@ -220,7 +227,7 @@ def test_a_record_survives_json_as_numbers(found):
     units = UNITS["SI"]
     fields_of = record(found, units=units)
     texts = {"kind", "id", "station", "target", "target2", "point", "photo", "axes", "set", "unit"}
-    texts |= {"frame"}
+    texts |= {"frame", "photo2", "angle", "about"}
     as_numbers = {k: v if k in texts or not v else float(v) for k, v in fields_of.items()}
     line = json.loads(json.dumps(as_numbers))
     assert_same(found, observation(line, context=RecordContext(units)))

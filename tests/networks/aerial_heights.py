@@ -132,7 +132,7 @@ def _add_heights(network: fga.Network, aerial: Aerial, points: Array, used: list
                     0.0,
                     photo=name,
                     profile=f"strip {name[0]}",
-                    t=(photo.position[0] - middle) / KILOMETRE,
+                    time=(photo.position[0] - middle) / KILOMETRE,
                     lever_arm=CARRIED,
                     sigma=SIGMA_STATOSCOPE,
                     id=f"statoscope {name}",
@@ -154,7 +154,9 @@ def _add_heights(network: fga.Network, aerial: Aerial, points: Array, used: list
                 t = (points[i, 0] - middle) / KILOMETRE
                 name = f"recorder {i}"
                 network.add(
-                    o.ProfileHeight(f"P{i}", 0.0, profile="recorder", t=t, sigma=SIGMA_APR, id=name)
+                    o.ProfileHeight(
+                        f"P{i}", 0.0, profile="recorder", time=t, sigma=SIGMA_APR, id=name
+                    )
                 )
 
 

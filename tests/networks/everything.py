@@ -84,6 +84,10 @@ def everything(frame_name: str) -> Network:
     n.set_profile("8", free=("height", "height_tt"))
     n.set_gyro("gyro 1", sigma=1e-5, value=1 / 3e3)
     n.set_gyro("gyro 2")
+    n.set_mount("imu, 1", free=["rx", "z"], values={"ry": 1 / 3}, sigma={"x": 1 / 3})
+    n.set_drift("strip", free=["x", "z_t"], sigma={"y_tt": 1e-3 / 3})
+    n.set_attitude_drift("strip", free=["rx"], values={"rz_t": 1e-3 / 7}, sigma={"ry": 1e-4})
+    n.set_shutter("shutter", error=1 / 300, sigma=0.01)
     per_part = StandardDeviation(0.002, ppm=2.0, centring_target=0.001)
     turned = StandardDeviation(1e-5, centring_instrument=0.001, centring_target=0.002)
     n.add(
@@ -110,11 +114,33 @@ def everything(frame_name: str) -> Network:
         o.FrameCoordinate("tripod", '"D"', (1, 2, 1 / 3), sigma=(1e-3, 2e-3, 3e-3)),
         o.FrameCoordinate("wall", "#C", (1 / 3,), axes="x", sigma=(1e-3,)),
         o.PhotoPosition("f1", (1, 2, 3.0), sigma=(0.01, 0.02, 0.03), lever_arm=(0.1, 0, -0.2)),
+        o.PhotoPosition(
+            *("f2", (1 / 3, 2.0)),
+            axes="zx",
+            sigma=(0.01, 0.02),
+            mount="imu, 1",
+            drift="strip",
+            time=-1 / 3,
+            shutter="shutter",
+            velocity=(60.1, 0.0, -1 / 3),
+        ),
+        o.PhotoAttitude("f1", (0.1, 0.2, 1 / 3), sigma=(1e-5, 2e-5, 3e-5), about="angles"),
+        o.NavigationAttitude(
+            *("f2", (0.1, 0.2, 1 / 3)),
+            covariance=np.diag([1e-10, 2e-10, 3e-10]) + 1e-11,
+            mount="imu, 1",
+            drift="strip",
+            time=1 / 7,
+        ),
+        o.PhotoAngle("f1", -1 / 3, angle="pitch", sigma=1e-4 / 3, mount="imu, 1"),
+        o.PhotoRange("A", "f1", 33.3, sigma=0.1, instrument="EDM", lever_arm=(0.1, 0, 1 / 3)),
+        o.PhotoBase("f1", "f2", 1 / 3, sigma=0.1, mount="imu, 1"),
+        o.AntennaVector("f1", (1, 2, 1 / 3), sigma=(0.01, 0.01, 0.02), lever_arm=(1, 2, 0.1)),
     )
     seen = np.array((1 / 3, -2, -5)) / np.linalg.norm((1 / 3, -2, -5))
     n.add(
         o.ProfileHeight("A", 312.1, sigma=0.3),
-        o.ProfileHeight(None, 2512.1, photo="f1", sigma=0.3, profile="7", t=-1 / 3),
+        o.ProfileHeight(None, 2512.1, photo="f1", sigma=0.3, profile="7", time=-1 / 3),
         o.ProfileHeight(
             None, 1.0, photo="f2", sigma=0.3, profile="8", mount="clino", lever_arm=(0.1, 0, 1 / 3)
         ),

@@ -147,7 +147,7 @@ def one_strip(free: tuple[str, ...], *, third: bool = False) -> fga.Network:
         network.photos[name] = replace(network.photos[name], position=at)
         ident = f"statoscope {name}"
         network.observations[ident] = replace(
-            network.observations[ident], t=0.9 * (i - 2), lever_arm=(0.0, 0.0, 0.0)
+            network.observations[ident], time=0.9 * (i - 2), lever_arm=(0.0, 0.0, 0.0)
         )
     near = sorted(network.points.values(), key=lambda p: abs(p.coordinates[0] - 1800.0))[:9]
     ends = sorted(near, key=lambda p: p.coordinates[1])
