@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .observations.base import Observation
     from .observations.correlated import Correlated
     from .observations.far_directions import GyroAzimuth, PhotoSight, PhotoTilt
+    from .observations.frame_sights import FrameDirection, FrameDistance, FrameZenith
     from .observations.image import ImagePoint
     from .observations.in_frames import FrameCoordinate
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
@@ -102,6 +103,9 @@ __all__ = [
     "FaceReading",
     "Finding",
     "FrameCoordinate",
+    "FrameDirection",
+    "FrameDistance",
+    "FrameZenith",
     "GeocentricFrame",
     "GnssPosition",
     "GnssVector",
@@ -192,6 +196,9 @@ _MODULES = {
     "FaceReading": "field.readings",
     "Finding": "validate.preliminary.finding",
     "FrameCoordinate": "observations.in_frames",
+    "FrameDirection": "observations.frame_sights",
+    "FrameDistance": "observations.frame_sights",
+    "FrameZenith": "observations.frame_sights",
     "AntennaVector": "observations.airborne",
     "NavigationAttitude": "observations.airborne",
     "PhotoAngle": "observations.airborne",

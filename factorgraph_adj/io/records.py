@@ -82,7 +82,7 @@ def observation(
     kind = row.text("kind", required=True)
     row.of = label(record) if kind is not None else ""
     if kind is not None and kind not in KINDS:
-        row.wrong(f"unknown kind {kind!r}; valid: {known(KINDS, meant=kind, most=40)}")
+        row.wrong(f"unknown kind {kind!r}; valid: {known(KINDS, meant=kind, most=80)}")
     if row.failed or kind is None:
         raise InputError(problems)
     cls = KINDS[kind].observation

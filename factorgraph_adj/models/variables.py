@@ -125,8 +125,7 @@ class UnknownKind:
     instrument: bool = False
     """Whether the unknown belongs to an instrument, for groups of variance components."""
     on_earth: bool = False
-    """Whether it is the height of a surface, or a constant of azimuths, that many places share:
-    on the curved Earth observations of it tell a free network by little where it is."""
+    """Whether it is a height of a surface, or a constant of azimuths, that many places share."""
 
     @property
     def title(self) -> str:

@@ -183,11 +183,13 @@ class StatedUnknowns:
             name: its name.
             free: components to estimate without a prior; those that are neither free nor weighted
                 are held. Steps of a rotation are about the axes of the frame: with rx and ry held
-                its z axis keeps its direction.
+                its z axis keeps its direction. rz alone is held where nothing observes the turn
+                about z, as with shapes of revolution, or where rx and ry are small; rx or ry alone
+                cannot be held.
             values: values of components by name, SI; a held or weighted component without one has
                 0; a free one without one is computed from common points.
             sigma: standard deviations of weighted components by name; of the rotations, rx and ry
-                (the tilts) or all three.
+                (the tilts, about the axes of the frame) or all three.
             origin: O, the name of a point, such as the station of a scanner, whose offset is then
                 held unless it is free; or constant coordinates, metres. Choose them near the
                 middle of the points of the frame: far away, offset and rotation have nearly the

@@ -23,6 +23,7 @@ from .base import Observation, Sight
 from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
 from .far_directions import GyroAzimuth, PhotoSight, PhotoTilt
+from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
@@ -55,6 +56,9 @@ __all__ = [
     "Correlated",
     "Direction",
     "FrameCoordinate",
+    "FrameDirection",
+    "FrameDistance",
+    "FrameZenith",
     "GnssPosition",
     "GnssVector",
     "GyroAzimuth",

@@ -81,20 +81,19 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     names = ("station", "target", "target2", "point", "photo", "photo2")
     out = {n: next(free) for n in names if n in have}
     out |= {"point": out.get("point")} if either else {}
-    texts = ("instrument", "refraction", "set", "mount", "drift")
-    texts = tuple(n for n in texts if n != "mount" or out.get("photo"))  # no point has a mount
+    needed = (*KINDS[kind].texts, *KINDS[kind].frames)
+    out |= {n: next(free) for n in needed if n not in KINDS[kind].optional and n not in out}
+    texts = ["instrument", "refraction", "set", "drift"] + ["mount"] * ("photo" in out)
     out |= {n: str(rng.integers(9)) for n in texts if n in have and rng.random() < 0.5}
     choices = {"angle": ANGLES, "about": ABOUT}
     out |= {n: str(rng.choice(valid)) for n, valid in choices.items() if n in have}
-    needed = (*KINDS[kind].texts, *KINDS[kind].frames)
-    out |= {n: next(free) for n in needed if n not in KINDS[kind].optional}
     out |= {"time": number(rng)} if "time" in have else {}
     if "shutter" in have and rng.random() < 0.5:
         out |= {"shutter": "s", "velocity": tuple(number(rng) for _ in range(3))}
     out |= {n: number(rng) for n in have if n.endswith("_height") and rng.random() < 0.5}
     if "face" in have:
         out["face"] = int(rng.integers(1, 3))
-        error = "index_error" if kind == "zenith_angle" else "collimation_error"
+        error = "index_error" if "index_error" in have else "collimation_error"
         out |= {error: "#5"} if rng.random() < 0.5 else {}
     if "length_km" in have:
         out["length_km"] = abs(number(rng))
@@ -121,7 +120,7 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
             out["sigma"] = tuple(abs(number(rng)) for _ in axes)
     else:
         out["value"] = abs(number(rng))
-        if kind == "zenith_angle":
+        if "index_error" in have:
             out["value"] = out["value"] % math.pi + math.pi * (out["face"] - 1)
         out["sigma"] = abs(number(rng))
         if have["sigma"].type == "Sigma" and rng.random() < 0.5:

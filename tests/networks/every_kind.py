@@ -95,6 +95,21 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.FrameCoordinate("tripod", "j", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
         o.FrameCoordinate("slanted", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
     ],
+    "frame_direction": lambda: [
+        o.FrameDirection("body", "j", 0.0, sigma=0.01),
+        o.FrameDirection("tripod", "j", 0.0, collimation_error="telescope", sigma=0.01),
+        o.FrameDirection("slanted", "k", 3, collimation_error="telescope", sigma=0.01, face=2),
+    ],
+    "frame_zenith": lambda: [
+        o.FrameZenith("body", "j", 1.0, sigma=0.01),
+        o.FrameZenith("tripod", "j", 1.0, index_error="circle", sigma=0.01),
+        o.FrameZenith("slanted", "k", 5.0, index_error="circle", sigma=0.01, face=2),
+    ],
+    "frame_distance": lambda: [
+        o.FrameDistance("body", "j", 1.0, sigma=0.01),
+        o.FrameDistance("tripod", "j", 1.0, instrument="edm", sigma=0.01),
+        o.FrameDistance("slanted", "k", 1.0, instrument="edm", sigma=0.01),
+    ],
     "profile_height": lambda: [
         o.ProfileHeight("j", 300.0, sigma=0.3, profile="flight", time=-1.7),
         o.ProfileHeight("k", 300.0, sigma=0.3),
@@ -228,7 +243,8 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
         "index_error": (1e-3,),
         # Of a steep sight the reading changes by c/sin z.
         "collimation_error": (1e-3 * geometry.reach / geometry.length,),
-        "frame": (1e-3,) * 3 + (1e-2 * geometry.length,) * 3 + (1e-3,),
+        # Directions in a frame change more where a target stands near its z axis.
+        "frame": (1e-3,) * 3 + (4e-3 * geometry.length,) * 3 + (1e-3,),
         "level": (1.0,),
         "profile": (1.0, 1.0, 1.0, 1e-3),
         "gyro": (0.01,),

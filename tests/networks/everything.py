@@ -77,6 +77,10 @@ def everything(frame_name: str) -> Network:
     n.add_frame("model, 1", free=("rx", "ry", "rz", "x", "y", "z"), sigma={"ln_scale": 1e-5 / 3})
     n.add_frame("tripod", free=["rz"], sigma={"rx": 1e-5, "ry": 2e-5}, origin="A", level=True)
     n.add_frame("wall", free=["rz", "x"], values={"rz": -1 / 3, "z": 0.1}, origin=(1 / 3, 2, 3e6))
+    n.set_mount("imu, 1", free=["rx", "z"], values={"ry": 1 / 3}, sigma={"x": 1 / 3})
+    n.set_drift("strip", free=["x", "z_t"], sigma={"y_tt": 1e-3 / 3})
+    n.set_attitude_drift("strip", free=["rx"], values={"rz_t": 1e-3 / 7}, sigma={"ry": 1e-4})
+    n.set_shutter("shutter", error=1 / 300, sigma=0.01)
     n.set_mount("clino", free=("rx", "ry"), values={"rz": 1 / 3}, sigma={"x": 0.01})
     n.set_level("lake, 1", 371.1 + 1 / 3, sigma=0.02)
     n.set_level("pond")
@@ -84,10 +88,6 @@ def everything(frame_name: str) -> Network:
     n.set_profile("8", free=("height", "height_tt"))
     n.set_gyro("gyro 1", sigma=1e-5, value=1 / 3e3)
     n.set_gyro("gyro 2")
-    n.set_mount("imu, 1", free=["rx", "z"], values={"ry": 1 / 3}, sigma={"x": 1 / 3})
-    n.set_drift("strip", free=["x", "z_t"], sigma={"y_tt": 1e-3 / 3})
-    n.set_attitude_drift("strip", free=["rx"], values={"rz_t": 1e-3 / 7}, sigma={"ry": 1e-4})
-    n.set_shutter("shutter", error=1 / 300, sigma=0.01)
     per_part = StandardDeviation(0.002, ppm=2.0, centring_target=0.001)
     turned = StandardDeviation(1e-5, centring_instrument=0.001, centring_target=0.002)
     n.add(
@@ -113,6 +113,9 @@ def everything(frame_name: str) -> Network:
         o.FrameCoordinate("model, 1", None, (1, 1 / 3), axes="zx", photo="f1", sigma=(0.1, 0.2)),
         o.FrameCoordinate("tripod", '"D"', (1, 2, 1 / 3), sigma=(1e-3, 2e-3, 3e-3)),
         o.FrameCoordinate("wall", "#C", (1 / 3,), axes="x", sigma=(1e-3,)),
+        o.FrameDirection("tripod", '"D"', 1 / 3, sigma=1e-5 / 3),
+        o.FrameZenith("tripod", "#C", 1 / 3, sigma=1e-5, face=1),
+        o.FrameDistance("model, 1", "A", 31 / 3, sigma=per_part, instrument="EDM"),
         o.PhotoPosition("f1", (1, 2, 3.0), sigma=(0.01, 0.02, 0.03), lever_arm=(0.1, 0, -0.2)),
         o.PhotoPosition(
             *("f2", (1 / 3, 2.0)),

@@ -50,7 +50,12 @@ def trials(aerial: Aerial, seeds: range) -> dict[str, np.ndarray]:
 
 SEEDS = [
     FEW,
-    pytest.param(200, marks=pytest.mark.slow("the shares of 200 seeds within 2.5 sigma; twelve seeds see a share that is far too small")),
+    pytest.param(
+        200,
+        marks=pytest.mark.slow(
+            "95 of 100 errors are within 2.5 sigma; twelve seeds see only far too few"
+        ),
+    ),
 ]
 
 
