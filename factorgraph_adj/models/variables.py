@@ -272,7 +272,8 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "height profile",
         "b",
         (
-            *(Component("height" + power, "length") for power in ("", "_t", "_tt")),
+            Component("height", "length", whole=True),
+            *(Component("height" + power, "length") for power in ("_t", "_tt")),
             Component("scale", "ppm"),
         ),
         short="profile",

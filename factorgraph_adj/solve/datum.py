@@ -253,7 +253,13 @@ def find_defects(
         for i in np.flatnonzero(table.offset >= 0):
             geometric[table.offset[i] : table.offset[i] + table.size[i]] = True
     label = np.where(observed & unknowns.free, label, -1)
-    shared = ~geometric & unknowns.free
+    connecting = np.concatenate(
+        [
+            np.full(int(table.size[table.offset >= 0].sum()), UNKNOWNS[kind].connects)
+            for kind, table in unknowns.tables.items()
+        ]
+    )
+    shared = ~geometric & ~connecting & unknowns.free
     out = []
     ratio = unnoticed_ratio(system.equations, about, free=free)
     found = np.unique(label[geometric & (label >= 0)])

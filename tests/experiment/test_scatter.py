@@ -235,7 +235,12 @@ def profile_heights() -> fga.Network:
     network.set_profile("barometer", sigma={"scale": 0.01})
     network.set_mount("arm", sigma={"z": 5 * MM})
     for i, photo in enumerate(network.photos):
-        more = {"profile": "statoscope", "t": i - 1.5, "lever_arm": (0.1, 0.2, 0.3), "mount": "arm"}
+        more = {
+            "profile": "statoscope",
+            "time": i - 1.5,
+            "lever_arm": (0.1, 0.2, 0.3),
+            "mount": "arm",
+        }
         network.add(o.ProfileHeight(None, 0.0, photo=photo, sigma=5 * MM, **more))
     for point in network.points:
         network.add(o.ProfileHeight(point, 0.0, profile="barometer", sigma=5 * MM))

@@ -104,7 +104,7 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     for name in vectors_of(kind):
         vector = np.array([number(rng) for _ in range(3)])
         unit = have[name].metadata.get("quantity") == "number"
-        if name != "lever_arm" or "photo" in out:
+        if name not in KINDS[kind].optional or (name == "lever_arm" and "photo" in out):
             out[name] = tuple((vector / np.linalg.norm(vector) if unit else vector).tolist())
     if "x" in have:
         out |= {"x": number(rng), "y": number(rng)}

@@ -130,9 +130,9 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.FrameDistance("slanted", "k", 1.0, instrument="edm", sigma=0.01),
     ],
     "profile_height": lambda: [
-        o.ProfileHeight("j", 300.0, sigma=0.3, profile="flight", t=-1.7),
+        o.ProfileHeight("j", 300.0, sigma=0.3, profile="flight", time=-1.7),
         o.ProfileHeight("k", 300.0, sigma=0.3),
-        o.ProfileHeight(None, 20.0, photo="f", sigma=0.3, profile="flight", t=0.7, **ARM),
+        o.ProfileHeight(None, 20.0, photo="f", sigma=0.3, profile="flight", time=0.7, **ARM),
     ],
     "level_height": lambda: [
         o.LevelHeight("j", "lake", sigma=0.1, slope=1e-3, along=200.0, geoid=0.03)

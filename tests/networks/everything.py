@@ -160,7 +160,7 @@ def everything(frame_name: str) -> Network:
     seen = np.array((1 / 3, -2, -5)) / np.linalg.norm((1 / 3, -2, -5))
     n.add(
         o.ProfileHeight("A", 312.1, sigma=0.3),
-        o.ProfileHeight(None, 2512.1, photo="f1", sigma=0.3, profile="7", t=-1 / 3),
+        o.ProfileHeight(None, 2512.1, photo="f1", sigma=0.3, profile="7", time=-1 / 3),
         o.ProfileHeight(
             None, 1.0, photo="f2", sigma=0.3, profile="8", mount="clino", lever_arm=(0.1, 0, 1 / 3)
         ),
