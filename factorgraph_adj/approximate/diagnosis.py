@@ -45,7 +45,7 @@ def not_reached(
     if not np.isfinite(progress.plan).any() and len(photos) == len(progress.pose):
         return [Problem(ONLY_IMAGES if free else NOTHING_KNOWN, "network")]
     names = equations.unknowns["point"].names
-    joined = _Joined(progress, rays, names)
+    joined = _Joined(progress, rays, names, frames, equations.unknowns["frame"].names)
     reasons: dict[tuple[str, str], list[str]] = {}
     for p in missing.tolist():
         reasons.setdefault(("point", joined.why(p)), []).append(names[p])
@@ -117,9 +117,17 @@ def _fits_mirrored(progress: Progress, rays: ImageRays, photo: int) -> bool:
 class _Joined:
     """The observations that connect every point with others."""
 
-    def __init__(self, progress: Progress, rays: ImageRays, names: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        progress: Progress,
+        rays: ImageRays,
+        names: tuple[str, ...],
+        frames: InFrames,
+        frame_names: tuple[str, ...],
+    ) -> None:
         self._progress = progress
         self._names = names
+        self._frames, self._frame_names = frames, frame_names
         self._known = progress.complete
         s = progress.survey
         self._kinds: list[tuple[str, Sighted]] = [
@@ -168,7 +176,7 @@ class _Joined:
         if self._blind[p]:
             parts.append(_count(int(self._blind[p]), "image ray") + " from photos without pose")
         if not parts:
-            return "no observation joins it to anything"
+            return self._why_not_by_frames(p)
         found = ", ".join(parts)
         away = [self._names[q] for q in others if not self._known[q]]
         if others and len(away) == len(others) and not self._rays[p]:
@@ -180,6 +188,18 @@ class _Joined:
         return f"{found}: not enough to find its position" + (
             f"; not reached either: {known(away)}" if away else ""
         )
+
+    def _why_not_by_frames(self, p: int) -> str:
+        """Return why a point that nothing but frames sees could not be reached."""
+        observed = self._frames.frame[self._frames.point == p]
+        inside = np.union1d(observed, np.flatnonzero(self._frames.origin == p)).tolist()
+        if not inside:
+            return "no observation joins it to anything"
+        lost = np.isnan(self._progress.frame).any(axis=1)
+        named = known([self._frame_names[f] for f in inside])
+        if lost[inside].all():
+            return f"it is joined to frames alone that are not reached themselves: {named}"
+        return f"what frames observe of it, {named}, is not enough to find its position"
 
     def _position(self, plan: Array) -> str:
         """Return the frame coordinates of a position in plan (2,), as text."""

@@ -177,4 +177,6 @@ def _take_over(progress: Progress, state: State) -> None:
     found = progress.horizon.from_plan(progress.plan[rows])
     state["point"][rows] = np.where(missing[rows], found, state["point"][rows])
     state["pose"] = np.where(np.isnan(state["pose"]), progress.pose, state["pose"])
-    state["frame"] = np.where(np.isnan(state["frame"]), progress.frame, state["frame"])
+    # Its offset belongs to the scale with which it was found, whatever scale was to start with.
+    found = np.isnan(state["frame"]).any(axis=1)
+    state["frame"][found] = progress.frame[found]
