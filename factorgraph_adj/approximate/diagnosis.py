@@ -195,7 +195,7 @@ class _Joined:
         inside = np.union1d(observed, np.flatnonzero(self._frames.origin == p)).tolist()
         if not inside:
             return "no observation joins it to anything"
-        lost = np.isnan(self._progress.frame).any(axis=1)
+        lost: Mask = np.isnan(self._progress.frame).any(axis=1)
         named = known([self._frame_names[f] for f in inside])
         if lost[inside].all():
             return f"it is joined to frames alone that are not reached themselves: {named}"

@@ -11,6 +11,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..network.network import DatumChoice
 from ..observations import AstronomicLatitude, AstronomicLongitude
+from ..types import Mask
 from .additive import solve_additive
 from .diagnosis import not_reached
 from .free_start import join_blocks, observed_misfits, resolve_doubt, start_heights
@@ -178,5 +179,5 @@ def _take_over(progress: Progress, state: State) -> None:
     state["point"][rows] = np.where(missing[rows], found, state["point"][rows])
     state["pose"] = np.where(np.isnan(state["pose"]), progress.pose, state["pose"])
     # Its offset belongs to the scale with which it was found, whatever scale was to start with.
-    found = np.isnan(state["frame"]).any(axis=1)
-    state["frame"][found] = progress.frame[found]
+    found: Mask = np.isnan(state["frame"]).any(axis=1)
+    state["frame"] = np.where(found[:, None], progress.frame, state["frame"])
