@@ -72,7 +72,15 @@ def _unoriented(progress: Progress) -> Index:
 
 
 def _why_no_frame(progress: Progress, frames: InFrames, frame: int) -> str:
-    point = frames.point[frames.frame == frame]
+    rows = frames.frame == frame
+    point, seen = frames.point[rows], np.isfinite(frames.q[rows]).any(axis=0)
+    blind = [
+        a
+        for a, v, s in zip("xyz", frames.given[frame, 3:6], seen, strict=True)
+        if np.isnan(v) and not s
+    ]
+    if len(point) and blind:
+        return f"none of its places is observed along {' and '.join(blind)}: hold this offset"
     n = int(np.count_nonzero(progress.complete[point[point >= 0]]))
     turns = np.isnan(frames.given[frame, :3]).sum()
     need = "three that do not lie in one line" if turns > 1 else "two, as it turns about one axis"
@@ -195,7 +203,7 @@ class _Joined:
         inside = np.union1d(observed, np.flatnonzero(self._frames.origin == p)).tolist()
         if not inside:
             return "no observation joins it to anything"
-        lost: Mask = np.isnan(self._progress.frame).any(axis=1)
+        lost: Mask = np.any(np.isnan(self._progress.frame), axis=1)
         named = known([self._frame_names[f] for f in inside])
         if lost[inside].all():
             return f"it is joined to frames alone that are not reached themselves: {named}"

@@ -179,5 +179,5 @@ def _take_over(progress: Progress, state: State) -> None:
     state["point"][rows] = np.where(missing[rows], found, state["point"][rows])
     state["pose"] = np.where(np.isnan(state["pose"]), progress.pose, state["pose"])
     # Its offset belongs to the scale with which it was found, whatever scale was to start with.
-    found: Mask = np.isnan(state["frame"]).any(axis=1)
-    state["frame"] = np.where(found[:, None], progress.frame, state["frame"])
+    lost: Mask = np.any(np.isnan(state["frame"]), axis=1)
+    state["frame"] = np.where(lost[:, None], progress.frame, state["frame"])

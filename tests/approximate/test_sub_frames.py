@@ -90,3 +90,11 @@ def test_points_that_only_lost_frames_know_are_told_so():
             del network.observations[ident]
     with pytest.raises(fga.ApproximationError, match="joined to frames alone that are not reached"):
         fga.adjust(network)
+
+
+def test_an_offset_along_an_axis_that_nothing_observes_is_named():
+    network = plans(heights=True)
+    del network.frames["m2"]
+    network.add_frame("m2", free=("rz", "x", "y", "z", "ln_scale"), level=True)
+    with pytest.raises(fga.ApproximationError, match="frame m2: none of its places .* along z: ho"):
+        fga.adjust(network)
