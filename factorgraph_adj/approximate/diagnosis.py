@@ -79,7 +79,9 @@ def _why_no_frame(progress: Progress, frames: InFrames, frame: int) -> str:
         for a, v, s in zip("xyz", frames.given[frame, 3:6], seen, strict=True)
         if np.isnan(v) and not s
     ]
-    if len(point) and blind:
+    if not len(point):
+        return "nothing is observed in it: hold its components, or take it out"
+    if blind:
         return f"none of its places is observed along {' and '.join(blind)}: hold this offset"
     n = int(np.count_nonzero(progress.complete[point[point >= 0]]))
     turns = np.isnan(frames.given[frame, :3]).sum()

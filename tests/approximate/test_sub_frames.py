@@ -98,3 +98,10 @@ def test_an_offset_along_an_axis_that_nothing_observes_is_named():
     network.add_frame("m2", free=("rz", "x", "y", "z", "ln_scale"), level=True)
     with pytest.raises(fga.ApproximationError, match="frame m2: none of its places .* along z: ho"):
         fga.adjust(network)
+
+
+def test_a_frame_in_which_nothing_is_observed_is_told_so():
+    network = plans(heights=True)
+    network.add_frame("idle")
+    with pytest.raises(fga.ApproximationError, match="frame idle: nothing is observed in it"):
+        fga.adjust(network)
