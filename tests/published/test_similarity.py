@@ -28,11 +28,8 @@ def degrees(d: int, minutes: int, seconds: float) -> float:
 
 
 def targets_observed(pairs):
-    """Return the solution with residuals in X, and the similarity from x to X.
-
-    6400 km from the origin of their frame, places have no digits for more than the usual tolerance.
-    """
-    solution = fga.adjust(only_targets_observed(pairs))
+    """Return the solution with residuals in X, and the similarity from x to X."""
+    solution = fga.adjust(only_targets_observed(pairs), tolerance=1e-9)
     assert solution.converged
     assert (solution.n_observations, solution.n_unknowns) == (3 * len(pairs), 7)
     return solution, inverted(similarity_of(solution, "X"))
