@@ -47,7 +47,7 @@ def not_reached(
     if not np.isfinite(progress.plan).any() and len(photos) == len(progress.pose):
         return [Problem(ONLY_IMAGES if free else NOTHING_KNOWN, "network")]
     names = equations.unknowns["point"].names
-    joined = _Joined(progress, rays, names)
+    joined = _Joined(progress, rays, names, frames, equations.unknowns["frame"].names)
     reasons: dict[tuple[str, str], list[str]] = {}
     for p in missing.tolist():
         reasons.setdefault(("point", joined.why(p)), []).append(names[p])
@@ -75,12 +75,22 @@ def _unoriented(progress: Progress) -> Index:
 
 
 def _why_no_frame(progress: Progress, frames: InFrames, frame: int) -> str:
-    point = frames.point[frames.frame == frame]
-    turns = np.isnan(frames.given[frame, :3]).sum()
-    need = "three that do not lie in one line" if turns > 1 else "two, as it turns about one axis"
+    rows = frames.frame == frame
+    point, seen = frames.point[rows], np.isfinite(frames.q[rows]).any(axis=0)
     sights = frames.sights
     partly = (sights.frame == frame) & ~sights.whole
-    if not len(point) and partly.any():
+    blind = [
+        a
+        for a, v, s in zip("xyz", frames.given[frame, 3:6], seen, strict=True)
+        if np.isnan(v) and not s
+    ]
+    if not len(point) and not partly.any():
+        return "nothing is observed in it: hold its components, or take it out"
+    if blind and len(point):
+        return f"none of its places is observed along {' and '.join(blind)}: hold this offset"
+    turns = np.isnan(frames.given[frame, :3]).sum()
+    need = "three that do not lie in one line" if turns > 1 else "two, as it turns about one axis"
+    if not len(point):
         point = sights.point[partly]
         need = "four with direction and zenith angle, or its station and the directions to two"
     n = int(np.count_nonzero(progress.complete[point[point >= 0]]))
@@ -152,9 +162,17 @@ def _fits_mirrored(progress: Progress, rays: ImageRays, photo: int) -> bool:
 class _Joined:
     """The observations that connect every point with others."""
 
-    def __init__(self, progress: Progress, rays: ImageRays, names: tuple[str, ...]) -> None:
+    def __init__(
+        self,
+        progress: Progress,
+        rays: ImageRays,
+        names: tuple[str, ...],
+        frames: InFrames,
+        frame_names: tuple[str, ...],
+    ) -> None:
         self._progress = progress
         self._names = names
+        self._frames, self._frame_names = frames, frame_names
         self._known = progress.complete
         s = progress.survey
         self._kinds: list[tuple[str, Sighted]] = [
@@ -203,7 +221,7 @@ class _Joined:
         if self._blind[p]:
             parts.append(_count(int(self._blind[p]), "image ray") + " from photos without pose")
         if not parts:
-            return "no observation joins it to anything"
+            return self._why_not_by_frames(p)
         found = ", ".join(parts)
         away = [self._names[q] for q in others if not self._known[q]]
         if others and len(away) == len(others) and not self._rays[p]:
@@ -215,6 +233,18 @@ class _Joined:
         return f"{found}: not enough to find its position" + (
             f"; not reached either: {known(away)}" if away else ""
         )
+
+    def _why_not_by_frames(self, p: int) -> str:
+        """Return why a point that nothing but frames sees could not be reached."""
+        observed = self._frames.frame[self._frames.point == p]
+        inside = np.union1d(observed, np.flatnonzero(self._frames.origin == p)).tolist()
+        if not inside:
+            return "no observation joins it to anything"
+        lost: Mask = np.any(np.isnan(self._progress.frame), axis=1)
+        named = known([self._frame_names[f] for f in inside])
+        if lost[inside].all():
+            return f"it is joined to frames alone that are not reached themselves: {named}"
+        return f"what frames observe of it, {named}, is not enough to find its position"
 
     def _position(self, plan: Array) -> str:
         """Return the frame coordinates of a position in plan (2,), as text."""

@@ -12,7 +12,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..network.network import DatumChoice
 from ..observations import AstronomicLatitude, AstronomicLongitude
-from ..types import Array
+from ..types import Array, Mask
 from .additive import solve_additive
 from .diagnosis import not_reached
 from .frame_sights import intersect_sights, orient_frames, resect_frames, start_frame
@@ -227,5 +227,7 @@ def _take_over(progress: Progress, state: State) -> None:
     found = progress.horizon.from_plan(progress.plan[rows])
     state["point"][rows] = np.where(missing[rows], found, state["point"][rows])
     state["pose"] = np.where(np.isnan(state["pose"]), progress.pose, state["pose"])
-    state["frame"] = np.where(np.isnan(state["frame"]), progress.frame, state["frame"])
+    # Its offset belongs to the scale with which it was found, whatever scale was to start with.
+    lost: Mask = np.any(np.isnan(state["frame"]), axis=1)
+    state["frame"] = np.where(lost[:, None], progress.frame, state["frame"])
     state["mount"] = np.where(np.isnan(progress.mount), state["mount"], progress.mount)

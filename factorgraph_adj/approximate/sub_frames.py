@@ -11,13 +11,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..models.sub_frame import from_frame, horizons
+from ..models.sub_frame import from_frame, horizons, split_frame
 from ..models.variables import ROTATION
 from ..rotation import exp_rotation, nearest_rotation
 from ..types import Array, Index, Mask
 from .in_frames import InFrames
 from .progress import Progress
 
+UPRIGHT = 0.99
+"""Smallest cosine of the tilt of a frame of which plan and height are found each alone."""
 FLAT = 1e-3
 """Smallest ratio of extents, across and along, at which places fix a rotation in space."""
 
@@ -45,7 +47,9 @@ def place_frames(progress: Progress, seen: InFrames) -> bool:
         if at is None:  # an origin that is not known either follows with the offset
             at, given[3:6] = there.mean(axis=0), np.nan
         horizon = _horizon(progress, f, at)
-        y = (there - at) @ horizon.T
+        d = there - at
+        y = np.nan_to_num(d) @ horizon.T
+        y[np.isnan(d[:, 2]), 2] = np.nan
         found = _fitted(y, seen.q[own], given, seen.free[f])
         if found is None:
             continue
@@ -84,21 +88,32 @@ def _set_origin(
 
 
 def places_in_frames(progress: Progress, seen: InFrames) -> bool:
-    """Fill points and projection centres from frames that are known; return whether any was."""
+    """Fill points from frames that are known; return whether any was.
+
+    Of upright frames the plan and the height of a place are filled each alone.
+    """
     known: Mask = np.all(np.isfinite(progress.frame), axis=1)
     origins = origins_of(progress, seen)
     known &= np.isfinite(origins).all(axis=1)
     open_point = (seen.point >= 0) & ~progress.complete[seen.point]
-    rows = np.flatnonzero(known[seen.frame] & open_point & np.isfinite(seen.q).all(axis=1))
+    rows = np.flatnonzero(known[seen.frame] & open_point)
     if not len(rows):
         return False
     origin = origins[seen.frame[rows]]
     stored = progress.frame[seen.frame[rows]]
     basis = progress.horizon.frame.basis(origin, np.zeros((len(rows), 2)))
-    x = from_frame(stored, seen.q[rows], origin, horizons(basis, stored[:, 16]))
-    plan = progress.horizon.to_plan(x)
-    point = seen.point[rows]
-    return progress.set_plan(point, plan[:, :2]) | progress.set_height(point, plan[:, 2])
+    horizon = horizons(basis, stored[:, 16])
+    there = np.isfinite(seen.q[rows])
+    # What was not observed is that of the origin, which is of no consequence for the rest.
+    x = from_frame(stored, np.where(there, seen.q[rows], -stored[:, 9:12]), origin, horizon)
+    axes = horizon.transpose(0, 2, 1) @ split_frame(stored).rotation
+    upright = np.einsum("ni,ni->n", basis.enu[:, 2], axes[:, :, 2]) > UPRIGHT
+    plan, point, whole = progress.horizon.to_plan(x), seen.point[rows], there.all(axis=1)
+    planned = np.flatnonzero(whole | (upright & there[:, :2].all(axis=1)))
+    raised = np.flatnonzero(whole | (upright & there[:, 2]))
+    return progress.set_plan(point[planned], plan[planned, :2]) | progress.set_height(
+        point[raised], plan[raised, 2]
+    )
 
 
 def origins_of(progress: Progress, seen: InFrames) -> Array:
@@ -135,19 +150,37 @@ def _fitted(y: Array, q: Array, given: Array, free: Mask) -> Array | None:
         given: given components, NaN where they are to be found, (7,).
         free: free components, (7,).
     """
+    found = _fitted_along(y, q, given, free, [0, 1, 2])
+    if found is not None or not np.cos(np.hypot(*given[:2])) > UPRIGHT:
+        return found
+    plan = _fitted_along(y, q, np.where(np.arange(7) == 5, 0.0, given), free, [0, 1])
+    if plan is None:
+        return _fitted_along(y, q, given, free, [2])
+    plan[11] = given[5]
+    if np.isnan(given[5]):
+        rise = (y @ plan[:9].reshape(3, 3))[:, 2] * np.exp(-plan[12]) - q[:, 2]
+        if not np.isfinite(rise).any():
+            return None
+        plan[11] = np.nanmean(rise)
+    return plan
+
+
+def _fitted_along(y: Array, q: Array, given: Array, free: Mask, axes: list[int]) -> Array | None:
+    """Return the stored frame as `_fitted` from some axes; none if they do not fix all of it."""
     turns, shifts = np.isnan(given[:3]), np.isnan(given[3:6])
-    in_plan = not turns[:2].any()
-    axes = [0, 1] if in_plan and np.isnan([y[:, 2], q[:, 2]]).any() else [0, 1, 2]
     sound = np.isfinite(y[:, axes]).all(axis=1) & np.isfinite(q[:, axes]).all(axis=1)
     y, q = y[sound], q[sound]
     offset = np.where(shifts, 0.0, given[3:6])
-    if not len(y):
+    others = [i for i in range(3) if i not in axes]
+    if not len(y) or shifts[others].any() or (turns.any() and not {0, 1} <= set(axes)):
         return None
     # Where no offset is to be found, the origin is one more place that is common.
     whole = shifts[axes].any()
+    y[:, others] = 0.0
     middle = y.mean(axis=0) if whole else np.zeros(3)
     centre = np.nan_to_num(q.mean(axis=0)) if whole else -offset
     a, b = np.nan_to_num(q - centre), np.nan_to_num(y - middle)
+    a[:, others] = 0.0
     rotation = _turn(a, b, given, axes)
     if rotation is None:
         return None
@@ -159,9 +192,7 @@ def _fitted(y: Array, q: Array, given: Array, free: Mask) -> Array | None:
             return None
         ln_scale = float(np.log(scale))
     found = np.exp(-ln_scale) * (middle @ rotation) - centre
-    offset = np.where(shifts & np.isin(np.arange(3), axes), found, offset)
-    if shifts[2] and len(axes) == 2:
-        return None
+    offset = np.where(shifts, found, offset)
     return np.concatenate([rotation.ravel(), offset, [ln_scale]])
 
 

@@ -238,6 +238,13 @@ def checked_frame(
     start = [values.get(n, np.nan if n in found else 0.0) for n in names]
     held = [n for n in names if n not in wanted and n not in sigma]
     stated = parameter(kind, start, held, sigma, where)
+    alone = [n for n in names[:3] if n in held]
+    if len(alone) == 1 and alone != ["rz"] and "rx" not in sigma:
+        what = (
+            f"hold two of the rotations rx, ry, rz, or rz alone, not {alone[0]} alone: turns about "
+            "the other two axes do not commute, and would turn it too"
+        )
+        raise InputError(Problem(what, where))
     return replace(stated, constants=(*at, float(level)), origin=station)
 
 

@@ -333,7 +333,15 @@ class Network(StatedUnknowns, Shown):
             if name is None and unknown.default is None:
                 raise InputError(Problem(f"{attribute} must name a {unknown.noun}", where))
             if name is not None:
-                required(name, self.parameters.get(kind, {}), unknown.noun, where)
+                stated = self.parameters.get(kind, {})
+                required(name, stated, unknown.noun, where)
+                if stated[name].origin and stated[name].origin in o.points():
+                    what = (
+                        f"point {stated[name].origin!r} is the origin of {unknown.noun} {name!r}, "
+                        "so that its coordinates there are minus the offset: state or weight that "
+                        "offset, and take the observation out"
+                    )
+                    raise InputError(Problem(what, where))
         ident = getattr(o, "id", None)
         if ident is not None:
             if ident in self.observations or ident in seen:

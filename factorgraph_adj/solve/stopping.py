@@ -36,6 +36,9 @@ class StoppingRule:
     blind: float = 1e-9
     """Largest change relative to vᵀPv that may still be the rounding of a thousand steps; a larger
     decrease shows that vᵀPv can tell again."""
+    coarse: float = 1e-4
+    """Largest noise relative to vᵀPv, by the last digits of the unknowns, up to which a step may be
+    taken that vᵀPv cannot tell from one that descends."""
     still: float = 1.0
     """Step relative to σ from which the unknowns are never at rest, even if vᵀPv cannot tell."""
     fast: float = 0.1
@@ -187,6 +190,11 @@ class Stop(Generic[S]):
         gain = (before - after) / decrease if decrease > 0 else 0.0
         blind = cannot_tell(bound, decrease, before) or bound < self.resolution
         hidden = blind and no_higher(after, before)
+        # Units δ in the last digits of the values change vᵀPv by 2 vᵀPAδ ≤ 2 √vᵀPv √δᵀNδ.
+        noise = 2.0 * np.sqrt(before) * self.resolution
+        lost = decrease < noise < STOPPING.coarse * before and after <= before + noise
+        if lost and gain <= STOPPING.worthwhile and bound < STOPPING.still:
+            hidden = True
         left = self._left(bound)
         near = not damped and left < self.tolerance
         at_end = near and no_worse(after, before)

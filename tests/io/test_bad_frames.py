@@ -40,6 +40,12 @@ WRONG = {
         *("frames.csv", "T,yes", "T,maybe"),
         "frames.csv:3: frame 'S1': level must be yes or no, not 'maybe'",
     ),
+    "the origin as a place": (
+        *("observations.csv", "frame_coordinate,S1,A,", "frame_coordinate,S1,T,"),
+        "observations.csv:6: frame_coordinate S1 T: point 'T' is the origin of frame 'S1', so that "
+        "its coordinates there are minus the offset: state or weight that offset, and take the "
+        "observation out",
+    ),
     "a rotation that is no number": (
         *("frames.csv", "scale,,,,", "scale,,,abc,"),
         "frames.csv:2: frame 'M1': rx_gon: 'abc' is not a number",

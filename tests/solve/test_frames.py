@@ -214,3 +214,25 @@ def test_a_tilt_cannot_be_held_alone(free):
     network = fga.Network("two turns")
     with pytest.raises(fga.InputError, match=r"frame 'f'.*two of the rotations rx, ry, rz, or"):
         network.add_frame("f", free=(*free, "x", "y", "z"))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_frame_far_from_its_origin_comes_to_rest(seed):
+    """Map coordinates, and an origin 5400 km away, as nothing states another.
+
+    The last digits of scale and rotation move its places by nanometres: vᵀPv cannot tell more.
+    """
+    rng = np.random.default_rng(seed)
+    network = fga.Network("map coordinates")
+    network.add_frame("scan", free=("rx", "ry", "rz", "x", "y", "z", "ln_scale"))
+    turn = exp_rotation(np.array([[0.2, -0.1, 2.0]]))[0]
+    corner = np.array([5e5, 5.4e6, 300.0])
+    for name in "ABCDEFG":
+        x = corner + rng.uniform(0, [50, 50, 10])
+        held = name in "ABC"
+        network.add_point(name, x if held else None, fixed="xyz" if held else "")
+        q = turn.T @ (x - corner) + rng.normal(0, 1e-3, 3)
+        network.add(FrameCoordinate("scan", name, tuple(q.tolist()), sigma=(1e-3,) * 3))
+    solution = fga.adjust(network)
+    assert solution.converged
+    assert solution.iterations <= 3

@@ -24,7 +24,7 @@ TEXTS = {
     "images": IMAGES,
     "observations": OBSERVATIONS,
 }
-KINDS = known(REGISTERED, most=30)
+KINDS = known(REGISTERED, most=80)
 LENGTHS = "m, dm, cm, mm, um, km"
 ANGLES = "rad, mrad, gon, mgon, cc, deg, arcmin, arcsec"
 
