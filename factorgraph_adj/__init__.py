@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from .observations.in_frames import FrameCoordinate
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
     from .observations.registry import ObservationKind, register_observation
+    from .observations.relative import RelativePosition, RelativeRotation
     from .observations.strips import StripCoordinate
     from .observations.terrestrial import (
         AstronomicLatitude,
@@ -140,6 +141,8 @@ __all__ = [
     "Point",
     "ProfileHeight",
     "Provenance",
+    "RelativePosition",
+    "RelativeRotation",
     "ReportOptions",
     "SlopeDistance",
     "Solution",
@@ -237,6 +240,8 @@ _MODULES = {
     "Point": "network.entities",
     "ProfileHeight": "observations.vertical",
     "Provenance": "report.options",
+    "RelativePosition": "observations.relative",
+    "RelativeRotation": "observations.relative",
     "ReportOptions": "report.options",
     "SlopeDistance": "observations.terrestrial",
     "Solution": "solve.solution",

@@ -139,6 +139,7 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     if any(n not in arguments for n in needed):
         return None
     arguments |= {n: None for n in names if n not in arguments}
+    arguments |= {n: (1.0, 0.0, 0.0) for n in vectors_of(kind) if n not in record_of_kind.optional}
     size = len(components_of(kind))
     if kind == "image":
         arguments |= {"x": 0.0, "y": 0.0}

@@ -117,6 +117,8 @@ class UnknownKind:
     """Value with which a test of significance compares a free component."""
     instrument: bool = False
     """Whether the unknown belongs to an instrument, for groups of variance components."""
+    remedy: str = ""
+    """What helps where unknowns of the kind are not determined; empty: nothing in particular."""
     on_earth: bool = False
     """Whether it is the height of a surface, or a constant of azimuths, that many places share:
     on the curved Earth observations of it tell a free network by little where it is."""

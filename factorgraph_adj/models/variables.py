@@ -206,6 +206,11 @@ _BUILT_IN: Sequence[UnknownKind] = (
         additional=True,
         reference="given",
         instrument=True,
+        remedy=(
+            "what all mounts of a rig share cannot be told from the poses of its carriers: hold "
+            "one mount, that of a reference member, or observe the carriers; a member without "
+            "observations of its own cannot have a free mount"
+        ),
     ),
     UnknownKind(
         "drift",
@@ -267,7 +272,8 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "height profile",
         "b",
         (
-            *(Component("height" + power, "length") for power in ("", "_t", "_tt")),
+            Component("height", "length", whole=True),
+            *(Component("height" + power, "length") for power in ("_t", "_tt")),
             Component("scale", "ppm"),
         ),
         short="profile",

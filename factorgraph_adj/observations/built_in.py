@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..models import position, sub_frame, terrestrial
-from . import records_flight, records_models, records_vertical
+from . import records_flight, records_models, records_rigs, records_vertical
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector
@@ -136,6 +136,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
     *records_flight.RECORDS,
     *records_models.RECORDS,
     *records_vertical.RECORDS,
+    *records_rigs.RECORDS,
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)

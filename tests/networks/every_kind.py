@@ -73,6 +73,14 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.PhotoPosition("f", (0.0, 0.0), axes="zx", sigma=(1.0, 2.0), **ARM, **DRIFTED),
         o.PhotoPosition("f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), **SHUTTER),
     ],
+    "relative_rotation": lambda: [
+        o.RelativeRotation("f", "g", (0.0, 0.0, 0.0), covariance=COVARIANCE, mount="imu"),
+        o.RelativeRotation("g", "f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
+    ],
+    "relative_position": lambda: [
+        o.RelativePosition("f", "g", (0.0, 0.0, 0.0), covariance=COVARIANCE, mount="imu"),
+        o.RelativePosition("g", "f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), instrument="edm"),
+    ],
     "photo_attitude": lambda: [
         o.PhotoAttitude("f", (0.0, 0.0, 0.0), covariance=COVARIANCE),
         o.PhotoAttitude("f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), mount="imu", **TURNED),
@@ -122,9 +130,9 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.FrameDistance("slanted", "k", 1.0, instrument="edm", sigma=0.01),
     ],
     "profile_height": lambda: [
-        o.ProfileHeight("j", 300.0, sigma=0.3, profile="flight", t=-1.7),
+        o.ProfileHeight("j", 300.0, sigma=0.3, profile="flight", time=-1.7),
         o.ProfileHeight("k", 300.0, sigma=0.3),
-        o.ProfileHeight(None, 20.0, photo="f", sigma=0.3, profile="flight", t=0.7, **ARM),
+        o.ProfileHeight(None, 20.0, photo="f", sigma=0.3, profile="flight", time=0.7, **ARM),
     ],
     "level_height": lambda: [
         o.LevelHeight("j", "lake", sigma=0.1, slope=1e-3, along=200.0, geoid=0.03)
@@ -470,6 +478,8 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         "point": (0.01 * view.depth * ray,),
         "pose": (0.01 * ray,) * 3 + (0.01 * view.depth * ray,) * 3,
         "frame": (1e-3,) * 3 + (1e-2,) * 3 + (1e-3,),
+        "mount": (1e-3,) * 3 + (1e-2,) * 3,
+        "edm": (1e-3, 1e-2),
         "model_deformation": (1e-2,),
         "calibration": tuple(0.005 * radius / np.where(largest > 0, largest, 1.0)),
     }

@@ -147,12 +147,20 @@ def everything(frame_name: str) -> Network:
         o.PhotoAngle("f1", -1 / 3, angle="pitch", sigma=1e-4 / 3, mount="imu, 1"),
         o.PhotoRange("A", "f1", 33.3, sigma=0.1, instrument="EDM", lever_arm=(0.1, 0, 1 / 3)),
         o.PhotoBase("f1", "f2", 1 / 3, sigma=0.1, mount="imu, 1"),
+        o.RelativeRotation(
+            *("f1", "f2", (0.1, -0.2, 1 / 3)),
+            mount="imu, 1",
+            covariance=np.diag([1e-6, 2e-6, 3e-6]) + 1e-7,
+        ),
+        o.RelativePosition(
+            "f1", "f2", (1, 2, 1 / 3), sigma=(0.01, 0.01, 0.02), instrument="EDM", mount="imu, 1"
+        ),
         o.AntennaVector("f1", (1, 2, 1 / 3), sigma=(0.01, 0.01, 0.02), lever_arm=(1, 2, 0.1)),
     )
     seen = np.array((1 / 3, -2, -5)) / np.linalg.norm((1 / 3, -2, -5))
     n.add(
         o.ProfileHeight("A", 312.1, sigma=0.3),
-        o.ProfileHeight(None, 2512.1, photo="f1", sigma=0.3, profile="7", t=-1 / 3),
+        o.ProfileHeight(None, 2512.1, photo="f1", sigma=0.3, profile="7", time=-1 / 3),
         o.ProfileHeight(
             None, 1.0, photo="f2", sigma=0.3, profile="8", mount="clino", lever_arm=(0.1, 0, 1 / 3)
         ),
