@@ -1,5 +1,5 @@
 """Independent models, strips and directions from one block
-===========================================================
+========================================================
 
 What did a block lose when photos were first made into models? Three strips of photos are adjusted
 as a bundle, as triplets, as pairs, as strips that polynomials bend, and as directions in plan. All

@@ -37,6 +37,7 @@ from factorgraph_adj.observations import (
     Observation,
     PhotoPosition,
     SlopeDistance,
+    StripCoordinate,
     VerticalAngle,
     ZenithAngle,
 )
@@ -53,6 +54,8 @@ SIGMA_IMAGE = 0.004
 """Of image coordinates, mm."""
 SCANNED = 0.25
 """Share of the networks with a frame of its own."""
+STRIPS = 0.12
+"""Share of the networks with a strip that bends."""
 FEWEST, MOST = 10, 30
 """Number of readings."""
 SIDE, HEIGHT, APART = 60.0, 20.0, 6.0
@@ -141,7 +144,26 @@ class _Draw:
         self._instruments()
         self._observations()
         self._scan()
+        self._strip()
         return self.network
+
+    def _strip(self) -> None:
+        """Let some points be those of a strip, in some networks with a given datum."""
+        rng = np.random.default_rng([self.seed, 1980])  # other draws stay what they were
+        if rng.random() > STRIPS or self.datum == "free":
+            return
+        points = list(self.network.points)
+        seen = rng.permutation(points)[: int(rng.integers(3, 7))].tolist()
+        values = dict(zip(("a0", "b0", "z"), rng.normal(0.0, 0.5, 3).tolist(), strict=True))
+        plan = int(rng.integers(0, 2))
+        self.network.set_polynomial("strip", plan=plan, height=("z",), values=values)
+        for name in seen:
+            along, across = rng.normal(0.0, 1.0, 2).tolist()
+            self.network.add(
+                StripCoordinate(
+                    "strip", name, (0.0,) * 3, along=along, across=across, sigma=(0.01,) * 3
+                )
+            )
 
     def _scan(self) -> None:
         """Let an instrument measure some points in a frame of its own, in some networks."""
