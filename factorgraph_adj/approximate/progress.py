@@ -28,6 +28,8 @@ class Progress:
     """Poses of photos, (f, 12)."""
     frame: Array
     """Frames, (k, 17)."""
+    mount: Array
+    """Mounts, (m, 12)."""
     surface: Array
     """Heights of level surfaces and surfaces of pressure, metres, (l,)."""
 
@@ -39,6 +41,7 @@ class Progress:
             orientation=self.orientation.copy(),
             pose=self.pose.copy(),
             frame=self.frame.copy(),
+            mount=self.mount.copy(),
             surface=self.surface.copy(),
         )
 

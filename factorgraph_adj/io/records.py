@@ -146,7 +146,10 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     else:
         arguments["value"] = (1.0,) * size if size else 1.0
     arguments["sigma"] = (1.0,) * size if size else 1.0
-    make: Callable[..., Observation] = KINDS[kind].observation
+    make: Callable[..., Observation] = record_of_kind.observation
+    arguments |= dict.fromkeys(
+        sorted(record_of_kind.attributes - record_of_kind.optional - {*arguments}), 0.0
+    )
     return make(**arguments, source=source or None)
 
 

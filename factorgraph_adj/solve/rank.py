@@ -17,6 +17,7 @@ from .elimination import layers_of
 from .factor import Factor, Plan
 from .linear import LinearSystem
 from .singular import SingularError
+from .stiff import eased_diagonal
 from .tree import TreeFactors
 
 NULL = 1e-7
@@ -56,6 +57,12 @@ LISTED = 12
 """Largest number of unknowns that a message names."""
 
 
+def _scale(system: LinearSystem, diagonal: Array) -> Array:
+    """Return √diag N without the stiffness of rigid mounts, 1 where it is zero, (n_columns,)."""
+    eased = eased_diagonal(system, diagonal)
+    return np.where(diagonal > 0, np.sqrt(np.maximum(eased, 0.0)), 1.0)
+
+
 def null_space(system: LinearSystem, diagonal: Array) -> Array:
     """Return an orthonormal basis (n_columns, d) of the null space of N, scaled by √diagonal.
 
@@ -65,7 +72,7 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
     unknowns = system.unknowns
     empty = unknowns.free & (diagonal <= 0)
     live = unknowns.free & ~empty
-    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
+    scale = _scale(system, diagonal)
     large = len(diagonal) > LARGE
     touched = np.zeros(len(diagonal), dtype=bool)
     for e in system.extra:
@@ -116,7 +123,7 @@ def unnoticed(
     Returns:
         Orthonormal combinations z (n_columns, d), scaled by √diagonal.
     """
-    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)[:, None]
+    scale = _scale(system, diagonal)[:, None]
     live = factor.free
     z = np.zeros((len(diagonal), min(PROBES, int(live.sum()))))
     z[live] = np.random.default_rng(1).standard_normal((int(live.sum()), z.shape[1]))
@@ -171,7 +178,7 @@ def undetermined(
     except SingularError:  # only the datum defects are known
         z = np.zeros((len(diagonal), 0))
     unknowns = system.unknowns
-    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)[:, None]
+    scale = _scale(system, diagonal)[:, None]
     lines, names = [], []
     concerned: list[tuple[str, str]] = []
     motions = _motions(scale, defects)
@@ -198,6 +205,8 @@ def undetermined(
         along = _moved_along(unknowns, z, concerned)
         if along:
             lines.append(f"with them moves {known_names(along, most=LISTED)}")
+    own = dict.fromkeys(UNKNOWNS[kind].remedy for kind, _ in concerned)
+    lines += [what for what in own if what]
     if n_datum:
         lines.append(remedy)
     total = n_datum + z.shape[1]
@@ -300,7 +309,7 @@ def loose(
     unknowns, diagonal = system.unknowns, system.diagonal()
     z = _whole_null_space(system, diagonal)
     if free and z.shape[1]:
-        scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
+        scale = _scale(system, diagonal)
         defects = find_defects(system, state, diagonal, free=True)
         if len(defects) < 2 and not _beside(z, _motions(scale[:, None], defects)).shape[1]:
             return {}
@@ -336,7 +345,7 @@ def _whole_null_space(system: LinearSystem, diagonal: Array) -> Array:
     if not len(free):
         return np.zeros((n, 0))
     unit = np.zeros((n, len(free)))
-    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0.0)), 1.0)
+    scale = _scale(system, diagonal)
     unit[free, np.arange(len(free))] = 1.0 / scale[free]
     _, s, vt = np.linalg.svd(system.times(unit), full_matrices=True)
     values = np.zeros(len(free))
