@@ -105,7 +105,7 @@ def _flown(plan: Network, seed: Seed) -> tuple[tuple[ProfileHeight, ...], dict[s
         value = photo.position[2] - a - b * t + rng.normal(0.0, SIGMA_STATOSCOPE)
         heights.append(
             ProfileHeight(
-                None, float(value), photo=name, sigma=SIGMA_STATOSCOPE, profile=f"{strip}", t=t
+                None, float(value), photo=name, sigma=SIGMA_STATOSCOPE, profile=f"{strip}", time=t
             )
         )
         turn = np.array([[*rng.normal(0.0, SIGMA_TILT, 2), 0.0]])

@@ -18,6 +18,8 @@ SIGMA_IMAGE, SIGMA_CONTROL = 0.2, 0.03
 """Pixels; metres."""
 SIGMA_STATOSCOPE, SIGMA_APR, SIGMA_SHORE, SIGMA_TILT = 0.3, 0.2, 0.1, np.radians(0.01)
 """Metres and radians."""
+FEWEST = 12
+"""Points of a photo that is used, at least."""
 IN_PHOTO, AT_SHORE = 15, 40
 """Points of each photo that are used at least, if it has them, and points at the shore."""
 PER_EXPOSURE = 0.1
@@ -28,6 +30,13 @@ SHIFTED = ("height", "height_t")
 def plan_of(block: Block, *, control: int = 11) -> fga.Network:
     """Return the block with true values and images to be simulated; its lake is made level."""
     rng = np.random.default_rng(7)
+    seen = {n: k for n, k in block.seen.items() if k >= 2 and n in block.points}
+    used = [f for f, (names, _) in block.rays.items() if len(seen.keys() & {*names}) >= FEWEST]
+    block = replace(
+        block,
+        photos={f: block.photos[f] for f in used},
+        rays={f: block.rays[f] for f in used},
+    )
     known = control_of(block, control)
     names = list(known)
     for seen, _ in block.rays.values():
