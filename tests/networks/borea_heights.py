@@ -18,9 +18,10 @@ SIGMA_IMAGE, SIGMA_CONTROL = 0.2, 0.03
 """Pixels; metres."""
 SIGMA_STATOSCOPE, SIGMA_APR, SIGMA_SHORE, SIGMA_TILT = 0.3, 0.2, 0.1, np.radians(0.01)
 """Metres and radians."""
-POINTS = 500
-LAKE = 0.2
-"""Part of the block's length that the lake has on each side of its middle."""
+FEWEST = 12
+"""Points of a photo that is used, at least."""
+IN_PHOTO, AT_SHORE = 15, 40
+"""Points of each photo that are used at least, if it has them, and points at the shore."""
 PER_EXPOSURE = 0.1
 """Unit of the profiles: ten exposures."""
 SHIFTED = ("height", "height_t")
@@ -29,9 +30,19 @@ SHIFTED = ("height", "height_t")
 def plan_of(block: Block, *, control: int = 11) -> fga.Network:
     """Return the block with true values and images to be simulated; its lake is made level."""
     rng = np.random.default_rng(7)
+    seen = {n: k for n, k in block.seen.items() if k >= 2 and n in block.points}
+    used = [f for f, (names, _) in block.rays.items() if len(seen.keys() & {*names}) >= FEWEST]
+    block = replace(
+        block,
+        photos={f: block.photos[f] for f in used},
+        rays={f: block.rays[f] for f in used},
+    )
     known = control_of(block, control)
-    every = [n for n, k in block.seen.items() if k >= 2 and n in block.points]
-    names = list(dict.fromkeys([*every[:: max(1, len(every) // POINTS)], *known]))
+    names = list(known)
+    for seen, _ in block.rays.values():
+        every = [n for n in seen if block.seen[n] >= 2 and n in block.points]
+        names += every[:: max(1, len(every) // IN_PHOTO)]
+    names = list(dict.fromkeys(names))
     network = block.network(points=names, sigma=SIGMA_IMAGE)
     frame = network.frame
     for name, x in known.items():
@@ -40,9 +51,10 @@ def plan_of(block: Block, *, control: int = 11) -> fga.Network:
         network.add(o.ControlPoint(name, at, sigma=(SIGMA_CONTROL,) * 3, id=f"control {name}"))
     at = np.array([network.points[n].coordinates for n in names])
     height, up = heights(frame, at)
-    middle, reach = at.mean(axis=0), np.ptp(at, axis=0)
-    wet = np.all(np.abs(at - middle)[:, :2] < LAKE * reach[:2], axis=1)
-    wet &= ~np.isin(names, list(known))
+    middle = np.median(at, axis=0)
+    near = np.argsort(np.linalg.norm((at - middle)[:, :2], axis=1))
+    wet = np.zeros(len(at), dtype=bool)
+    wet[[i for i in near.tolist() if names[i] not in known][:AT_SHORE]] = True
     level = float(np.median(height[wet]))
     network.set_level("lake", level)
     at[wet] += (level - height[wet])[:, None] * up[wet]

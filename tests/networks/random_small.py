@@ -30,17 +30,23 @@ from factorgraph_adj.observations import (
     FrameCoordinate,
     GnssPosition,
     GnssVector,
+    GyroAzimuth,
     HeightDifference,
     HorizontalAngle,
     HorizontalDistance,
     ImagePoint,
+    LevelHeight,
     Observation,
     PhotoPosition,
+    PhotoSight,
+    PhotoTilt,
+    ProfileHeight,
     SlopeDistance,
     StripCoordinate,
     VerticalAngle,
     ZenithAngle,
 )
+from factorgraph_adj.rotation import TURN_ABOUT_X
 from factorgraph_adj.simulation.simulate import disturb, look_at, measure
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
@@ -56,6 +62,8 @@ SCANNED = 0.25
 """Share of the networks with a frame of its own."""
 STRIPS = 0.12
 """Share of the networks with a strip that bends."""
+FLOODED = 0.2
+"""Share of the networks with surfaces of water and pressure, and instruments that go with them."""
 FEWEST, MOST = 10, 30
 """Number of readings."""
 SIDE, HEIGHT, APART = 60.0, 20.0, 6.0
@@ -145,6 +153,7 @@ class _Draw:
         self._observations()
         self._scan()
         self._strip()
+        self._surfaces()
         return self.network
 
     def _strip(self) -> None:
@@ -180,6 +189,35 @@ class _Draw:
         self.network.add_frame("scan", free=free, values=values, origin=origin)
         for name in seen:
             self.network.add(FrameCoordinate("scan", name, (0.0,) * 3, sigma=(0.003,) * 3))
+
+    def _surfaces(self) -> None:
+        """Let a lake, a barometer, a gyrotheodolite and clinometers tell of some networks."""
+        rng = np.random.default_rng([self.seed, 1957])  # other draws stay what they were
+        if rng.random() > FLOODED:
+            return
+        held = self.datum == "given" and rng.random() < 0.5
+        network, points = self.network, list(self.network.points)
+        network.set_level("lake", 5.0, fixed=bool(held))
+        network.set_profile("barometer", free=["height"], values={"height": -40.0})
+        network.set_gyro("gyro", 0.3, fixed=bool(held))
+        for name in rng.permutation(points)[:3].tolist():
+            network.add(LevelHeight(name, "lake", sigma=5 * MM))
+        for name in rng.permutation(points)[:3].tolist():
+            network.add(ProfileHeight(name, 0.0, profile="barometer", sigma=0.05))
+        for _ in range(2):
+            a, b = rng.permutation(points)[:2].tolist()
+            network.add(GyroAzimuth(a, b, 0.0, gyro="gyro", sigma=5 * ARCSEC))
+        for name, photo in network.photos.items():
+            if rng.random() < 0.5:
+                continue
+            assert photo.rotation is not None
+            up = self.axes[2]
+            seen = tuple((TURN_ABOUT_X @ photo.rotation.T @ up).tolist())
+            network.add(
+                PhotoTilt(name, (0.0,), axes="x", sigma=(1e-3,)),
+                PhotoSight(name, tuple(up.tolist()), seen, sigma=(1e-3, 1e-3)),
+                ProfileHeight(None, 0.0, photo=name, profile="barometer", sigma=0.05),
+            )
 
     def _points(self) -> None:
         at: list[Array] = []
@@ -281,6 +319,8 @@ class _Draw:
         for key in list(network.orientations):
             if key not in self.stated and self.chance(0.8):
                 del network.orientations[key]
+        for key, p in network.levels.items():  # found from points
+            network.levels[key] = p if p.fixed[0] else replace(p, values=(np.nan,))
         for key, p in network.frames.items():  # found from common points
             values = tuple(np.nan if i < 6 else v for i, v in enumerate(p.values))
             network.frames[key] = replace(p, values=values)
