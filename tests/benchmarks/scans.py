@@ -1,9 +1,9 @@
-"""Scanner stations with polar points: ``python -m tests.benchmarks.scans [STATIONS SIGHTS [WHAT]]``.
+"""Scanner stations with polar points: ``python -m tests.benchmarks.scans [STATIONS SIGHTS WHAT]``.
 
 Stations stand on the floor of a hall, 10 m apart; each point is sighted from two, three or four of
 the nearest stations with a direction, a zenith angle and a distance. Six points are held, nothing
-else has approximate values. WHAT may be ``centred``: the instruments are levelled and stand on points, by
-forced centring. Prints CPU seconds of every stage, one run.
+else has approximate values. WHAT may be ``centred``: the instruments are levelled and stand on
+points, by forced centring. Prints CPU seconds of every stage, one run.
 """
 
 from __future__ import annotations
