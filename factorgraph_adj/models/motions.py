@@ -223,6 +223,17 @@ def of_levels(motions: Motions, values: Array, at: Index) -> Array:
     return out
 
 
+def of_polynomials(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of strip polynomials, whose constants follow a shift of the object.
+
+    The other motions change coordinates of strips that a polynomial does not know of.
+    """
+    out = np.zeros((len(values), values.shape[1], 7))
+    constants = min(3, values.shape[1])
+    out[:, :constants, :3] = np.eye(3)[:constants]
+    return out
+
+
 def of_profiles(motions: Motions, values: Array, at: Index) -> Array:
     """Return the motions of height profiles a + b t + c t² with a scale s of the readings.
 
