@@ -161,9 +161,11 @@ def layers_of(
 def _seen_in_frames(equations: Equations, touched: Mask) -> Mask:
     """Return the points that only cameras and instruments in frames see, (number of points,).
 
-    No observation joins two of them: one at whose frame's origin a free point stands does not
-    count as one that an instrument alone sees.
+    No observation joins two of them: points at the origins of frames are in the other layers. With
+    photos, a point that is sighted from a free one is so too, as leverages of points alone
+    (`factorgraph_adj.solve.leverage.point_leverages`) then have no photos between them.
     """
+    photos = any(block.lens is not None for block in equations.blocks)
     table = equations.unknowns["point"]
     seen = np.zeros(len(table.names), dtype=bool)
     joined = table.offset < 0
@@ -184,7 +186,8 @@ def _seen_in_frames(equations: Equations, touched: Mask) -> Mask:
         seen[target] = True
         for index in others:
             joined[index] = True
-            joined[target[table.offset[index] >= 0]] = True
+            if photos:
+                joined[target[table.offset[index] >= 0]] = True
     on = np.flatnonzero(table.offset >= 0)
     joined[on[touched[table.offset[on]]]] = True
     return np.asarray(seen & ~joined)

@@ -31,6 +31,7 @@ from .node_sums import NodeRows
 from .nodes import Nodes
 from .point_cholesky import square
 from .ray_leverage import point_hats, ray_leverages
+from .rays import Rays
 from .reduction import RayCovariances, ReducedPoints, factorise_points
 from .selected_inverse import SelectedInverse
 from .spoke_leverage import spoke_hats, spoke_leverages
@@ -119,7 +120,7 @@ def leverages(system: LinearSystem, factor: Factor, transform: STransform | None
             out = blocks[sight.place]
             out.hat[sight.rows] = sight.hat
             out.others[sight.rows] = sight.others
-            out.own[sight.rows, :3] = sight.own  # its other points are held
+            out.own[sight.rows] = sight.own
         _from_points(factor.points, reduced, blocks)
     clusters = [_dense(columns, a, inverse, system) for columns, a in system.cluster_rows()]
     extra = [_dense(e.columns, e.a, inverse, system) for e in system.extra]
@@ -151,17 +152,28 @@ def point_leverages(
     for lb in only.blocks:
         n, d = lb.block.observed.shape
         blocks.append(np.zeros((n, d, d)))
-    tree = _points_of_tree(system, only, factor, datum)
-    if factor.points is not None:
+    alone = _points_alone(system, only, factor, datum)
+    tree = None if alone is None else alone.selected
+    if alone is not None and alone.points is not None:
+        # Points of the first layer are sighted from other points.
+        joint = alone.ray_covariances()
+        assert joint is not None
+        for sight in spoke_leverages(alone.points, joint, alone.inverse):
+            blocks[sight.place][sight.rows] = sight.hat
+        own = [_empty(lb) for lb in only.blocks]
+        _from_points(alone.points, joint, own)
+        for place, _, at, _ in alone.points.sums.coordinates():
+            blocks[place][at] = own[place].hat[at]
+    elif factor.points is not None:
         # Without the terms that a minimal datum adds to the diagonal of a point.
         sums = factor.points.sums
-        alone, _ = factorise_points(sums, np.zeros(system.unknowns.n_columns))
-        for place, rows, hat in point_hats(factor.points, alone):
+        single, _ = factorise_points(sums, np.zeros(system.unknowns.n_columns))
+        for place, rows, hat in point_hats(factor.points, single):
             blocks[place][rows] = hat
-        for place, rows, hat in spoke_hats(factor.points, alone):
+        for place, rows, hat in spoke_hats(factor.points, single):
             blocks[place][rows] = hat
         for place, number, rows, partials in sums.coordinates():
-            u = alone.lower(partials.transpose(2, 1, 0), number)
+            u = single.lower(partials.transpose(2, 1, 0), number)
             blocks[place][rows] = np.einsum("kim,kjm->mij", u, u)
     for place, lb in enumerate(only.blocks):
         _, outer = parts[place]
@@ -284,10 +296,13 @@ def _of_points(system: LinearSystem) -> Mask:
 # -- the points alone -----------------------------------------------------------------------------
 
 
-def _points_of_tree(
+def _points_alone(
     system: LinearSystem, only: LinearSystem, factor: Factor, datum: FreeDatum | None
-) -> SelectedInverse | None:
-    """Return the selected inverse of N22 of the points that are not in the first layer."""
+) -> Factor | None:
+    """Return N22 of the points that are not in the first layer, factorised; none: there are none.
+
+    Points of the first layer that are sighted from such points are in it.
+    """
     layers = factor.layers
     unknowns = layers.unknowns
     offset = unknowns["point"].offset
@@ -320,8 +335,12 @@ def _points_of_tree(
     plan = Plan(alone)
     if layers.in_fronts:
         nodes = Nodes(system.equations, alone)
-        plan = Plan(alone, nodes, rows=NodeRows(system.equations, nodes))
-    return Factor(plan, None, TreeFactors(alone, only), extra, qr=True).selected
+        rays = None
+        if factor.points is not None and not factor.points.rays.photo_parts:
+            rays = Rays(system.equations, nodes)
+        joined = rays if rays is not None and rays.spokes is not None else None
+        plan = Plan(alone, nodes, joined, NodeRows(system.equations, nodes))
+    return Factor(plan, plan.sums(only), TreeFactors(alone, only), extra, qr=True)
 
 
 # -- free networks --------------------------------------------------------------------------------

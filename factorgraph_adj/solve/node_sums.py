@@ -7,6 +7,7 @@ the products of whole blocks at once (`NodeRows.add_to`).
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,10 @@ class Slot:
     def some(self, part: slice) -> Slot:
         """Return the nodes of some of the observations."""
         return Slot(self.node[part], tuple((j, position[part]) for j, position in self.variables))
+
+    def without(self, variables: Collection[int]) -> Slot:
+        """Return the same nodes without some of the variables that stand in them."""
+        return Slot(self.node, tuple(v for v in self.variables if v[0] not in variables))
 
     def partials(self, arrays: tuple[Array, ...], width: int) -> Array:
         """Return the partials by all columns of the node, (m, d, width)."""

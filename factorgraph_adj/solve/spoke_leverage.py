@@ -29,9 +29,9 @@ class SpokeLeverage(NamedTuple):
     hat: Array
     """H = A Q Aᵀ, (m, d, d)."""
     others: Array
-    """A_b Σ A_bᵀ, the part of all unknowns but the point, (m, d, d)."""
+    """A_1 Σ A_1ᵀ, the part of all unknowns but points, (m, d, d)."""
     own: Array
-    """Q_p Aᵀ for the coordinates of the point of the first layer, (m, 3, d)."""
+    """Q_p Aᵀ for the coordinates of each observation's points, (m, 3 × points, d)."""
 
 
 def spoke_leverages(
@@ -56,13 +56,61 @@ def spoke_leverages(
             u = points.cholesky.lower(some[sights.target].transpose(2, 1, 0), at)
             u = np.ascontiguousarray(u.transpose(2, 0, 1))
             across = a.transpose(0, 2, 1)
-            others = a @ (sigma @ across)
+            along = sigma @ across
             z = m @ across
             ku = square(np.take(joint.inner, at, axis=1)) @ u - z
-            hat = others + u.transpose(0, 2, 1) @ ku - z.transpose(0, 2, 1) @ u
-            own = points.cholesky.upper(np.ascontiguousarray(ku.transpose(1, 2, 0)), at)
-            rows = sights.rows[part]
-            yield SpokeLeverage(sights.place, rows, hat, others, own.transpose(2, 0, 1))
+            hat = a @ along + u.transpose(0, 2, 1) @ ku - z.transpose(0, 2, 1) @ u
+            of_point = points.cholesky.upper(np.ascontiguousarray(ku.transpose(1, 2, 0)), at)
+            variables = points.system.blocks[sights.place].block.variables
+            stations = [j for j, (kind, _) in enumerate(variables) if kind == "point"]
+            moved = along - m.transpose(0, 2, 1) @ u  # Q_b Aᵀ
+            own = [
+                of_point.transpose(2, 0, 1)
+                if j == sights.target
+                else _of_variable(sights, part, j, moved, inverse.pattern.width)
+                for j in stations
+            ]
+            a1 = _without_points(sights, part, some, a, stations, inverse.pattern.width)
+            yield SpokeLeverage(
+                sights.place,
+                sights.rows[part],
+                hat,
+                a1 @ (sigma @ a1.transpose(0, 2, 1)),
+                np.concatenate(own, axis=1),
+            )
+
+
+def _of_variable(sights: SpokeRows, part: slice, variable: int, moved: Array, width: int) -> Array:
+    """Return the rows (m, 3, d) of a variable among those of all nodes; zero if it is held."""
+    n, _, d = moved.shape
+    out = np.zeros((n, 3, d))
+    for number, slot in enumerate(sights.slots):
+        for j, position in slot.variables:
+            if j == variable:
+                here = position[part]
+                for c in range(3):
+                    on = np.flatnonzero(here[:, c] >= 0)
+                    out[on, c] = moved[on, number * width + here[on, c]]
+    return out
+
+
+def _without_points(
+    sights: SpokeRows,
+    part: slice,
+    arrays: tuple[Array, ...],
+    a: Array,
+    stations: list[int],
+    width: int,
+) -> Array:
+    """Return A_b with zeros for the coordinates of points, (m, d, c)."""
+    held = [j for slot in sights.slots for j, _ in slot.variables if j in stations]
+    if not held:
+        return a
+    out = a.copy()
+    for number, slot in enumerate(sights.slots):
+        own = slot.without(stations).some(part).partials(arrays, width)
+        out[:, :, number * width : (number + 1) * width] = own
+    return out
 
 
 def _around(

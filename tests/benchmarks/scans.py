@@ -1,8 +1,9 @@
-"""Scanner stations with polar points: ``python -m tests.benchmarks.scans [STATIONS] [SIGHTS]``.
+"""Scanner stations with polar points: ``python -m tests.benchmarks.scans [STATIONS SIGHTS WHAT]``.
 
 Stations stand on the floor of a hall, 10 m apart; each point is sighted from two, three or four of
 the nearest stations with a direction, a zenith angle and a distance. Six points are held, nothing
-else has approximate values. Prints CPU seconds of every stage, one run.
+else has approximate values. WHAT may be ``centred``: the instruments are levelled and stand on
+points, by forced centring. Prints CPU seconds of every stage, one run.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class Hall:
         self.q = np.einsum("nji,nj->ni", self.turns[self.station], d)
 
 
-def hall(stations: int, sights: int, *, seed: int = 1) -> Hall:
+def hall(stations: int, sights: int, *, seed: int = 1, level: bool = False) -> Hall:
     """Return a hall of a number of stations, in which there are a number of sights."""
     rng = np.random.default_rng(seed)
     rows = max(1, round(np.sqrt(stations / 2)))
@@ -72,13 +73,12 @@ def hall(stations: int, sights: int, *, seed: int = 1) -> Hall:
     point, _ = np.nonzero(chosen)
     station = near[chosen]
     order = np.argsort(station, kind="stable")
-    turns = exp_rotation(
-        np.column_stack([0.02 * rng.normal(size=(stations, 2)), rng.uniform(-3, 3, stations)])
-    )
+    tilts = (0.0 if level else 0.02) * rng.normal(size=(stations, 2))
+    turns = exp_rotation(np.column_stack([tilts, rng.uniform(-3, 3, stations)]))
     return Hall(places, at, turns, station[order], point[order])
 
 
-def network_of(hall: Hall, *, seed: int = 1) -> fga.Network:
+def network_of(hall: Hall, *, seed: int = 1, centred: bool = False) -> fga.Network:
     """Return the network of a hall with simulated measurements."""
     rng = np.random.default_rng(seed)
     network = fga.Network("hall")
@@ -89,7 +89,11 @@ def network_of(hall: Hall, *, seed: int = 1) -> fga.Network:
     for i, x in enumerate(hall.places.tolist()):
         network.add_point(f"P{i}", x if i in held else None, fixed="xyz" if i in held else "")
     for s, x in enumerate(np.round(hall.stations).tolist()):
-        network.add_frame(f"S{s}", origin=x)
+        if centred:
+            network.add_point(f"station {s}")
+            network.add_frame(f"S{s}", free=["rz"], origin=f"station {s}", level=True)
+        else:
+            network.add_frame(f"S{s}", origin=x)
     q = hall.q
     across = np.hypot(q[:, 0], q[:, 1])
     n = len(q)
@@ -116,8 +120,9 @@ def network_of(hall: Hall, *, seed: int = 1) -> fga.Network:
 
 def main() -> None:
     """Print what every stage takes."""
-    given = [int(a) for a in sys.argv[1:]] + [STATIONS, SIGHTS][len(sys.argv) - 1 :]
-    made = hall(*given)
+    given = [int(a) for a in sys.argv[1:3]] or [STATIONS, SIGHTS]
+    centred = "centred" in sys.argv
+    made = hall(*given, level=centred)
 
     def timed(what: str, work: Callable[[], object]) -> object:
         start = time.process_time()
@@ -125,7 +130,7 @@ def main() -> None:
         print(f"  {what:24}{time.process_time() - start:8.2f} s", flush=True)
         return found
 
-    network = timed("observations, network", lambda: network_of(made))
+    network = timed("observations, network", lambda: network_of(made, centred=centred))
     assert isinstance(network, fga.Network)
     solution = timed("adjustment", lambda: fga.adjust(network))
     assert isinstance(solution, fga.Solution)

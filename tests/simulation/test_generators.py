@@ -58,6 +58,7 @@ from factorgraph_adj.simulation.generate.terrestrial import (
     Traverse,
     TriangulationGrid,
 )
+from factorgraph_adj.simulation.generate.trackers import Trackers
 from factorgraph_adj.simulation.industry_block import simulate_industry_block
 from factorgraph_adj.simulation.parameters import kinds_of
 from factorgraph_adj.simulation.simulate import SimulatedNetwork
@@ -94,6 +95,8 @@ GENERATORS = {
     "trilateration": (TriangulationGrid(observe="distances", heights="levelled"),),
     "levelling": (LevellingLoops(),),
     "monitoring": (Monitoring(),),
+    "trackers": (Trackers(),),
+    "levelled scanners": (Trackers(level=True, sigma_angle_arcsec=5.0, hidden=0.0),),
     "isp": (IspBlock(),),
     "industry": (IndustryBlock(),),
     "aerial 1986": (Aerial1986(distances=60, height_differences=32),),

@@ -68,6 +68,12 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "unknown constants": lambda: room_of(3, ["scanner", "tracker"] * 5, constants=True, points=14),
     "every instrument, free": lambda: room_of(4, list(INSTRUMENTS), coarse=0.1),
     "partly sighted": lambda: room_of(5, ["levelled scanner"] * 9, points=20, share=0.4, held=3),
+    "forced centring": lambda: room_of(
+        10, ["on a tripod"] * 4 + ["on a pillar, tilted"] * 3, points=14, held=4, share=0.7
+    ),
+    "forced centring, free": lambda: room_of(
+        12, ["on a tripod"] * 3 + ["scanner"] * 2, points=10, coarse=0.1, constants=True
+    ),
     "photos too": with_photos,
     "a far target": far_target,
     "frame coordinates": lambda: network_of_frames(4, ("scan", "model", "levelled scan", "plan")),
@@ -96,9 +102,8 @@ def test_points_that_only_instruments_see_are_eliminated_first(
     solution = fga.adjust(network, tolerance=1e-8)
     assert solution.converged and solution.solver.layers.in_fronts
     assert not solution.solver.qr_everywhere
-    if name != "every instrument, free":  # there free points are origins of frames
-        assert solution.solver.plan.rays is not None
-        assert solution.solver.plan.rays.spokes is not None
+    assert solution.solver.plan.rays is not None
+    assert solution.solver.plan.rays.spokes is not None
     found = fga.reliability(solution)
     sigma = np.sqrt(np.einsum("pii->pi", covariances))
     moved = np.abs(solution.state["point"] - by_qr.state["point"])
