@@ -1,10 +1,8 @@
 """Kinds of unknowns: one record holds everything that the package knows about a kind.
 
-The fields of `UnknownKind` are the components and their units, stored form and tangent, the change
-in a motion of the whole object, the key in the graph, the place in the elimination, the table in a
-project and the name in messages. `register_unknown` adds a kind. The batch adjustment, the free
-network, covariances, reliability, the incremental adjustment, projects and reports then treat the
-new kind like a built-in kind.
+`UnknownKind` has the components, their units and tangent, the motions, the key in the graph, the
+place in the elimination, the table in a project and the name in messages. `register_unknown` adds a
+kind; adjustments, reliability, projects and reports treat it like a built-in kind.
 
 A stored value is a vector of its components. Where ``rotates`` is true the first three components
 are a rotation R, stored as nine matrix elements in rows; the tangent of R is R ← R Exp(ω), and the
@@ -109,8 +107,7 @@ class UnknownKind:
     table: UnknownTable | None = None
     """Table in a project; None for points, photos and cameras, whose tables have special forms."""
     default: tuple[float, ...] | None = None
-    """Values of the held constant for observations that name no unknown of this kind; None if
-    every observation must name an unknown."""
+    """Values held for observations that name no unknown of this kind; None: they must name one."""
     absent: Literal["refused", "default", "found"] = "refused"
     """Treatment of a name that the network does not state: the name is refused, means the default,
     or creates a free unknown whose start value is computed."""
@@ -123,9 +120,9 @@ class UnknownKind:
     reference: Literal["zero", "given"] = "zero"
     """Value with which a test of significance compares a free component."""
     instrument: bool = False
-    """Whether the unknown belongs to an instrument, for groups of variance components."""
+    """Whether it belongs to an instrument, for groups of variance components."""
     remedy: str = ""
-    """What helps where unknowns of the kind are not determined; empty: nothing in particular."""
+    """What helps where unknowns of the kind are not determined."""
     on_earth: bool = False
     """Whether it is the height of a surface, or a constant of azimuths, that many places share:
     on the curved Earth observations of it tell a free network by little where it is."""
@@ -409,11 +406,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         additional=True,
         reference="given",
         instrument=True,
-        remedy=(
-            "what all mounts of a rig share cannot be told from the poses of its carriers: hold "
-            "one mount, that of a reference member, or observe the carriers; a member without "
-            "observations of its own cannot have a free mount"
-        ),
+        remedy="hold one mount of a rig, that of its reference member, or observe its carriers",
     ),
     UnknownKind(
         "drift",
