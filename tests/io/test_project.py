@@ -179,7 +179,7 @@ def any_observation(draw):
     arguments |= {n: draw(NAME) for n in needed if n not in KINDS[kind].optional}
     needed = (n for n in vectors_of(kind) if n not in KINDS[kind].optional)
     arguments |= {n: draw(st.sampled_from(UNIT_VECTORS)) for n in needed}
-    if "lever_arm" in names:
+    if {"lever_arm", "photo"} <= names:
         arguments["lever_arm"] = (draw(SIGMA), draw(VALUE), draw(VALUE))
     if "angle" in names:
         arguments["angle"] = draw(st.sampled_from(ANGLES))
