@@ -70,6 +70,7 @@ def _unoriented(progress: Progress) -> Index:
     """Return the sets that have directions but no orientation."""
     used = np.zeros(len(progress.orientation), dtype=bool)
     used[progress.survey.directions.third] = True
+    used[len(used) - len(progress.survey.gyro) :] = False
     return np.flatnonzero(used & np.isnan(progress.orientation))
 
 
@@ -224,6 +225,8 @@ class _Joined:
 
     def _why_no_height(self, p: int) -> str:
         s = self._progress.survey
+        if p in s.above.point:
+            return "the height of the surface above which it was measured is not known"
         known_height: Mask = np.isfinite(self._progress.plan[:, 2])
         joined = False
         for sighted in (s.steps, s.zeniths, s.slopes, s.vectors):

@@ -37,6 +37,7 @@ from .resection import resections
 from .single_ray import far_points, ray_and_more
 from .spheres import spheres, start_in_space
 from .sub_frames import place_frames, places_in_frames
+from .surfaces import above_surfaces, share_gyros, start_surface
 from .survey import read_survey
 from .vectors import given_positions, known_coordinates, vectors
 
@@ -116,14 +117,16 @@ def _begin(equations: Equations, state: State, relative: RelativePoses) -> tuple
     )
     given = np.concatenate([state["point"], given_positions(equations.network)])
     horizon = Horizon(frame, place_of(frame, given, latitude, longitude))
+    survey = read_survey(equations, horizon.curvature)
     progress = Progress(
-        read_survey(equations, horizon.curvature),
+        survey,
         horizon,
         horizon.to_plan(state["point"]),
-        state["orientation"][:, 0].copy(),
+        np.concatenate([state["orientation"][:, 0], state["gyro"][survey.gyro, 0]]),
         state["pose"].copy(),
         state["frame"].copy(),
         open_mounts(state["mount"], relative.wanted),
+        survey.above.height.copy(),
     )
     known_coordinates(equations, progress)
     seen = _Seen(read_rays(equations), read_frames(equations), relative, state["mount"].copy())
@@ -158,6 +161,7 @@ def _search(progress: Progress, seen: _Seen, *, free: bool) -> None:
         lambda: free and start_in_space(progress),
         lambda: free and start_heights(progress, height_differences(progress)[0]),
         lambda: free and start_anywhere(progress, relative),
+        lambda: free and start_surface(progress),
     )
     while any(step() for step in steps):
         pass
@@ -204,7 +208,14 @@ def _without_contradiction(
 def _sure_steps(progress: Progress) -> bool:
     """Fill orientations, polar points, heights and ends of vectors; return whether any was."""
     led_on = False
-    while orient(progress) | polar(progress) | heights(progress) | vectors(progress):
+    while (
+        orient(progress)
+        | share_gyros(progress)
+        | polar(progress)
+        | heights(progress)
+        | above_surfaces(progress)
+        | vectors(progress)
+    ):
         led_on = True
     return led_on
 

@@ -29,6 +29,7 @@ from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from .registry import KINDS, ObservationKind, Unit, observation_kind, register_observation
 from .relative import RelativePosition, RelativeRotation
+from .strips import StripCoordinate
 from .terrestrial import (
     AstronomicLatitude,
     AstronomicLongitude,
@@ -87,6 +88,7 @@ __all__ = [
     "Sight",
     "SlopeDistance",
     "StandardDeviation",
+    "StripCoordinate",
     "Unit",
     "VerticalAngle",
     "Weight",

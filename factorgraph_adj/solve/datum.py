@@ -89,7 +89,8 @@ def generators(equations: Equations, state: State, about: About | None = None) -
         record = UNKNOWNS[kind]
         on = np.flatnonzero(table.offset >= 0)
         if record.motions is not None and len(on):
-            moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
+            these = replace(motions, held=~table.free[on])
+            moved = record.motions(these, state[kind][on], places_of(equations, kind, on))
             for j in range(moved.shape[1]):
                 has = j < table.size[on]
                 g[table.offset[on[has]] + j] = moved[has, j]
@@ -252,7 +253,13 @@ def find_defects(
         for i in np.flatnonzero(table.offset >= 0):
             geometric[table.offset[i] : table.offset[i] + table.size[i]] = True
     label = np.where(observed & unknowns.free, label, -1)
-    shared = ~geometric & unknowns.free
+    connecting = np.concatenate(
+        [
+            np.full(int(table.size[table.offset >= 0].sum()), UNKNOWNS[kind].connects)
+            for kind, table in unknowns.tables.items()
+        ]
+    )
+    shared = ~geometric & ~connecting & unknowns.free
     out = []
     ratio = unnoticed_ratio(system.equations, about, free=free)
     found = np.unique(label[geometric & (label >= 0)])

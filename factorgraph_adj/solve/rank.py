@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import DatumError
+from ..errors import known as known_names
 from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index
@@ -50,6 +51,8 @@ UNDETERMINED = "is not determined"
 """What `loose` says of variables in the null space."""
 APART = "is not joined to the free network"
 """What `loose` says of variables that do not move with the free network."""
+MOVED_ALONG = 1e-6
+"""Share of a parameter in undetermined combinations above which it is named beside them."""
 LISTED = 12
 """Largest number of unknowns that a message names."""
 
@@ -199,6 +202,9 @@ def undetermined(
             )
         if len(shares) > LISTED:
             lines.append(f"… and {len(shares) - LISTED} more")
+        along = _moved_along(unknowns, z, concerned)
+        if along:
+            lines.append(f"with them moves {known_names(along, most=LISTED)}")
     own = dict.fromkeys(UNKNOWNS[kind].remedy for kind, _ in concerned)
     lines += [what for what in own if what]
     if n_datum:
@@ -249,6 +255,27 @@ def _shares(unknowns: Unknowns, z: Array) -> list[tuple[VariableKind, int, float
     # In a network that turns as a whole, every unknown has a small share.
     least = min(CONCERNED, 0.5 * out[0][2])
     return [item for item in out if item[2] > least]
+
+
+def _moved_along(
+    unknowns: Unknowns, z: Array, concerned: Sequence[tuple[VariableKind, str]]
+) -> list[str]:
+    """Return the parameters that z moves, with their weakest component, beside those concerned.
+
+    Their observations may be few and coarse, so that their share in z is small; yet it is they who
+    leave it open, such as the slope of a height profile the tilt of a strip.
+    """
+    leverage = np.sum(z * z, axis=1)
+    out = []
+    for kind, number in unknowns.active():
+        record, name = UNKNOWNS[kind], unknowns[kind].names[number]
+        own = leverage[unknowns.columns(kind, number)]
+        if not (record.additional or record.on_earth) or (kind, name) in concerned:
+            continue
+        if own.sum() > MOVED_ALONG:
+            component = unknowns.component_names(kind, number)[int(np.argmax(own))]
+            out.append(f"{record.noun} {name!r} ({component})")
+    return out
 
 
 def _support(system: LinearSystem, kind: str, number: int, diagonal: Array) -> str:

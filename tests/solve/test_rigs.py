@@ -165,7 +165,7 @@ def test_what_all_mounts_share_is_named_where_no_member_is_held() -> None:
     network = without_datum(network)
     for name in list(network.points)[:6]:
         network.points[name] = replace(network.points[name], fixed=(True,) * 3)
-    with pytest.raises(DatumError, match="hold one mount of a rig") as found:
+    with pytest.raises(DatumError, match="hold one mount, that of a reference member") as found:
         adjust(network)
     assert found.value.defect == 6
     assert {n for k, n in found.value.unknowns if k == "mount"} == {"forward", "left", "right"}
