@@ -43,8 +43,6 @@ class RelativeRotation(Observation):
     def __post_init__(self) -> None:
         """Check the observation."""
         _check(self)
-        if not float(np.linalg.norm(self.value)) < np.pi * (1 + 1e-9):
-            self._fail(f"the rotation vector is longer than π: {self.value}")
 
 
 @dataclass(frozen=True)

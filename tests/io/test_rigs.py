@@ -137,7 +137,7 @@ def test_bad_relative_poses_are_named(tmp_path: Path) -> None:
         "relative_position,E0,E9,1,2,3,,,,,1,\n"
         "relative_rotation,E0,E0 left,,,,1,2,,,,1\n"
         "relative_rotation,E0,E0 left,,,,1,2,3,top,,1\n"
-        "relative_rotation,E0,E0 left,,,,190,2,150,,,1\n"
+        "relative_rotation,E0,E0 left,,,,190,2,150,,,-1\n"
     )
     with pytest.raises(InputError) as found:
         read_project(folder)
@@ -146,7 +146,7 @@ def test_bad_relative_poses_are_named(tmp_path: Path) -> None:
         "observations.csv:3: relative_position E0 E9: unknown photo 'E9'",
         "observations.csv:4: relative_rotation E0 E0 left: rz is missing",
         "observations.csv:5: relative_rotation E0 E0 left: unknown mount 'top'; known: left, right",
-        "observations.csv:6: relative_rotation E0 E0 left: the rotation vector is longer than π",
+        "observations.csv:6: relative_rotation E0 E0 left: sigma_mgon must be greater than zero",
     ):
         assert message in str(found.value)
 

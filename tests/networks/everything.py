@@ -174,6 +174,13 @@ def everything(frame_name: str) -> Network:
         o.GyroAzimuth("A", '"D"', 6.1, sigma=turned, gyro="gyro 1", target_height=1.3),
         o.GyroAzimuth("A", "#C", 1 / 3, sigma=1e-5),
     )
+    turned_by = np.diag([1e-10, 2e-10, 3e-10]) + 1e-11
+    n.add(
+        o.RelativeRotation("f1", "f2", (0.1, -1 / 3, 2.0), covariance=turned_by),
+        o.RelativeRotation("f1", "f3", (0.0, 0.0, 1e-9 / 3), sigma=(1e-8,) * 3, mount="clino"),
+        o.RelativePosition("f2", "f1", (1, 2, 1 / 3), sigma=(0.1, 0.2, 0.3), instrument="EDM"),
+        o.RelativePosition("f1", "f3", (0.0, 0.0, 1e-9 / 3), sigma=(1e-6,) * 3, mount="clino"),
+    )
     if not local:
         n.add(
             o.AstronomicLatitude("A", 0.83, sigma=1e-6, id="Φ"),
