@@ -34,6 +34,9 @@ GTSAM's QR keeps twice the digits; in large networks its cost for each variable 
 LARGEST_TREE_BESIDE_CAMERAS = 30
 """The same number beside photos: GTSAM's QR leaves a dense matrix over their unknowns, whose making
 takes longer than all fronts."""
+MOST_JOINED = 8
+"""Number of photos that one variable at no point may join before its elimination by GTSAM, which
+leaves a dense matrix over all of them, takes longer than a full column of the reduced system."""
 MOST_SPREAD = 60
 """Largest number of variables at no point, such as distance meters, for which this is done: they
 are full columns of the reduced system."""
@@ -130,7 +133,8 @@ def layers_of(
     largest = min(LARGEST_TREE, LARGEST_TREE_BESIDE_CAMERAS) if cameras.any() else LARGEST_TREE
     # Rows beside the observations join what they touch as if it were a part of the tree.
     size = len(tree) + int(touched.sum()) // UNKNOWNS["pose"].size
-    large = size > largest and _spread(tree) <= MOST_SPREAD
+    large = size > largest and len(_spread(tree)) <= MOST_SPREAD
+    large = large or _joined(equations, _spread(tree), cameras) > MOST_JOINED
     if kept is not None or (reduce_points and large):
         every = np.ones(unknowns.n_columns, dtype=bool)
         first = table.offset[reduced]
@@ -159,7 +163,35 @@ def outside(equations: Equations, layers: Layers, place: int) -> Index:
     return np.flatnonzero(keep)
 
 
-def _spread(tree: Sequence[tuple[VariableKind, int]]) -> int:
-    """Return how many variables of a tree stand neither at a point nor in a photo."""
+def _spread(tree: Sequence[tuple[VariableKind, int]]) -> list[tuple[VariableKind, int]]:
+    """Return the variables of a tree that stand neither at a point nor in a photo."""
     placed = ("point", "pose", "calibration")
-    return sum(kind not in placed and not UNKNOWNS[kind].at_point for kind, _ in tree)
+    return [v for v in tree if v[0] not in placed and not UNKNOWNS[v[0]].at_point]
+
+
+def _joined(equations: Equations, spread: Sequence[tuple[VariableKind, int]], cameras: Mask) -> int:
+    """Return with how many photos of the third layer one variable shares observations, at most.
+
+    Args:
+        equations: the network.
+        spread: variables of the tree at no point.
+        cameras: columns of the third layer, (n_columns,).
+    """
+    kinds = {kind for kind, _ in spread}
+    poses = equations.unknowns["pose"]
+    inside = (poses.offset >= 0) & cameras[np.maximum(poses.offset, 0)]
+    pairs: dict[VariableKind, list[Index]] = {kind: [] for kind in kinds}
+    for block in equations.blocks:
+        photos = [index for kind, index in block.variables if kind == "pose"]
+        for kind, index in block.variables:
+            if kind in kinds:
+                own = equations.unknowns[kind].offset[index] >= 0
+                for photo in photos:
+                    on = own & inside[photo]
+                    pairs[kind].append(index[on] * len(inside) + photo[on])
+    most = 0
+    for found in pairs.values():
+        if found:
+            codes = np.unique(np.concatenate(found))
+            most = max(most, int(np.bincount(codes // max(len(inside), 1)).max(initial=0)))
+    return most

@@ -58,8 +58,11 @@ class Rays:
         self.places, self.layers = nodes, nodes.layers
         """Places of the photos in the reduced system."""
         self.n_points = int(nodes.layers.reduced.sum())
-        self.width, self.side = nodes.width, nodes.side
-        """Number of columns of a node, and of the border."""
+        self.width = nodes.width
+        """Number of columns of a node."""
+        self.side = max((c.side.stop for c in nodes.cameras), default=0)
+        """Number of the first columns of the border, those of shared calibrations, that rays
+        touch."""
         self.cameras = nodes.cameras
         """Calibrations that several photos share."""
         points, self.node_of_ray = self._parts(equations)
