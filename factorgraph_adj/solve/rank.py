@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..errors import DatumError
+from ..errors import DatumError, known
 from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index
@@ -213,7 +213,20 @@ def describe_defects(unknowns: Unknowns, defects: Sequence[Defect]) -> list[str]
         whole = len(found) == len(_names_in(unknowns, np.arange(unknowns.n_columns)))
         which = "" if whole else f" of the part with {some}"
         lines.append(f"datum defect {d.size}{which}: missing {', '.join(d.names())}")
+        if taken := _takers(unknowns, d):
+            lines.append(f"observed coordinates do not hold it: free shift of {known(taken)}")
     return lines
+
+
+def _takers(unknowns: Unknowns, defect: Defect) -> list[str]:
+    """Return the unknown shifts that take up what observed coordinates tell of a defect."""
+    found = []
+    for kind, number in unknowns.active():
+        record = UNKNOWNS[kind]
+        columns = unknowns.columns(kind, number)
+        if record.shifts and np.abs(defect.motions[columns]).max() > 0:
+            found.append(f"{record.noun} {unknowns[kind].names[number]!r}")
+    return found
 
 
 def _names_in(unknowns: Unknowns, columns: Index) -> list[str]:

@@ -1,4 +1,4 @@
-"""Cost of GNSS/INS, drifts and mounts in the aerial block of IGN: python -m tests.benchmarks.flight.
+"""Cost of GNSS/INS, drifts and mounts in the block of IGN: python -m tests.benchmarks.flight.
 
 The block of 68 photos is adjusted with weighted poses, then with the same information as observed
 positions and attitudes, of which a mount, and a shift, a drift and a drift of attitudes of each of
