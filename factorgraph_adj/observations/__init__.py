@@ -22,6 +22,7 @@ from .airborne import (
 from .base import Observation, Sight
 from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
+from .gauss_markov import gauss_markov
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
@@ -77,6 +78,7 @@ __all__ = [
     "VerticalAngle",
     "Weight",
     "ZenithAngle",
+    "gauss_markov",
     "observation_kind",
     "register_observation",
 ]
