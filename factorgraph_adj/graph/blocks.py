@@ -86,6 +86,8 @@ class Block:
     """Whether several rows of the block may belong to one observation, one for each axis."""
     axes: Sequence[str] | None = None
     """Name of the component of each row, (n,), for single components with different names."""
+    named: tuple[str, ...] = ()
+    """Attribute of the observations that names each variable; empty for blocks of no kind."""
     widths: dict[int, int] = field(default_factory=dict)
     """Number of components that the model takes, by place of the variable, for kinds with
     different sizes."""

@@ -50,7 +50,8 @@ def components_of(kind: str) -> tuple[str, ...]:
     record = observation_kind(kind)
     if "covariance" not in record.attributes:
         return ()
-    return ("x", "y", "z") if "axes" in record.attributes else tuple(record.observation.components)
+    stated = tuple(record.observation.components)
+    return stated if len(stated) > 1 else ("x", "y", "z")
 
 
 def pair(a: str, b: str) -> str:

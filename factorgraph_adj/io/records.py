@@ -82,7 +82,7 @@ def observation(
     kind = row.text("kind", required=True)
     row.of = label(record) if kind is not None else ""
     if kind is not None and kind not in KINDS:
-        row.wrong(f"unknown kind {kind!r}; valid: {known(KINDS, meant=kind, most=40)}")
+        row.wrong(f"unknown kind {kind!r}; valid: {known(KINDS, meant=kind, most=80)}")
     if row.failed or kind is None:
         raise InputError(problems)
     cls = KINDS[kind].observation
@@ -149,6 +149,12 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     return make(**arguments, source=source or None)
 
 
+def _reading(row: Row, name: str, unit: str, optional: frozenset[str]) -> float | None:
+    """Return the observed value in a field, which is 0 if the kind has a default for values."""
+    found = row.number(name, unit, required="value" not in optional)
+    return 0.0 if found is None and name not in row and "value" in optional else found
+
+
 def _project_unit(quantity: Quantity, units: Units) -> str:
     """Return the project's unit for a number without a unit of its own."""
     return {"length": units.length, "angle": units.angle, "ppm": "ppm"}.get(quantity, "")
@@ -186,22 +192,22 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
         arguments["length_km"] = row.number("length_km", positive=True)
     for name, quantity in vectors_of(kind).items():
         own = columns_of_vector(name)
-        if any(n in row for n in own):
+        if name not in optional or any(n in row for n in own):
             # Lengths beside a length have its unit.
             of = unit if quantity == "length" and not angle else _project_unit(quantity, units)
             arguments[name] = tuple(row.number(n, of, required=True) for n in own)
     if "covariance" not in have:
-        arguments["value"] = row.number("value", unit, required=True)
+        arguments["value"] = _reading(row, "value", unit, optional)
         place = f"[sigma.{kind}] of the project"
         arguments["sigma"] = scalar_sigma(row, kind, context.sigma.get(kind, {}), place)
         return
     names = components_of(kind)
     if "axes" in have:
-        axes = "".join(row.letters("axes", "xyzenu")) or "xyz"
+        axes = "".join(row.letters("axes", "xyzenu")) or KINDS[kind].defaults["axes"]
         names, arguments["axes"] = tuple(axes), axes
     whole = bool(set(names) & set("enu"))
     arguments["value"] = tuple(
-        row.number(a, unit, required=True) for a in ("xyz" if whole else names)
+        _reading(row, a, unit, optional) for a in ("xyz" if whole else names)
     )
     _take_vector_sigma(row, kind, names, context, arguments)
 
@@ -384,7 +390,7 @@ def record(
         out["length_km"] = numbers.write(given.length_km)
     for name, quantity in vectors_of(kind).items():
         vector = getattr(found, name)
-        if any(vector):
+        if name not in KINDS[kind].optional or any(vector):
             beside = quantity == "length" and not is_angle(kind)
             size = unit if beside else _project_unit(quantity, units)
             each = zip(columns_of_vector(name), vector, strict=True)

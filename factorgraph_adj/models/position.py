@@ -96,24 +96,27 @@ def attitude(
     return Linearised(w - observed, (jacobian,))
 
 
-def tilt(frame: Frame, value: Array, *, observed: Array, up: Array, size: int) -> Linearised:
-    """Compute (g_y, −g_x) − observed, radians about the turned x and y axes, (n, 2); g = Rᵀ u.
+def tilt(frame: Frame, value: Array, *, observed: Array, upright: Array, size: int) -> Linearised:
+    """Compute (t_y, −t_x) − observed, radians about the x and y axes of R, (n, 2); t = U Rᵀ u.
 
-    It is zero where the z axis of R is u, whatever the turn about it.
+    u is the z axis of the object or of the horizon, and g = Rᵀ u is how it is seen from the axes of
+    R. U turns the given g into (0, 0, 1): the tilts are those of a compensator, about the axes of
+    R. They are zero where g is as given, and no turn about u changes them.
 
     Args:
         frame: not used.
         value: stored values that begin with a rotation R, (n, 9 + …).
         observed: (n, 2).
-        up: u, the known direction of the z axis, (n, 3).
+        upright: U, the shortest turn from the given g to (0, 0, 1), (n, 3, 3).
         size: number of components of the tangent.
     """
     rotation = value[:, :9].reshape(-1, 3, 3)
-    g = np.einsum("nji,nj->ni", rotation, up)
+    g = rotation[:, 2]
+    t = np.einsum("nij,nj->ni", upright, g)
     jacobian = np.zeros((len(g), 2, size))
-    turned = skew(g)
+    turned = upright @ skew(g)
     jacobian[:, 0, :3], jacobian[:, 1, :3] = turned[:, 1], -turned[:, 0]
-    return Linearised(np.stack([g[:, 1], -g[:, 0]], axis=1) - observed, (jacobian,))
+    return Linearised(np.stack([t[:, 1], -t[:, 0]], axis=1) - observed, (jacobian,))
 
 
 def component(

@@ -124,6 +124,9 @@ class UnknownKind:
     """Value with which a test of significance compares a free component."""
     instrument: bool = False
     """Whether the unknown belongs to an instrument, for groups of variance components."""
+    on_earth: bool = False
+    """Whether it is the height of a surface, or a constant of azimuths, that many places share:
+    on the curved Earth observations of it tell a free network by little where it is."""
 
     @property
     def title(self) -> str:
@@ -458,6 +461,39 @@ _BUILT_IN: Sequence[UnknownKind] = (
         connects=True,
         late=1,
         table=UnknownTable("levels"),
+        on_earth=True,
+    ),
+    UnknownKind(
+        "profile",
+        "height profile",
+        "b",
+        (
+            *(Component("height" + power, "length") for power in ("", "_t", "_tt")),
+            Component("scale", "ppm"),
+        ),
+        short="profile",
+        motions=motions.of_profiles,
+        connects=True,
+        late=2,
+        table=UnknownTable("profiles", held_unless_free=True),
+        on_earth=True,
+        default=(0.0,) * 4,
+        additional=True,
+        instrument=True,
+    ),
+    UnknownKind(
+        "gyro",
+        "gyrotheodolite",
+        "g",
+        (Component("constant", "angle", np.nan, sign="E", column="value"),),
+        motions=motions.of_gyros,
+        connects=True,
+        late=1,
+        table=UnknownTable("gyros"),
+        on_earth=True,
+        default=(0.0,),
+        additional=True,
+        instrument=True,
     ),
 )
 for _kind in _BUILT_IN:

@@ -22,6 +22,8 @@ from .airborne import (
 from .base import Observation, Sight
 from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
+from .far_directions import GyroAzimuth, PhotoSight, PhotoTilt
+from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .gauss_markov import gauss_markov
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
@@ -39,6 +41,7 @@ from .terrestrial import (
     VerticalAngle,
     ZenithAngle,
 )
+from .vertical import LevelHeight, ProfileHeight
 from .weights import Weight
 
 __all__ = [
@@ -54,12 +57,17 @@ __all__ = [
     "Correlated",
     "Direction",
     "FrameCoordinate",
+    "FrameDirection",
+    "FrameDistance",
+    "FrameZenith",
     "GnssPosition",
     "GnssVector",
+    "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
     "ImagePoint",
+    "LevelHeight",
     "NavigationAttitude",
     "Observation",
     "ObservationKind",
@@ -70,7 +78,10 @@ __all__ = [
     "PhotoBase",
     "PhotoPosition",
     "PhotoRange",
+    "PhotoSight",
+    "PhotoTilt",
     "Point",
+    "ProfileHeight",
     "Sight",
     "SlopeDistance",
     "StandardDeviation",

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..models import position, sub_frame, terrestrial
-from . import records_flight
+from . import records_flight, records_vertical
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector
+from .records_instruments import RECORDS as _INSTRUMENTS
 from .registry import KINDS, ObservationKind, register_observation
 from .terrestrial import (
     AstronomicLatitude,
@@ -124,8 +125,10 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(ControlPoint, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
     records_flight.POSITION,
     ObservationKind(ImagePoint, _RAY, None, unit="image"),
-    ObservationKind(FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate),
+    ObservationKind(FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate, tells="coordinates"),
+    *_INSTRUMENTS,
     *records_flight.RECORDS,
+    *records_vertical.RECORDS,
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import InputError
+from ..types import Array
 from .base import Observation
 from .correlated import Correlated
 
@@ -45,10 +46,11 @@ def gauss_markov(
         raise InputError(f"white must be zero or greater, not {white}")
     roots = []
     for o in observations:
-        covariance, sigma = getattr(o, "covariance", None), getattr(o, "sigma", None)
+        covariance: Array | None = getattr(o, "covariance", None)
+        sigma: tuple[float, ...] = getattr(o, "sigma", None) or ()
         if not o.record.takes_covariance:
             raise InputError(f"{o.label()}: a {o.kind} is no vector with a covariance")
-        full = np.diag(np.square(sigma)) if covariance is None else np.asarray(covariance)
+        full = np.diag(np.array(sigma) ** 2) if covariance is None else np.asarray(covariance)
         roots.append(np.linalg.cholesky(full))
     if len({len(r) for r in roots}) > 1:
         raise InputError("the observations must have the same number of components")

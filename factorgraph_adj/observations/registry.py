@@ -58,6 +58,8 @@ class ObservationKind:
     """Information about the position of the network: nothing, its direction from north,
     coordinates in the frame of the network, or a place on the Earth (astronomic latitude,
     longitude)."""
+    tells: Literal["nothing", "coordinates", "direction", "zenith", "distance"] = "nothing"
+    """What it tells of its point in its frame of its own, for approximate values and for checks."""
     by_axis: bool = False
     """Whether an observation has one row for each of its known coordinates, ``axes``."""
 
@@ -262,6 +264,6 @@ def observation_kind(name: str) -> ObservationKind:
     found = KINDS.get(name) or IN_MEMORY.get(name)
     if found is None:
         raise InputError(
-            f"unknown kind of observation {name!r}; valid: {known(KINDS, most=30, meant=name)}"
+            f"unknown kind of observation {name!r}; valid: {known(KINDS, most=80, meant=name)}"
         )
     return found

@@ -209,9 +209,7 @@ ALIKE = 0.999
 """Cosine of the angle between an undetermined combination and a motion that is the same."""
 
 
-def _nearly_unnoticed(
-    system: LinearSystem, z: Array, scale: Array
-) -> tuple[Defect | None, Array]:
+def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Defect | None, Array]:
     """Return the motions of the network among undetermined combinations, and the others.
 
     On the curved Earth a shift also turns the horizons, by 1/R: attitudes notice it so little that

@@ -21,7 +21,7 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.models.variables import VariableKind
-from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
@@ -219,6 +219,54 @@ def frames() -> fga.Network:
     return fga.adjust(three_frames()).as_network()
 
 
+def profile_heights() -> fga.Network:
+    """A statoscope on four photos, and a barometer whose scale is unknown at points."""
+    network = photos()()
+    network.set_profile("statoscope", free=("height", "height_t"))
+    network.set_profile("barometer", sigma={"scale": 0.01})
+    network.set_mount("arm", sigma={"z": 5 * MM})
+    for i, photo in enumerate(network.photos):
+        more = {"profile": "statoscope", "t": i - 1.5, "lever_arm": (0.1, 0.2, 0.3), "mount": "arm"}
+        network.add(o.ProfileHeight(None, 0.0, photo=photo, sigma=5 * MM, **more))
+    for point in network.points:
+        network.add(o.ProfileHeight(point, 0.0, profile="barometer", sigma=5 * MM))
+    return network
+
+
+def level_heights() -> fga.Network:
+    """Levelled heights and two water surfaces, one of them with a gauge."""
+    network = height_differences()
+    network.set_level("lake", 15.0)
+    network.set_level("river", 12.0, sigma=2 * MM)
+    for i, point in enumerate((*CONTROL, *NEW)):
+        network.add(o.LevelHeight(point, "lake", sigma=3 * MM))
+        network.add(o.LevelHeight(point, "river", sigma=2 * MM, slope=1e-3, along=40.0 * i))
+    return network
+
+
+def tilts_and_sights(kind: type[fga.Observation]) -> Callable[[], fga.Network]:
+    """Photos with an instrument on the camera, whose mount is found with them."""
+
+    def make() -> fga.Network:
+        network = photos()()
+        network.set_mount("instrument", free=("rx", "ry", "rz"), values={"rx": 1.2, "rz": -0.3})
+        body = (0.36, -0.48, 0.8)
+        covariance = ARCSEC**2 * np.array([[400.0, 90.0], [90.0, 225.0]])
+        for photo, f in network.photos.items():
+            more = {"mount": "instrument", "covariance": covariance}
+            network.add(o.PhotoTilt(photo, (0.0, 0.0), **more))
+            # A direction that was read with some error, which is part of the simulated value.
+            assert f.rotation is not None
+            by_mount = exp_rotation(np.array([1.2, 0.0, -0.3])).T @ TURN_ABOUT_X
+            seen = by_mount @ f.rotation.T @ body
+            for at in (seen, (0.6, 0.8, 0.0)) if kind is o.PhotoSight else ():
+                seen = tuple((np.array(at) / np.linalg.norm(at)).tolist())
+                network.add(o.PhotoSight(photo, body, seen, **more))
+        return network
+
+    return make
+
+
 def flight(plan: Plan) -> Callable[[], fga.Network]:
     """A photo flight of few photos, with true values."""
 
@@ -226,6 +274,17 @@ def flight(plan: Plan) -> Callable[[], fga.Network]:
         return plan_of(replace(plan, points=3, relief=60.0))
 
     return make
+
+
+def gyro_azimuths() -> fga.Network:
+    """Two gyrotheodolites, one of them tested before."""
+    network = field("z")
+    network.set_gyro("old", 0.4)
+    network.set_gyro("new", 0.001, sigma=10 * ARCSEC)
+    for i, (a, b) in enumerate(pairs()):
+        gyro = "new" if i % 2 else "old"
+        network.add(o.GyroAzimuth(a, b, 0.0, sigma=10 * ARCSEC, gyro=gyro, **SIGHT))
+    return network
 
 
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
@@ -255,6 +314,11 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "photo_range": flight(Plan(TILTED, 1, 3, mount=OFFSETS, extra=("photo_range",))),
     "photo_base": flight(Plan(TILTED, 1, 3, drift=("x_t",), extra=("photo_base",))),
     "antenna_vector": flight(Plan(TILTED, 1, 3, attitudes=None, extra=("antenna_vector",))),
+    "profile_height": profile_heights,
+    "level_height": level_heights,
+    "photo_tilt": tilts_and_sights(o.PhotoTilt),
+    "photo_sight": tilts_and_sights(o.PhotoSight),
+    "gyro_azimuth": gyro_azimuths,
     "correlated": correlated_directions,
     "mixed": mixed,
 }

@@ -25,6 +25,8 @@ from factorgraph_adj.types import Array
 ARCSEC = np.pi / 180 / 3600
 HEIGHTS = {"instrument_height": 1.53, "target_height": 1.21}
 SIGHT = {"sigma": 0.01, **HEIGHTS}
+BODY, SEEN = (0.36, -0.48, 0.8), (-0.6, 0.0, -0.8)
+"""Unit vectors towards a body in the horizon and in the axes of an instrument."""
 COVARIANCE = np.array([[4.0, 1.0, -0.5], [1.0, 3.0, 0.7], [-0.5, 0.7, 5.0]])
 
 ARM = {"lever_arm": (0.2, 0.3, -0.4), "mount": "imu"}
@@ -93,6 +95,38 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.FrameCoordinate("tripod", "j", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
         o.FrameCoordinate("slanted", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
     ],
+    "frame_direction": lambda: [
+        o.FrameDirection("body", "j", 0.0, sigma=0.01),
+        o.FrameDirection("tripod", "j", 0.0, collimation_error="telescope", sigma=0.01),
+        o.FrameDirection("slanted", "k", 3, collimation_error="telescope", sigma=0.01, face=2),
+    ],
+    "frame_zenith": lambda: [
+        o.FrameZenith("body", "j", 1.0, sigma=0.01),
+        o.FrameZenith("tripod", "j", 1.0, index_error="circle", sigma=0.01),
+        o.FrameZenith("slanted", "k", 5.0, index_error="circle", sigma=0.01, face=2),
+    ],
+    "frame_distance": lambda: [
+        o.FrameDistance("body", "j", 1.0, sigma=0.01),
+        o.FrameDistance("tripod", "j", 1.0, instrument="edm", sigma=0.01),
+        o.FrameDistance("slanted", "k", 1.0, instrument="edm", sigma=0.01),
+    ],
+    "profile_height": lambda: [
+        o.ProfileHeight("j", 300.0, sigma=0.3, profile="flight", t=-1.7),
+        o.ProfileHeight("k", 300.0, sigma=0.3),
+        o.ProfileHeight(None, 20.0, photo="f", sigma=0.3, profile="flight", t=0.7, **ARM),
+    ],
+    "level_height": lambda: [
+        o.LevelHeight("j", "lake", sigma=0.1, slope=1e-3, along=200.0, geoid=0.03)
+    ],
+    "photo_tilt": lambda: [
+        o.PhotoTilt("f", (0.0, 0.0), covariance=COVARIANCE[:2, :2], mount="imu"),
+        o.PhotoTilt("f", (0.0,), axes="y", sigma=(0.1,)),
+    ],
+    "photo_sight": lambda: [
+        o.PhotoSight("f", BODY, SEEN, covariance=COVARIANCE[:2, :2], mount="imu"),
+        o.PhotoSight("f", BODY, SEEN, axes="y", sigma=(0.1,)),
+    ],
+    "gyro_azimuth": lambda: [o.GyroAzimuth("i", "j", 0.0, gyro="gyro", **SIGHT)],
 }
 """Observations of each kind between the points i, j, k and of the photos f and g."""
 
@@ -183,6 +217,9 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     network.set_unknown("index_error", "circle", (2e-4,))
     network.set_unknown("collimation_error", "telescope", (3e-4,))
     add_frames(network, tuple((station + geometry.length).tolist()))
+    add_profile(network)
+    network.set_level("lake", 110.0)
+    network.set_gyro("gyro", 0.02)
     for kind, make in OBSERVED.items():
         local = isinstance(frame, LocalFrame)
         if kind.startswith("astronomic") and local:
@@ -206,7 +243,11 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
         "index_error": (1e-3,),
         # Of a steep sight the reading changes by c/sin z.
         "collimation_error": (1e-3 * geometry.reach / geometry.length,),
-        "frame": (1e-3,) * 3 + (1e-2 * geometry.length,) * 3 + (1e-3,),
+        # Directions in a frame change more where a target stands near its z axis.
+        "frame": (1e-3,) * 3 + (4e-3 * geometry.length,) * 3 + (1e-3,),
+        "level": (1.0,),
+        "profile": (1.0, 1.0, 1.0, 1e-3),
+        "gyro": (0.01,),
     }
     return equations, _steps(equations, steps)
 
@@ -228,9 +269,13 @@ def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations
         rotation = enu.T @ world_R_camera(*angles)
         network.add_photo(name, "camera", position=station + enu.T @ offset, rotation=rotation)
     add_flight(network)
+    add_profile(network)
     network.set_distance_meter("edm", scale=3e-5, zero=0.02, free=("scale", "zero"))
     for make in OBSERVED.values():
-        network.add(*(x for x in make() if x.photos()))
+        for x in (x for x in make() if x.photos()):
+            if isinstance(x, o.PhotoSight):  # far from opposite, where angles change fast
+                x = replace(x, body=tuple((enu.T @ x.body).tolist()))
+            network.add(x)
     equations = compile_network(network)
     equations = observed_at(equations, turned)
     # Near a pole the horizon turns fast.
@@ -243,6 +288,7 @@ def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations
         "drift": (0.1,),
         "attitude_drift": (1e-2,),
         "shutter": (1e-2,),
+        "profile": (1.0, 1.0, 1.0, 1e-3),
     }
     return equations, _steps(equations, steps)
 
@@ -288,6 +334,13 @@ def add_frames(network: Network, origin: tuple[float, float, float]) -> None:
     if "i" in network.points:
         network.add_frame("tripod", free=every, values=values, origin="i", level=True)
         network.add_frame("slanted", free=every, values=values, origin="i")
+
+
+def add_profile(network: Network) -> None:
+    """Add a height profile of which everything is free."""
+    every = ("height", "height_t", "height_tt", "scale")
+    values = dict(zip(every, (3.0, -0.4, 0.2, 0.01), strict=True))
+    network.set_profile("flight", free=every, values=values)
 
 
 def _steps(equations: Equations, by_kind: dict[str, tuple[float, ...]]) -> Array:
