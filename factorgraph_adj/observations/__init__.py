@@ -29,6 +29,8 @@ from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from .registry import KINDS, ObservationKind, Unit, observation_kind, register_observation
+from .relative import RelativePosition, RelativeRotation
+from .strips import StripCoordinate
 from .terrestrial import (
     AstronomicLatitude,
     AstronomicLongitude,
@@ -82,9 +84,12 @@ __all__ = [
     "PhotoTilt",
     "Point",
     "ProfileHeight",
+    "RelativePosition",
+    "RelativeRotation",
     "Sight",
     "SlopeDistance",
     "StandardDeviation",
+    "StripCoordinate",
     "Unit",
     "VerticalAngle",
     "Weight",
