@@ -26,6 +26,8 @@ SHOWN = {
     "gallery_7_monte_carlo": "150 distances instead of 35: 0.403 ± 0.043 mm less",
     "gallery_9_parts": "Σr of office 2: 72.12 of 153 observations",
     "gallery_independent_models": "pairs, film unknown 710 345 1.50 5.3 9.6 17.6",
+    "gallery_gnss_ins_block": "missing shift in x, shift in y, shift in z observed coordinates do "
+    "not hold it: free shift of drift 'strip 0', drift 'strip 1', drift 'strip 2'",
     "gallery_two_faces": "set aside: zenith_angle S C, error 8.1 mgon, w -7.5 doubts that are "
     "left: 0",
     "gallery_trackers": "frame_direction in T2: σ × 3.50 ± 0.47",

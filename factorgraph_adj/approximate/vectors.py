@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..graph.equations import Equations
+from ..graph.variables import DEFAULT
 from ..network.network import Network
-from ..observations import ControlPoint, PhotoPosition, StripCoordinate
+from ..observations import ControlPoint, PhotoAttitude, PhotoPosition, StripCoordinate
+from ..rotation import TURN_ABOUT_X
 from ..types import Array
 from .progress import Progress
 from .survey import group_median
@@ -45,6 +47,27 @@ def known_coordinates(equations: Equations, progress: Progress) -> None:
             row, known = np.array([unknowns["point"].number[o.point]]), horizon.to_plan(xyz)
             progress.set_plan(row, known[:, :2])
             progress.set_height(row, known[:, 2])
+    known_attitudes(equations, progress.pose)
+
+
+def known_attitudes(equations: Equations, poses: Array) -> None:
+    """Fill the rotations of photos at known places from observed attitudes, in place.
+
+    Boresights are those that their mounts state; drifts and unknown boresights are small.
+
+    Args:
+        equations: the network.
+        poses: stored poses, (n, 12).
+    """
+    network, unknowns = equations.network, equations.unknowns
+    mounts = unknowns["mount"]
+    for o in network.observations.values():
+        if isinstance(o, PhotoAttitude):
+            pose = poses[unknowns["pose"].number[o.photo]]
+            if np.isnan(pose[:9]).any() and not np.isnan(pose[9:]).any():
+                boresight = mounts.values[mounts.number[o.mount or DEFAULT], :9].reshape(3, 3)
+                body = o.object_R_body(network.frame, pose[9:])
+                pose[:9] = (body @ boresight.T @ TURN_ABOUT_X).ravel()
 
 
 def given_positions(network: Network) -> Array:

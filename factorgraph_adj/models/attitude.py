@@ -39,7 +39,10 @@ FORWARD_RIGHT_DOWN: Array = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.
 """T = Tᵀ: right-forward-up ↔ forward-right-down; also north-east-down ↔ east-north-up."""
 LOCKED = 1e-9
 """Cosine of φ or of the pitch below which the other two angles are not defined."""
-NO_ANGLES = "its second angle, φ or pitch, is ±90°: the other two angles are not defined there"
+NO_ANGLES = (
+    "its second angle, φ or pitch, is ±90°: the other two angles are not defined there; give "
+    'standard deviations of rotations of an attitude with about="body"'
+)
 
 Angles: TypeAlias = Callable[[Array], Array]
 

@@ -24,6 +24,7 @@ from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
 from .far_directions import GyroAzimuth, PhotoSight, PhotoTilt
 from .frame_sights import FrameDirection, FrameDistance, FrameZenith
+from .gauss_markov import gauss_markov
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
@@ -93,6 +94,7 @@ __all__ = [
     "VerticalAngle",
     "Weight",
     "ZenithAngle",
+    "gauss_markov",
     "observation_kind",
     "register_observation",
 ]

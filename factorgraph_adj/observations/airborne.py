@@ -8,6 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..frames import Frame
+from ..models.attitude import (
+    FORWARD_RIGHT_DOWN,
+    from_omega_phi_kappa,
+    from_roll_pitch_heading,
+)
 from ..types import Array
 from .base import Observation, checked_covariance
 
@@ -40,9 +46,10 @@ class PhotoAttitude(Observation):
     """Standard deviations, radians; None if ``covariance`` is given."""
     covariance: Array | None = None
     """Covariance (3, 3), radians²; None if ``sigma`` is given."""
-    about: str = "body"
-    """What these belong to, and the residuals: ``body``, rotations about x, y, z of the body, which
-    for photos with κ near 0 are nearly those of ω, φ, κ; or ``angles``, the angles themselves."""
+    about: str = "angles"
+    """What these belong to, and the residuals: ``angles``, to the angles; or ``body``, to rotations
+    about x, y, z of the body, in place of ω, φ, κ (forward, right and down, in place of roll, pitch
+    and heading). Only the latter is possible where φ or the pitch is ±90°."""
     mount: str | None = None
     """Mount with the boresight B; None: B = I."""
     drift: str | None = None
@@ -68,6 +75,15 @@ class PhotoAttitude(Observation):
         """1 where rows are those of the angles, 0 where they are rotations of the body."""
         return float(self.about == "angles")
 
+    def object_R_body(self, frame: Frame, position: Array) -> Array:
+        """Return the observed rotation (3, 3) of the body, without drift.
+
+        Args:
+            frame: frame of the network.
+            position: projection centre, (3,) metres.
+        """
+        return np.asarray(from_omega_phi_kappa(np.array([self.value]))[0])
+
 
 @dataclass(frozen=True)
 class NavigationAttitude(PhotoAttitude):
@@ -83,6 +99,12 @@ class NavigationAttitude(PhotoAttitude):
 
     kind: ClassVar[str] = "navigation_attitude"
     components: ClassVar[tuple[str, ...]] = ("roll", "pitch", "heading")
+
+    def object_R_body(self, frame: Frame, position: Array) -> Array:
+        """Return the observed rotation (3, 3) of the body, without drift; see `PhotoAttitude`."""
+        enu = frame.basis(position[None], np.zeros((1, 2))).enu[0]
+        body = from_roll_pitch_heading(np.array([self.value]))[0]
+        return np.asarray(enu.T @ FORWARD_RIGHT_DOWN @ body @ FORWARD_RIGHT_DOWN)
 
 
 @dataclass(frozen=True)

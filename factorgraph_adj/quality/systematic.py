@@ -67,6 +67,11 @@ class TestedParameter:
     point: Tie | None
     """Strongest correlation with an object point; None without a free point, or with ``ties``
     false."""
+    explained_by_all: float = 0.0
+    """Squared multiple correlation with all other parameters of the network, 0 to 1."""
+    partners: tuple[Label, ...] = ()
+    """Parameters that explain it together, where ``explained_by_all`` says that they do: those with
+    a partial correlation of at least one half, strongest first."""
 
     @property
     def label(self) -> Label:
@@ -185,6 +190,16 @@ class Significance(Shown):
                     f"{describe(p.label)} is explained to {100 * p.explained:.1f} % by the other "
                     f"parameters of the same {UNKNOWNS[p.kind].title}"
                 )
+        told: set[Label] = {p.label for p in self.parameters if p.explained >= self.limit**2}
+        for p in self.parameters:
+            new = p.label not in paired | told and p.partners
+            if new and p.explained_by_all >= self.limit**2:
+                others = known([describe(label) for label in p.partners])
+                told |= {p.label, *p.partners}
+                out.append(
+                    f"{describe(p.label)} is explained to {100 * p.explained_by_all:.1f} % by "
+                    f"{others} together"
+                )
         for p in self.parameters:
             for tie, one, many in (
                 (p.orientation, "photo", "photos"),
@@ -289,7 +304,8 @@ def significance(
                 )
             )
     pairs = tuple(_strong(variables, among, correlation))
-    return Significance(tuple(parameters), pairs, alpha, correlation, critical)
+    together = tuple(_explained(parameters, among, correlation))
+    return Significance(together, pairs, alpha, correlation, critical)
 
 
 # -- the parameters -------------------------------------------------------------------------------
@@ -338,6 +354,41 @@ def _variables(solution: Solution) -> Iterator[_Variable]:
                 sigma,
                 np.maximum(inflation, 1.0),
             )
+
+
+PARTNER = 0.5
+"""Partial correlation from which a parameter takes part in explaining another one."""
+
+
+def _explained(
+    parameters: list[TestedParameter], covariances: list[Array], limit: float
+) -> Iterator[TestedParameter]:
+    """Yield the parameters with their multiple correlations with all others.
+
+    With the correlations C of all parameters and P = C⁻¹, R² = 1 − 1/P_ii, and the partial
+    correlation of two is −P_ij / √(P_ii P_jj). Shift, arm and principal distance of one flying
+    height explain each other without any strong correlation of two.
+    """
+    if not parameters:
+        return
+    covariance = np.concatenate(covariances, axis=1)
+    sigma = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(sigma, sigma)
+    inverse = np.linalg.pinv(0.5 * (correlation + correlation.T), hermitian=True)
+    inflation = np.maximum(np.diag(inverse), 1.0)
+    partial = np.abs(inverse) / np.sqrt(np.outer(inflation, inflation))
+    for i, p in enumerate(parameters):
+        explained = float(1.0 - 1.0 / inflation[i])
+        strong = [
+            parameters[j].label
+            for j in np.argsort(-partial[i], kind="stable").tolist()
+            if j != i and partial[i, j] >= PARTNER
+        ]
+        yield replace(
+            p,
+            explained_by_all=explained,
+            partners=tuple(strong) if explained >= limit**2 else (),
+        )
 
 
 def _strong(

@@ -115,6 +115,10 @@ def orientations(report: Report) -> list[str]:
     return [*title("Orientation unknowns"), *table(header, shown, left=2), *note]
 
 
+MOST_HELD = 2
+"""Number of components of an unknown up to which those that are held at zero are shown."""
+
+
 @dataclass(frozen=True)
 class SmallUnknown:
     """One component of an unknown such as refraction, a vertical or a distance meter."""
@@ -188,6 +192,8 @@ def others(report: Report) -> list[str]:
     """Return refraction, deflections of the vertical, distance meters and further kinds."""
     rows, found = [], [u for u in small_unknowns(report) if u.kind not in _APART]
     for u in found:
+        if u.state == "held" and u.value == 0 and UNKNOWNS[u.kind].size > MOST_HELD:
+            continue
         value, sigma = u.value / u.size, u.sigma / u.size
         shown = f"{value + 0.0:.5g}" if u.state == "held" else with_sigma(value, sigma)
         label = f"{u.sign} [{u.unit}]" if u.unit else u.sign

@@ -219,7 +219,7 @@ def _moved_photo(photo: Photo, shift: Array) -> Photo:
 
 def _weighted_drawn(equations: Equations, plan: Network, seed: Seed) -> Network:
     """Return a copy of the plan with the given values of weighted unknowns drawn."""
-    drawn = copy(plan)
+    drawn = plan.copy()
     errors: dict[VariableKind, Array] = {}
     for kind, table in equations.unknowns.tables.items():
         weighted = np.isfinite(table.sigma) & table.free

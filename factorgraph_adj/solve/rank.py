@@ -12,7 +12,7 @@ from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index
 from .core import core
-from .datum import UNNOTICED, Defect, find_defects, in_part
+from .datum import UNNOTICED, Defect, find_defects, generators, in_part, middle
 from .elimination import layers_of
 from .factor import Factor, Plan
 from .linear import LinearSystem
@@ -186,9 +186,12 @@ def undetermined(
     z = _beside(z, motions)
     if z.shape[1] == 0 and known is not None:
         z = _beside(known, motions)
+    n_datum = 0 if free else sum(d.size for d in defects)
     if not free:
         lines += describe_defects(unknowns, defects)
-    n_datum = 0 if free else sum(d.size for d in defects)
+        nearly, z = _nearly_unnoticed(system, z, scale)
+        lines += [] if nearly is None else describe_defects(unknowns, [nearly])
+        n_datum += 0 if nearly is None else nearly.size
     if z.shape[1]:
         shares = _shares(unknowns, z)
         concerned = [(kind, unknowns[kind].names[number]) for kind, number, *_ in shares]
@@ -217,6 +220,43 @@ def undetermined(
     return DatumError(message, defect=total, names=names, unknowns=concerned)
 
 
+ALIKE = 0.999
+"""Cosine of the angle between an undetermined combination and a motion that is the same."""
+
+
+def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Defect | None, Array]:
+    """Return the motions of the network among undetermined combinations, and the others.
+
+    On the curved Earth a shift also turns the horizons, by 1/R: attitudes notice it so little that
+    it is not determined, but more than rounding.
+
+    Args:
+        system: the linearised network.
+        z: orthonormal undetermined combinations, scaled, (n_columns, d).
+        scale: √diag(N), (n_columns, 1).
+    """
+    if not z.shape[1]:
+        return None, z
+    about = middle(system.state)
+    g = generators(system.equations, system.state, about)
+    moving = np.flatnonzero(np.linalg.norm(scale * g, axis=0) > 0)
+    basis, r = np.linalg.qr(scale * g[:, moving])
+    left, cosine, right = np.linalg.svd(basis.T @ z, full_matrices=False)
+    alike = cosine > ALIKE
+    if not alike.any() or np.abs(np.diag(r)).min() < 1e-9 * np.abs(r).max():
+        return None, z
+    mixture = np.zeros((7, int(alike.sum())))
+    mixture[moving] = np.linalg.solve(r, left[:, alike])
+    share = np.linalg.qr(mixture)[0]
+    pure = np.sum(share**2, axis=1) > ALIKE
+    if pure.sum() == share.shape[1]:  # single motions, up to what the curvature mixes in
+        mixture = np.eye(7)[:, pure]
+    every = np.arange(system.unknowns.n_columns)
+    inside = system.unknowns.free
+    rest = z @ right[~alike].T
+    return Defect(every, g @ mixture, mixture, about, inside), rest
+
+
 def describe_defects(unknowns: Unknowns, defects: Sequence[Defect]) -> list[str]:
     """Return one line for each part without a datum."""
     lines = []
@@ -228,7 +268,20 @@ def describe_defects(unknowns: Unknowns, defects: Sequence[Defect]) -> list[str]
         whole = len(found) == len(_names_in(unknowns, np.arange(unknowns.n_columns)))
         which = "" if whole else f" of the part with {some}"
         lines.append(f"datum defect {d.size}{which}: missing {', '.join(d.names())}")
+        if taken := _takers(unknowns, d):
+            lines.append(f"observed coordinates do not hold it: free shift of {known_names(taken)}")
     return lines
+
+
+def _takers(unknowns: Unknowns, defect: Defect) -> list[str]:
+    """Return the unknown shifts that take up what observed coordinates tell of a defect."""
+    found = []
+    for kind, number in unknowns.active():
+        record = UNKNOWNS[kind]
+        columns = unknowns.columns(kind, number)
+        if record.shifts and np.abs(defect.motions[columns]).max() > 0:
+            found.append(f"{record.noun} {unknowns[kind].names[number]!r}")
+    return found
 
 
 def _names_in(unknowns: Unknowns, columns: Index) -> list[str]:

@@ -60,14 +60,19 @@ class Rays:
         self.places, self.layers = nodes, nodes.layers
         """Places of the photos in the reduced system."""
         self.n_points = int(nodes.layers.reduced.sum())
-        self.width, self.side = nodes.width, nodes.side
-        """Number of columns of a node, and of the border."""
+        self.width = nodes.width
+        """Number of columns of a node."""
         self.cameras = nodes.cameras
         """Calibrations that several photos share."""
         points, of_ray = self._parts(equations)
         spokes, spoke_rows, of_spoke = find_spokes(equations, nodes, self.n_rays)
         self.spoke_rows: list[SpokeRows] = spoke_rows
         """Observations that are no images and join points of the first layer with others."""
+        ends = [c.side.stop for c in nodes.cameras]
+        ends += [int(at.max()) + 1 for rows in spoke_rows for _, at in rows.border if at.size]
+        self.side = max(ends, default=0)
+        """Number of the first columns of the border, in which are all that rays and spokes touch,
+        such as shared calibrations."""
         self.parts: list[RayPart | Spokes] = [*self.photo_parts]
         """All parts, spokes last."""
         if spokes is not None:

@@ -73,18 +73,14 @@ class ReducedPoints:
         """Return S in the blocks of a pattern, without regard to held places."""
         rays, w = self.rays, self.rays.width
         nodes = self.sums.nodes
-        out = BlockMatrix(
-            pattern,
-            -self._own[:, :, :w],
-            np.zeros((len(pattern.first), w, w)),
-            -self._own[:, :, w:],
-            np.zeros((rays.side, rays.side)),
-        )
+        out = BlockMatrix.zeros(pattern)
+        np.negative(self._own[:, :, :w], out=out.diagonal)
+        np.negative(self._own[:, :, w:], out=out.side[:, :, : rays.side])
         if rays.photo_parts:
             self._add_photos(out, nodes)
         if rays.side:
             flat = self.shared.reshape(-1, rays.side)
-            out.corner -= flat.T @ flat
+            out.corner[: rays.side, : rays.side] -= flat.T @ flat
         self._subtract_pairs(out)
         return out
 
@@ -143,7 +139,8 @@ class ReducedPoints:
                 one = rows[start:stop].reshape(-1, w)
                 nodes[node] -= one.T @ along[start:stop].reshape(-1, k)
         if rays.side:
-            reduced[n * w :] -= self.shared.reshape(-1, rays.side).T @ of_points.reshape(-1, k)
+            border = reduced[n * w : n * w + rays.side]
+            border -= self.shared.reshape(-1, rays.side).T @ of_points.reshape(-1, k)
         return z
 
     def backward(self, z: Array, x: Array) -> Array:
@@ -153,7 +150,8 @@ class ReducedPoints:
         nodes = x[: n * w].reshape(n, w, k)
         moved = np.zeros((rays.n_points, 3 * k))
         if rays.side:
-            moved[:] = (self.shared.reshape(-1, rays.side) @ x[n * w :]).reshape(-1, 3 * k)
+            border = x[n * w : n * w + rays.side]
+            moved[:] = (self.shared.reshape(-1, rays.side) @ border).reshape(-1, 3 * k)
         for part in rays.parts:
             rows = self.w[part.rows]
             along = np.empty((len(rows), 3 * k))
@@ -202,9 +200,9 @@ class ReducedPoints:
         shared = np.zeros((rays.n_points, 3 * rays.side))
         flat = self.shared.reshape(rays.n_points, -1)
         if rays.side:
-            shared[:] = (self.shared.reshape(-1, rays.side) @ inverse.corner).reshape(
-                rays.n_points, -1
-            )
+            corner = inverse.corner[: rays.side, : rays.side]
+            shared[:] = (self.shared.reshape(-1, rays.side) @ corner).reshape(rays.n_points, -1)
+        side = inverse.side[:, :, : rays.side]
         for part in rays.parts:
             rows, out = self.w[part.rows], m[part.rows]
             of_points = np.take(flat, part.points, axis=0)
@@ -214,8 +212,8 @@ class ReducedPoints:
                 value = one @ inverse.diagonal[node]
                 if rays.side:
                     e = of_points[start:stop].reshape(-1, rays.side)
-                    value += e @ inverse.side[node].T
-                    along[start:stop] = (one @ inverse.side[node]).reshape(stop - start, -1)
+                    value += e @ side[node].T
+                    along[start:stop] = (one @ side[node]).reshape(stop - start, -1)
                 out[start:stop] = value.reshape(-1, 3, w)
             if rays.side:
                 part.sums.add(shared, along)

@@ -9,7 +9,7 @@ at (Bonferroni); the seeds are fixed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import count
 
@@ -31,6 +31,7 @@ from tests.networks.odometry import odometry
 from tests.networks.rigs import rig
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
 from tests.networks.small_block import plan as mixed
+from tests.networks.small_flight import EVERY, OFFSETS, TILTED, TURNS, Plan, plan_of
 from tests.networks.three_frames import three_frames
 from tests.support.arrivals import between
 
@@ -281,6 +282,15 @@ def tilts_and_sights(kind: type[fga.Observation]) -> Callable[[], fga.Network]:
     return make
 
 
+def flight(plan: Plan) -> Callable[[], fga.Network]:
+    """A photo flight of few photos, with true values."""
+
+    def make() -> fga.Network:
+        return plan_of(replace(plan, points=3, relief=60.0))
+
+    return make
+
+
 def gyro_azimuths() -> fga.Network:
     """Two gyrotheodolites, one of them tested before."""
     network = field("z")
@@ -318,6 +328,16 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "photo_position": photos(positions=True),
     "image": photos(),
     "frame_coordinate": frames,
+    "photo_attitude": flight(
+        Plan(exposures=3, strips=1, mount=EVERY, control=2, turning=("rz_t",), drift=("x_t",))
+    ),
+    "navigation_attitude": flight(
+        Plan(TILTED, 1, 3, attitudes=o.NavigationAttitude, mount=TURNS, control=2, shutter=True)
+    ),
+    "photo_angle": flight(Plan(TILTED, 1, 3, attitudes=None, extra=("photo_angle",))),
+    "photo_range": flight(Plan(TILTED, 1, 3, mount=OFFSETS, extra=("photo_range",))),
+    "photo_base": flight(Plan(TILTED, 1, 3, drift=("x_t",), extra=("photo_base",))),
+    "antenna_vector": flight(Plan(TILTED, 1, 3, attitudes=None, extra=("antenna_vector",))),
     "relative_rotation": rigs,
     "relative_position": lambda: odometry(6, scale=0.05),
     "frame_coordinate, deformed": deformed_block,

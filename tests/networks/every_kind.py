@@ -84,12 +84,12 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "photo_attitude": lambda: [
         o.PhotoAttitude("f", (0.0, 0.0, 0.0), covariance=COVARIANCE),
         o.PhotoAttitude("f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), mount="imu", **TURNED),
-        o.PhotoAttitude("f", (0.0, 0.0, 0.0), covariance=COVARIANCE, about="angles", **TURNED),
+        o.PhotoAttitude("f", (0.0, 0.0, 0.0), covariance=COVARIANCE, about="body", **TURNED),
     ],
     "navigation_attitude": lambda: [
         o.NavigationAttitude("f", (0.0, 0.0, 0.0), covariance=COVARIANCE, mount="imu"),
         o.NavigationAttitude("f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), mount="imu", **TURNED),
-        o.NavigationAttitude("f", (0.0,) * 3, covariance=COVARIANCE, about="angles", **TURNED),
+        o.NavigationAttitude("f", (0.0,) * 3, covariance=COVARIANCE, about="body", **TURNED),
     ],
     "photo_angle": lambda: [
         *(o.PhotoAngle("f", 0.0, angle=a, sigma=0.01, mount="imu") for a in ANGLES),

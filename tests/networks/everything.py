@@ -136,7 +136,7 @@ def everything(frame_name: str) -> Network:
             shutter="shutter",
             velocity=(60.1, 0.0, -1 / 3),
         ),
-        o.PhotoAttitude("f1", (0.1, 0.2, 1 / 3), sigma=(1e-5, 2e-5, 3e-5), about="angles"),
+        o.PhotoAttitude("f1", (0.1, 0.2, 1 / 3), sigma=(1e-5, 2e-5, 3e-5), about="body"),
         o.NavigationAttitude(
             *("f2", (0.1, 0.2, 1 / 3)),
             covariance=np.diag([1e-10, 2e-10, 3e-10]) + 1e-11,

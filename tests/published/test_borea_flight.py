@@ -83,14 +83,19 @@ def test_navigation_angles_give_the_same_as_those_of_the_frame(block: Block) -> 
 
 
 def test_shifts_and_drifts_of_five_strips_with_simulated_images(block: Block) -> None:
-    flight = Flight(control=11, drift=SHIFTED, sigma_image=0.15)
-    solution = adjusted(block, flight, measured=False)
-    errors = errors_of(solution, plan_of(block, flight), "drift")
-    assert len(errors) == 30
-    assert np.abs(errors).max() < 2.5
-    assert np.sqrt(np.mean(errors**2)) < 1.3
-    # The square of σ̂0 scatters by √(2/r), and about the printed one by √2 more.
-    assert solution.sigma0 == pytest.approx(0.9971, abs=3 / np.sqrt(solution.redundancy))
+    plan = plan_of(block, Flight(control=11, drift=SHIFTED, sigma_image=0.15))
+    errors = []
+    for seed in range(1, 4):
+        solution = fga.adjust(flown(plan, seed))
+        # The square of σ̂0 scatters by √(2/r), and about the printed one by √2 more.
+        assert solution.sigma0 == pytest.approx(0.9971, abs=3 / np.sqrt(solution.redundancy))
+        found = errors_of(solution, plan, "drift")
+        assert len(found) == 30
+        errors.append(found)
+    every = np.abs(np.concatenate(errors))
+    assert np.mean(every < 2.5) >= 0.95
+    assert every.max() < 4.0
+    assert np.sqrt(np.mean(every**2)) == pytest.approx(1.0, abs=0.25)
 
 
 def test_shifts_and_drifts_with_measured_images_differ_by_their_systematic_parts(
