@@ -22,6 +22,7 @@ from .polar import polar
 from .progress import Progress
 from .rays import GOOD_PARALLAX, LEAST_PARALLAX, ImageRays, intersect_rays, read_rays
 from .resection import resections
+from .shapes import on_shapes, place_shapes
 from .single_ray import far_points, ray_and_more
 from .spheres import spheres, start_in_space
 from .sub_frames import InFrames, place_frames, places_in_frames, read_frames
@@ -66,9 +67,13 @@ def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[St
         _search(progress, rays, frames, free=free)
         progress = _without_contradiction(equations, progress, forgetful, rays, frames, free=free)
         _take_over(progress, state)
+        progress.frame[sorted(on_shapes(equations))] = 0.0  # their points come first
         problems = not_reached(equations, progress, rays, frames, free=free)
         if problems:
             return state, problems
+    problems = place_shapes(equations, state)
+    if problems:
+        return state, problems
     orient_by_model(equations, state)
     return state, solve_additive(equations, state)
 

@@ -92,6 +92,7 @@ def numbers_of(kind: str) -> dict[str, Quantity]:
     record = observation_kind(kind)
     stated = {f.name: f.metadata.get("quantity", "length") for f in fields(record.observation)}
     own = {n: stated[n] for n in record.constants if n != "lever_arm"}
+    own |= {n: "number" for n in ("condition",) if n in record.attributes}
     ordered = [*(n for n in HEIGHTS if n in own), *(n for n in own if n not in HEIGHTS)]
     return {n: own[n] for n in ordered}
 

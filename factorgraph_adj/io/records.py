@@ -183,7 +183,8 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
     if "lever_arm" in have and any(n in row for n in LEVER_ARM):
         arguments["lever_arm"] = tuple(row.number(n, unit, required=True) for n in LEVER_ARM)
     if "covariance" not in have:
-        arguments["value"] = row.number("value", unit, required=True)
+        value = row.number("value", unit, required="value" not in optional)
+        arguments |= {} if value is None else {"value": value}
         place = f"[sigma.{kind}] of the project"
         arguments["sigma"] = scalar_sigma(row, kind, context.sigma.get(kind, {}), place)
         return
@@ -192,9 +193,9 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
         axes = "".join(row.letters("axes", "xyzenu")) or "xyz"
         names, arguments["axes"] = tuple(axes), axes
     whole = bool(set(names) & set("enu"))
-    arguments["value"] = tuple(
-        row.number(a, unit, required=True) for a in ("xyz" if whole else names)
-    )
+    read = "xyz" if whole else names
+    if "value" not in optional or any(a in row for a in read):
+        arguments["value"] = tuple(row.number(a, unit, required=True) for a in read)
     _take_vector_sigma(row, kind, names, context, arguments)
 
 
@@ -371,7 +372,7 @@ def record(
         number = getattr(found, name)
         default = KINDS[kind].defaults.get(name)
         if default is None or repr(float(number)) != repr(float(default)):
-            out[name] = numbers.write(number, _project_unit(quantity, units))
+            out[name] = numbers.write(float(number), _project_unit(quantity, units))
     if "length_km" in have and given.length_km is not None:
         out["length_km"] = numbers.write(given.length_km)
     if "lever_arm" in have and any(given.lever_arm):

@@ -30,6 +30,8 @@ VariableKind: TypeAlias = str
 """Name of a kind of unknowns: a key of `UNKNOWNS`."""
 Quantity: TypeAlias = Literal["length", "angle", "ppm", "number"]
 """Quantity of a component: metres, radians, a ratio shown in millionths, or a plain number."""
+Held: TypeAlias = Callable[[Array, Array, Mask], Array]
+"""(stored values (n, s), G (n, k, 7), held components (n, k)) → G (n, k, 7)."""
 MoveBy: TypeAlias = Callable[["motions.Motions", Array, Index], Array]
 """(motions, stored values (n, s), numbers (n,) of the points of the unknowns) → G (n, k, 7)."""
 
@@ -95,6 +97,8 @@ class UnknownKind:
     """Whether an unknown may have only the first few of the listed components."""
     motions: MoveBy | None = None
     """Change of the components in a motion of the whole object; None: no change."""
+    held_motions: Held | None = None
+    """Motions where components are held; None: those of the other components stay the same."""
     connects: bool = False
     """Whether observations of one unknown of this kind belong to one connected part."""
     single_turns: bool = False
@@ -384,6 +388,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         single_turns=True,
         constants=("origin_x", "origin_y", "origin_z", "level"),
         motions=motions.of_frames,
+        held_motions=motions.without_held,
         connects=True,
         late=1,
         table=UnknownTable("frames", held_unless_free=True),
@@ -422,6 +427,15 @@ _BUILT_IN: Sequence[UnknownKind] = (
         motions=motions.of_sizes,
         late=1,
         table=UnknownTable("sizes"),
+        default=(0.0,),
+    ),
+    UnknownKind(
+        "angle",
+        "angle",
+        "n",
+        (Component("angle", "angle", np.nan, column="value", whole=True),),
+        late=1,
+        table=UnknownTable("angles"),
     ),
     UnknownKind(
         "level",

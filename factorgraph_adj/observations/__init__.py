@@ -16,6 +16,16 @@ from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
+from .on_shapes import (
+    OnCircle,
+    OnCone,
+    OnCylinder,
+    OnLine,
+    OnParaboloid,
+    OnPlane,
+    OnSphere,
+    OnTorus,
+)
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from .registry import KINDS, ObservationKind, Unit, observation_kind, register_observation
 from .terrestrial import (
@@ -52,6 +62,14 @@ __all__ = [
     "ImagePoint",
     "Observation",
     "ObservationKind",
+    "OnCircle",
+    "OnCone",
+    "OnCylinder",
+    "OnLine",
+    "OnParaboloid",
+    "OnPlane",
+    "OnSphere",
+    "OnTorus",
     "Parameter",
     "Photo",
     "PhotoPosition",

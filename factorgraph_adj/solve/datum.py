@@ -86,6 +86,8 @@ def generators(equations: Equations, state: State, about: About | None = None) -
         on = np.flatnonzero(table.offset >= 0)
         if record.motions is not None and len(on):
             moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
+            if record.held_motions is not None:
+                moved = record.held_motions(state[kind][on], moved, ~table.free[on])
             for j in range(moved.shape[1]):
                 has = j < table.size[on]
                 g[table.offset[on[has]] + j] = moved[has, j]
