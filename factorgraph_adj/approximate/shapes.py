@@ -9,12 +9,11 @@ Components and sizes that are held or given are kept.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..errors import Problem, known
+from ..errors import Problem
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.base import DegenerateError
@@ -266,7 +265,9 @@ class _Fit:
                 found = part.shape.distances(q, *sizes)
                 v = found.f - part.observed
                 by = np.zeros((*v.shape, len(self.columns)))
-                by_frame = np.concatenate([skew(q + t.offset), np.tile(-np.eye(3), (len(q), 1, 1))], 2)
+                by_frame = np.concatenate(
+                    [skew(q + t.offset), np.tile(-np.eye(3), (len(q), 1, 1))], 2
+                )
                 by_frame = found.by_q @ by_frame
                 for j, (kind, number) in enumerate(self.columns):
                     if kind == "frame":
@@ -327,7 +328,7 @@ class _Fit:
     def _loose(self, t: _Trial, extent: float) -> list[str]:
         """Return the names of the unknowns that the points leave open."""
         _, a = self._residuals(t)
-        turning = np.array([k == "frame" and n < 3 or k == "angle" for k, n in self.columns])
+        turning = np.array([(k == "frame" and n < 3) or k == "angle" for k, n in self.columns])
         a = a / np.where(turning, extent, 1.0)
         if not len(self.columns):
             return []
@@ -435,7 +436,15 @@ def _beside(y: Array) -> list[Array]:
     ]
 
 
-FURTHER: dict[str, Callable[[Array], list[Array]]] = {"torus": _beside}
+def _below(y: Array) -> list[Array]:
+    """Return apexes below the points, on the axis of a circle and in their middle."""
+    middle = y.mean(axis=0)
+    extent = float(np.sqrt(np.mean(np.sum((y - middle) ** 2, axis=1))))
+    down = [s * extent * np.array([0.0, 0.0, 1.0]) for s in (1.0, 2.0, 4.0)]
+    return [at - d for at in (middle, _circle(y)) for d in down]
+
+
+FURTHER: dict[str, Callable[[Array], list[Array]]] = {"torus": _beside, "cone": _below}
 """Further offsets that are tried, by the name of the shape."""
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from ..frames import Frame
 from ..models import position
 from ..models.base import Linearised
+from ..models.lens import Lens
 from ..models.variables import ENTITIES, UNKNOWNS, UnknownKind, VariableKind
 from ..network.entities import parameter_key, parameter_name
 from ..network.network import Network
@@ -99,6 +100,8 @@ def _plain_blocks(
     unequal = [j for j, (what, _) in enumerate(kind.variables) if UNKNOWNS[what].variable_size]
     columns = [unknowns[kind.variables[j][0]].size[index[j]] for j in unequal]
     columns += [(i >= 0).astype(np.intp) for i in index]
+    lenses = _lenses(network, kind, group)
+    columns.append(np.array([lenses.index(lens) for lens in lenses], dtype=np.intp))
     columns.append(
         np.unique(["".join(o.component_names()) for _, o in group], return_inverse=True)[1]
     )
@@ -107,8 +110,23 @@ def _plain_blocks(
         rows = np.flatnonzero((differ == each).all(axis=1))
         widths = dict(zip(unequal, each.tolist(), strict=False))
         yield _plain_block(
-            kind, [group[i] for i in rows.tolist()], [n[rows] for n in index], widths
+            kind,
+            [group[i] for i in rows.tolist()],
+            [n[rows] for n in index],
+            widths,
+            lenses[rows[0]],
         )
+
+
+def _lenses(
+    network: Network, kind: ObservationKind, group: Sequence[tuple[str, Observation]]
+) -> list[Lens | None]:
+    """Return the lens model of each observation whose model has a calibration."""
+    attribute = next((a for what, a in kind.variables if what == "calibration"), None)
+    if attribute is None:
+        return [None] * len(group)
+    photos = (network.photos[getattr(o, attribute)] for _, o in group)
+    return [network.cameras[f.camera].lens for f in photos]
 
 
 def _plain_block(
@@ -116,6 +134,7 @@ def _plain_block(
     group: Sequence[tuple[str, Observation]],
     index: Sequence[Index],
     widths: dict[int, int],
+    lens: Lens | None,
 ) -> Block:
     observations = [o for _, o in group]
     n = len(group)
@@ -136,7 +155,7 @@ def _plain_block(
         components,
         ObservationLabels(observations),
         whitener,
-        _model(kind, [i[0] >= 0 for i in index], components),
+        _model(kind, [i[0] >= 0 for i in index], components, lens),
         constants={
             c: np.array([getattr(o, c) for o in observations], dtype=float) for c in kind.constants
         },
@@ -146,11 +165,14 @@ def _plain_block(
 
 
 def _model(
-    kind: ObservationKind, present: Sequence[bool], components: tuple[str, ...]
+    kind: ObservationKind,
+    present: Sequence[bool],
+    components: tuple[str, ...],
+    lens: Lens | None,
 ) -> Callable[..., Linearised]:
     """Return the model of a kind for observations that have some of its variables and axes."""
     assert kind.model is not None
-    model = kind.model
+    model = kind.model if lens is None else partial(kind.model, lens=lens)
     if "axes" in kind.attributes:
         model = partial(model, axes=tuple("xyz".index(a) for a in components))
     return model if all(present) else partial(_with_absent, model, tuple(present))

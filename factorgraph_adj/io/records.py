@@ -34,6 +34,7 @@ from .fields import (
     attributes,
     components_of,
     is_angle,
+    is_in_image,
     known_fields,
     names_of,
     numbers_of,
@@ -183,6 +184,7 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
     if "lever_arm" in have and any(n in row for n in LEVER_ARM):
         arguments["lever_arm"] = tuple(row.number(n, unit, required=True) for n in LEVER_ARM)
     if "covariance" not in have:
+        unit = "" if is_in_image(kind) else unit
         value = row.number("value", unit, required="value" not in optional)
         arguments |= {} if value is None else {"value": value}
         place = f"[sigma.{kind}] of the project"
@@ -206,8 +208,9 @@ def _stated(row: Row, kind: str, default: Mapping[str, object], place: str) -> R
     own = Row(default, row.where, row.problems, row.of)
     if any(f in own for f in sigma_fields(kind)):
         return own
-    unit = "mgon" if is_angle(kind) else "mm"
-    row.wrong(f"no standard deviation: give sigma_{unit} (or another unit) here or in {place}")
+    unit = "mgon (or another unit)" if is_angle(kind) else "mm (or another unit)"
+    unit = "image" if is_in_image(kind) else unit
+    row.wrong(f"no standard deviation: give sigma_{unit} here or in {place}")
     return None
 
 
@@ -233,6 +236,8 @@ def scalar_sigma(
         elif value is not None:
             parts[part] = value
     combine = stated.choice("combine", COMBINATIONS, "mixed") if rules_of(kind) else "mixed"
+    if is_in_image(kind):
+        return stated.number("sigma_image", positive=True)
     constant = stated.quantity("sigma", ANGLE if is_angle(kind) else LENGTH)
     if constant is not None and (constant < 0 or (constant == 0 and not any(parts.values()))):
         found = stated.present("sigma", ANGLE if is_angle(kind) else LENGTH)
@@ -367,7 +372,7 @@ def record(
         out[name] = getattr(found, name) or ""
     if isinstance(found, ImagePoint):
         return out | _image_record(found, axes or ImageAxes())
-    unit = units.angle if is_angle(kind) else units.length
+    unit = "" if is_in_image(kind) else units.angle if is_angle(kind) else units.length
     for name, quantity in numbers_of(kind).items():
         number = getattr(found, name)
         default = KINDS[kind].defaults.get(name)
@@ -389,6 +394,8 @@ def record(
 
 def _sigma_record(sigma: float | StandardDeviation, kind: str, units: Units) -> dict[str, str]:
     unit = units.sigma_angle if is_angle(kind) else units.sigma_length
+    if is_in_image(kind):
+        return {"sigma_image": numbers.write(float(cast(float, sigma)))}
     if not isinstance(sigma, StandardDeviation):
         return {f"sigma_{unit}": numbers.write(sigma, unit)}
     out = {}

@@ -78,7 +78,7 @@ class Shape:
     sizes: tuple[Size, ...] = ()
     """Its sizes."""
     axis: Literal["least", "most", "any"] = "any"
-    """Where its z axis lies in the extents of its points: along the least, the most, or anywhere."""
+    """Where its z axis lies: along the least or the largest extent of its points, or anywhere."""
 
     def __call__(
         self,

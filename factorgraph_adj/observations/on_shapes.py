@@ -63,7 +63,7 @@ class _OnCurve(_OnShape):
     """Distances from the curve, metres."""
     _: KW_ONLY
     sigma: tuple[float, ...] | float | None = None
-    """Standard deviations, metres, one for both or one for each; None if ``covariance`` is given."""
+    """Standard deviations, metres, one for both or one for each; None with ``covariance``."""
     covariance: Array | None = None
     """Covariance of the distances, m²; None if ``sigma`` is given."""
     condition: bool = False
@@ -156,7 +156,7 @@ class OnTorus(_OnSurface):
     radius: str | None = None
     """The size r of the tube; None: that with the name of the shape."""
     ring: str | None = None
-    """The size A, the radius of the ring of the centres; None: the name of the shape and ``ring``."""
+    """The size A, the radius of the ring of the centres; None: that named ``SHAPE ring``."""
 
 
 @dataclass(frozen=True)

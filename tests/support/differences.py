@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from factorgraph_adj.frames import Frame
+from factorgraph_adj.frames import Frame, LocalFrame
 from factorgraph_adj.graph.blocks import Block
 from factorgraph_adj.graph.equations import Equations
 from factorgraph_adj.graph.variables import State, Unknowns
@@ -15,6 +15,8 @@ from factorgraph_adj.types import Array
 TRUNCATION = 1e-9
 """Error of seven-point differences relative to the largest partial of a variable, for steps of
 a hundredth of the length on which the function changes: below 40 (1/100)⁶."""
+ABOVE = {"equal_height_difference"}
+"""Kinds that observe heights."""
 ROUNDINGS = 60
 """Rounding errors of coordinates, in units in the last place, that may add up in one value."""
 
@@ -95,7 +97,10 @@ def assert_partials_are_right(equations: Equations, state: State, steps: Array) 
         analytic = columns_of(unknowns, block, partials)
         difference = np.abs(analytic - numerical(block, frame, unknowns, moved, steps))
         by_metre = np.max(np.abs(analytic[:, in_metres]), axis=1, initial=0.0)
-        size = np.abs(block.observed).ravel() + extent * by_metre + np.abs(v).ravel()
+        # Heights above an ellipsoid come from geocentric coordinates in any frame.
+        on_earth = block.kind in ABOVE and not isinstance(frame, LocalFrame)
+        reach = max(extent, frame.radius) if on_earth else extent
+        size = np.abs(block.observed).ravel() + reach * by_metre + np.abs(v).ravel()
         rounding = ROUNDINGS * np.finfo(float).eps * size[:, None] / steps
         for kind, number in unknowns.active():
             columns = unknowns.columns(kind, number)
