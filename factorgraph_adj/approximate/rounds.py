@@ -15,6 +15,7 @@ from .additive import solve_additive
 from .diagnosis import not_reached
 from .free_start import join_blocks, observed_misfits, resolve_doubt, start_heights
 from .horizon import Horizon, place_of
+from .image_lines import lines_in_images, place_image_lines
 from .intersection import GOOD_CROSSING, LEAST_CROSSING, intersect
 from .levelling import height_differences, heights
 from .orientation import orient, orient_by_model
@@ -67,11 +68,12 @@ def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[St
         _search(progress, rays, frames, free=free)
         progress = _without_contradiction(equations, progress, forgetful, rays, frames, free=free)
         _take_over(progress, state)
-        progress.frame[sorted(on_shapes(equations))] = 0.0  # their points come first
+        # The points of shapes and the photos of lines come first.
+        progress.frame[sorted(on_shapes(equations) | lines_in_images(equations))] = 0.0
         problems = not_reached(equations, progress, rays, frames, free=free)
         if problems:
             return state, problems
-    problems = place_shapes(equations, state)
+    problems = [*place_shapes(equations, state), *place_image_lines(equations, state)]
     if problems:
         return state, problems
     orient_by_model(equations, state)

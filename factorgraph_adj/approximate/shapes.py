@@ -381,7 +381,7 @@ def _circle(y: Array) -> Array:
     p = y - m
     a = np.column_stack([2.0 * p[:, :2], np.ones(len(p))])
     found = _solved(a, np.sum(p[:, :2] ** 2, axis=1))
-    return m + np.array([found[0], found[1], 0.0])
+    return np.asarray(m + np.array([found[0], found[1], 0.0]))
 
 
 def _sphere(y: Array) -> Array:
@@ -399,7 +399,7 @@ def _cone(y: Array) -> Array:
     found = _solved(a, np.sum(p[:, :2] ** 2, axis=1))
     if not found[2] > 0:
         return np.full(3, np.nan)
-    return m + np.array([found[0], found[1], -0.5 * found[3] / found[2]])
+    return np.asarray(m + np.array([found[0], found[1], -0.5 * found[3] / found[2]]))
 
 
 def _paraboloid(y: Array) -> Array:
@@ -409,7 +409,7 @@ def _paraboloid(y: Array) -> Array:
     a = np.column_stack([np.sum(p[:, :2] ** 2, axis=1), p[:, :2], np.ones(len(p))])
     k, b, d, constant = _solved(a, p[:, 2])
     apex = np.array([-0.5 * b / k, -0.5 * d / k])
-    return m + np.array([*apex, constant - k * float(apex @ apex)])
+    return np.asarray(m + np.array([*apex, constant - k * float(apex @ apex)]))
 
 
 CENTRES: dict[str, Centre] = {

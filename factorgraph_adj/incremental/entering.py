@@ -241,7 +241,7 @@ class Entering:
             return np.ones(len(self.stay), dtype=bool)
         units = self.ledger.units(self.stay)
         own = [any(is_condition(o) for o in unit.observations) for unit in units]
-        return np.isin(self.stay, self.fixed) | np.array(own, dtype=bool)
+        return np.asarray(np.isin(self.stay, self.fixed) | np.array(own, dtype=bool))
 
     def _tests(self) -> bool:
         return not self._untested().all()

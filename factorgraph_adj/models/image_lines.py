@@ -43,15 +43,17 @@ def tangents(lens: Lens, x: Array, y: Array, k: Array) -> tuple[Array, Array]:
     """
     xy = np.stack([x, y], axis=1)
     t = (xy - k[:, 1:3]) / k[:, :1]
+    by_t, by_k = np.zeros((0, 2, 2)), np.zeros((0, 2, 0))
     for _ in range(STEPS):
-        v, by_t, by_k = lens.residual(t[:, 0], t[:, 1], xy, k)
-        assert by_t is not None
-        assert by_k is not None
+        v, by_tangents, by_lens = lens.residual(t[:, 0], t[:, 1], xy, k)
+        assert by_tangents is not None
+        assert by_lens is not None
+        by_t, by_k = by_tangents, by_lens
         step = np.linalg.solve(by_t, v[:, :, None])[:, :, 0]
         t = t - step
         if np.abs(step).max(initial=0.0) < 1e-15 + 1e-14 * np.abs(t).max(initial=0.0):
             break
-    return t, -np.linalg.solve(by_t, by_k)
+    return t, np.asarray(-np.linalg.solve(by_t, by_k))
 
 
 def image_line(

@@ -77,8 +77,8 @@ class _Pairs(_Relation):
 
     def _set(self, common: str, first: str, second: str, value: float, ratio: float) -> None:
         """Set the points; ``value`` and ``ratio`` are the signs of both."""
-        new = {"station": common, "target": first, "station2": None, "target2": second}
-        new |= {"value": value * self.value, "ratio": ratio * self.ratio}
+        names = {"station": common, "target": first, "station2": None, "target2": second}
+        new = {**names, "value": value * self.value, "ratio": ratio * self.ratio}
         for name, what in new.items():
             object.__setattr__(self, name, what)
 

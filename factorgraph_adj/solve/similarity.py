@@ -81,7 +81,8 @@ def _moved_frames(
     out = frames.copy()
     to_object = np.exp(scale)[:, None, None] * turned
     zero = place(origin + np.einsum("nij,nj->ni", to_object, offset))
-    after = np.where(free[:, :3].any(axis=1)[:, None, None], rotation @ turned, turned)
+    turns: Mask = np.any(free[:, :3], axis=1)
+    after = np.where(turns[:, None, None], rotation @ turned, turned)
     out[:, :9] = after.reshape(-1, 9)
     out[:, 12] = scale + np.where(free[:, 6], ln_scale, 0.0)
     away = np.exp(-out[:, 12])[:, None, None] * after.transpose(0, 2, 1)

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import Problem
 from ..graph.equations import Equations
 from ..models.variables import UNKNOWNS
-from ..types import Array, Mask
+from ..types import Mask
 from .counts import blocks_of_shapes, frames_of_shapes, places_of_frames
 
 
@@ -41,7 +41,7 @@ def shape_problems(equations: Equations) -> Iterator[Problem]:
             )
 
 
-def _conditions(equations: Equations, f: int, common: Array) -> tuple[int, set[int]]:
+def _conditions(equations: Equations, f: int, common: Mask) -> tuple[int, set[int]]:
     """Return the number of conditions of a shape, and the numbers of its points."""
     rows, points = 0, set[int]()
     on_shapes = {id(b) for b in blocks_of_shapes(equations)}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import count
 
 import numpy as np
@@ -20,10 +20,12 @@ from scipy import stats
 import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.lens import BrownLens
+from factorgraph_adj.models.shapes import SHAPES
 from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
+from tests.networks import on_shapes
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
 from tests.networks.small_block import plan as mixed
 from tests.networks.three_frames import three_frames
@@ -218,6 +220,21 @@ def frames() -> fga.Network:
     return fga.adjust(three_frames()).as_network()
 
 
+def edges() -> fga.Network:
+    """Edges of a building in three photos, without a point."""
+    return fga.adjust(on_shapes.edges()).as_network()
+
+
+RELATIONS = (
+    "equal_distance",
+    "equal_height_difference",
+    "right_angle",
+    "point_direction",
+    "coordinate_difference",
+    "parallel_axes",
+    "axis_angle",
+    "plane_distance",
+)
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "slope_distance": slope_distances,
     "horizontal_distance": horizontal_distances,
@@ -235,6 +252,9 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "photo_position": photos(positions=True),
     "image": photos(),
     "frame_coordinate": frames,
+    **{f"on_{shape}": partial(on_shapes.plan, shape) for shape in SHAPES},
+    **dict.fromkeys(RELATIONS, on_shapes.room),
+    "image_line": edges,
     "correlated": correlated_directions,
     "mixed": mixed,
 }

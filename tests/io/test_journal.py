@@ -75,10 +75,15 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     if kind == "frame_coordinate":
         del have[str(rng.choice(["point", "photo"]))]
     free = iter(rng.permutation(["1", "B, 2", "#C", '"D" ü', " E ", "7.50"]).tolist())
-    names = ("station", "target", "target2", "point", "photo", "instrument", "refraction", "set")
-    out = {n: next(free) for n in names[:5] if n in have}
-    out |= {"frame": next(free), "point": out.get("point")} if "frame" in have else {}
-    out |= {n: str(rng.integers(9)) for n in names[5:] if n in have and rng.random() < 0.5}
+    names = ("station", "target", "station2", "target2", "point", "photo")
+    out = {n: next(free) for n in names if n in have}
+    out |= {"point": out.get("point")} if kind == "frame_coordinate" else {}
+    texts = ("instrument", "refraction", "set", "radius", "ring", "height", "angle", "focal")
+    out |= {n: str(rng.integers(9)) for n in texts if n in have and rng.random() < 0.5}
+    needed = (*KINDS[kind].texts, *KINDS[kind].frames)
+    out |= {n: next(free) for n in needed if n not in KINDS[kind].optional}
+    out |= {n: number(rng) for n in ("ux", "uy", "uz", "ratio", "x", "y") if n in have}
+    out |= {n: bool(rng.integers(2)) for n in ("condition", "horizon") if n in have}
     out |= {n: number(rng) for n in have if n.endswith("_height") and rng.random() < 0.5}
     if "face" in have:
         out["face"] = int(rng.integers(1, 3))
@@ -88,11 +93,11 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
         out["length_km"] = abs(number(rng))
     if "lever_arm" in have:
         out["lever_arm"] = tuple(number(rng) for _ in range(3))
-    if "x" in have:
+    if kind == "image":
         out |= {"x": number(rng), "y": number(rng)}
         out["sigma"] = (abs(number(rng)), abs(number(rng)))
     elif "covariance" in have:
-        axes = "xyz"
+        axes: str | tuple[str, ...] = cls.components
         if "axes" in have:
             choices = ["xyz", "z", "yx"] + (["enu", "un"] if KINDS[kind].by_axis else [])
             axes = out["axes"] = str(rng.choice(choices))

@@ -167,16 +167,24 @@ def any_observation(draw):
     names = {f.name for f in fields(cls)}
     if kind == "frame_coordinate":
         names -= {draw(st.sampled_from(["point", "photo"]))}
-    have = [n for n in ("station", "target", "target2", "point", "photo") if n in names]
+    points = ("station", "target", "station2", "target2", "point", "photo")
+    have = [n for n in points if n in names]
     chosen = draw(st.lists(NAME, min_size=len(have), max_size=len(have), unique=True))
     arguments = dict(zip(have, chosen, strict=True))
     if kind == "frame_coordinate":
-        arguments = {"point": None, "frame": draw(NAME)} | arguments
+        arguments = {"point": None} | arguments
+    needed = (*KINDS[kind].texts, *KINDS[kind].frames)
+    of = [n for n in needed if n not in KINDS[kind].optional]
+    arguments |= dict(
+        zip(of, draw(st.lists(NAME, min_size=len(of), max_size=len(of), unique=True)), strict=True)
+    )
+    arguments |= {n: draw(SIGMA) for n in ("ux", "uy", "uz", "x", "y") if n in names}
     for height in ("instrument_height", "target_height", "target2_height"):
         if height in names:
             arguments[height] = draw(VALUE)
     if "covariance" in names:
-        axes = draw(st.sampled_from(["xyz", "z", "yx", "xz"])) if "axes" in names else "xyz"
+        some = st.sampled_from(["xyz", "z", "yx", "xz"])
+        axes = draw(some) if "axes" in names else cls.components
         if "axes" in names:
             arguments["axes"] = axes
         arguments["value"] = tuple(draw(VALUE) for _ in axes)
@@ -186,7 +194,7 @@ def any_observation(draw):
             arguments["covariance"] = np.diag([draw(SIGMA) for _ in axes])
         return cls(**arguments)
     arguments["value"] = draw(VALUE)
-    if kind.endswith("_distance"):
+    if cls.nonnegative:
         arguments["value"] = abs(arguments["value"])
     if kind == "zenith_angle":
         arguments["value"] = abs(arguments["value"]) % math.pi
@@ -212,7 +220,7 @@ def test_a_record_survives_json_as_numbers(found):
     units = UNITS["SI"]
     fields_of = record(found, units=units)
     texts = {"kind", "id", "station", "target", "target2", "point", "photo", "axes", "set", "unit"}
-    texts |= {"frame"}
+    texts |= {n for k in KINDS for n in (*KINDS[k].texts, *KINDS[k].named)}
     as_numbers = {k: v if k in texts or not v else float(v) for k, v in fields_of.items()}
     line = json.loads(json.dumps(as_numbers))
     assert_same(found, observation(line, context=RecordContext(units)))

@@ -35,7 +35,7 @@ def test_partials_of_image_coordinates_are_right_for_every_lens(lens: str, view:
 @pytest.mark.parametrize("view", [v for v in VIEWS if v != "90° across"])
 @pytest.mark.parametrize("lens", LENSES_USED)
 def test_partials_of_lines_in_images_are_right_for_every_lens(lens: str, view: str) -> None:
-    """Not 90° across, where the strong lenses from ideal to measured coordinates have no inverse."""
+    """Not 90° across, where strong lenses from ideal to measured coordinates have no inverse."""
     equations, steps = every_kind.line_equations(lens, VIEWS[view])
     state = equations.unknowns.start()
     assert_partials_are_right(observed_as_computed(equations, state), state, steps)

@@ -390,4 +390,4 @@ def line_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
     for line, (x, y) in zip(OBSERVED["image_line"](), xy.tolist(), strict=True):
         network.add(replace(line, x=x, y=y))
     equations = compile_network(network)
-    return equations, _steps(equations, _image_steps(equations, camera, view, 0.0004))
+    return equations, _steps(equations, _image_steps(equations, camera, view, 0.0002))
