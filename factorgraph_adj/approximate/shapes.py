@@ -74,7 +74,8 @@ def place_shapes(equations: Equations, state: State) -> list[Problem]:
             what = "no approximate value: no point on it has coordinates"
         else:
             stated = equations.network.frames[table.names[f]]
-            what = _Fit(equations, state, f, parts, lost, np.array(stated.values)).run()
+            with np.errstate(all="ignore"):  # trials may be anything
+                what = _Fit(equations, state, f, parts, lost, np.array(stated.values)).run()
         if what:
             problems.append(Problem(what, f"shape {table.names[f]!r}"))
     return problems
@@ -221,8 +222,7 @@ class _Fit:
             largest = int(np.bincount(which.ravel(), minlength=len(each)).argmax())
             chosen = np.flatnonzero(which.ravel() == largest)[:MOST_POINTS]  # type: ignore[assignment]
         y = self.y[0][chosen] @ rotation
-        with np.errstate(all="ignore"):
-            centres = [CENTRES[first.shape.name](y)]
+        centres = [CENTRES[first.shape.name](y)]
         if first.shape.name in FURTHER:
             centres += FURTHER[first.shape.name](y)
         for centre in centres:
@@ -241,8 +241,7 @@ class _Fit:
             for number, (kind, index) in enumerate(part.sizes):
                 for i in np.unique(index).tolist():
                     if (kind, i) in self.lost and (kind, i) not in sizes:
-                        with np.errstate(all="ignore"):
-                            own = SIZES[part.shape.name](q[index == i])
+                        own = SIZES[part.shape.name](q[index == i])
                         sizes[kind, i] = float(own[number])
         trial = _Trial(rotation, offset, sizes, np.inf)
         values = np.array([*offset, *sizes.values()])
