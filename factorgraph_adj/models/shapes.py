@@ -77,6 +77,9 @@ class Shape:
     """Components of the frame that are free; those that symmetry leaves open are held."""
     sizes: tuple[Size, ...] = ()
     """Its sizes."""
+    turns: bool = False
+    """Whether its distances are those of two directions across its axis, which turn about it with
+    the object: so does the residual, while the frame is held about its axis."""
     axis: Literal["least", "most", "any"] = "any"
     """Where its z axis lies: along the least or the largest extent of its points, or anywhere."""
 
@@ -199,7 +202,7 @@ SHAPES = {
     s.name: s
     for s in (
         Shape("plane", plane, (*_TILTS, "z"), axis="least"),
-        Shape("line", line, (*_TILTS, "x", "y"), axis="most"),
+        Shape("line", line, (*_TILTS, "x", "y"), turns=True, axis="most"),
         Shape("circle", circle, _ALL, (_RADIUS, Size("height", suffix=None)), axis="least"),
         Shape("cylinder", cylinder, (*_TILTS, "x", "y"), (_RADIUS,)),
         Shape("sphere", sphere, ("x", "y", "z"), (_RADIUS,)),

@@ -31,6 +31,7 @@ from ..graph.variables import State, Variables
 from ..models.motions import Motions
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import parameter_name
+from ..observations import KINDS
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
 
@@ -316,7 +317,7 @@ def _unnoticed(
     _, s, vt = np.linalg.svd(weighted[:, real] / length[real], full_matrices=False)
     keep = s > 1e-9 * s[0]
     basis = (vt[keep].T / s[keep]) / length[real][:, None]
-    noticed = system.times(g[:, real] @ basis)
+    noticed = _without_turns(system, system.times(g[:, real] @ basis))
     curved = threshold > UNNOTICED_IF_FREE
     of_places, of_azimuths = _of_places(system)
     sights = np.where(of_azimuths[:, None], 0.0, noticed) if curved else noticed
@@ -333,6 +334,40 @@ def _unnoticed(
     mixture = np.zeros((7, null.shape[1]))
     mixture[real] = basis @ null
     return np.asarray(mixture / np.linalg.norm(mixture, axis=0))
+
+
+def _without_turns(system: LinearSystem, noticed: Array) -> Array:
+    """Return what rows notice without turns of residuals across a line about its axis.
+
+    The frame of a line is held about its axis, so that its two residuals v turn with the object:
+    A g has the part (−v₂, v₁) times the turn. It says nothing of the turn, as vᵀPv stays, if both
+    distances have one weight.
+
+    Args:
+        system: the linearised network.
+        noticed: A G, (n_rows, d).
+    """
+    out = noticed
+    for block in system.equations.blocks:
+        record = KINDS.get(block.kind)
+        if record is None or not getattr(record.model, "turns", False) or block.whitener is not None:
+            continue
+        if np.any(block.sigma[:, 0] != block.sigma[:, 1]):
+            continue
+        v = system.residual[block.rows].reshape(-1, 2)
+        w = np.column_stack([-v[:, 1], v[:, 0]])
+        if out is noticed:
+            out = noticed.copy()
+        rows = out[block.rows].reshape(block.n, 2, -1)
+        shape = block.variables[0][1]
+        for f in np.unique(shape).tolist():
+            own = np.flatnonzero(shape == f)
+            square = float(np.sum(w[own] ** 2))
+            if square > 0:
+                turn = np.einsum("ni,nid->d", w[own], rows[own]) / square
+                rows[own] -= w[own][:, :, None] * turn
+        out[block.rows] = rows.reshape(2 * block.n, -1)
+    return out
 
 
 def _null(noticed: Array, among: Array, threshold: float) -> Array:

@@ -155,6 +155,7 @@ def room(seed: int = 5) -> fga.Network:
         o.RightAngle("000", "100", "001", sigma=3e-4),
         o.PointDirection("000", "001", *(rotation @ [0.0, 0.0, 2.0]).tolist(), sigma=3e-4),
         o.CoordinateDifference("000", "M1", (0.0, 0.0), axes="xz", sigma=2 * MM),
+        o.CoordinateDifference("111", "M1", (0.0, 0.0, 0.0), sigma=2 * MM),
         o.CoordinateDifference("M2", "M3", (0.0, 0.0, 0.0), horizon=True, sigma=2 * MM),
     )
     return fga.adjust(measure(_with_truth(network), seed=0, noise=False)).as_network()
