@@ -11,9 +11,19 @@ photos, cameras and other unknowns, to which observations refer by name.
 
 from ..network.entities import Camera, Parameter, Photo, Point
 from ..stochastic import StandardDeviation
+from .airborne import (
+    AntennaVector,
+    NavigationAttitude,
+    PhotoAngle,
+    PhotoAttitude,
+    PhotoBase,
+    PhotoRange,
+)
 from .base import Observation, Sight
 from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
+from .far_directions import GyroAzimuth, PhotoSight, PhotoTilt
+from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .on_shapes import (
@@ -51,11 +61,13 @@ from .terrestrial import (
     VerticalAngle,
     ZenithAngle,
 )
+from .vertical import LevelHeight, ProfileHeight
 from .weights import Weight
 
 __all__ = [
     "BUILT_IN",
     "KINDS",
+    "AntennaVector",
     "AnyObservation",
     "AstronomicLatitude",
     "AstronomicLongitude",
@@ -69,13 +81,19 @@ __all__ = [
     "EqualDistance",
     "EqualHeightDifference",
     "FrameCoordinate",
+    "FrameDirection",
+    "FrameDistance",
+    "FrameZenith",
     "GnssPosition",
     "GnssVector",
+    "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
     "ImageLine",
     "ImagePoint",
+    "LevelHeight",
+    "NavigationAttitude",
     "Observation",
     "ObservationKind",
     "OnCircle",
@@ -89,10 +107,17 @@ __all__ = [
     "ParallelAxes",
     "Parameter",
     "Photo",
+    "PhotoAngle",
+    "PhotoAttitude",
+    "PhotoBase",
     "PhotoPosition",
+    "PhotoRange",
+    "PhotoSight",
+    "PhotoTilt",
     "PlaneDistance",
     "Point",
     "PointDirection",
+    "ProfileHeight",
     "RightAngle",
     "Sight",
     "SlopeDistance",

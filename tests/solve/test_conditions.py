@@ -30,7 +30,9 @@ def braced(shape: str, *, datum: str = "free") -> fga.Network:
     x = posed(places(shape, 10, rng), rng)
     stations = x.mean(axis=0) + np.array([[9, 1, 2], [-3, 8, -4], [1, -5, 9.0], [-7, -6, -3]])
     network = fga.Network(shape, datum=datum)  # type: ignore[arg-type]
-    network.add_shape("S", shape, origin=(x.mean(axis=0) + np.array([2.0, 1.0, 3.0])).round().tolist())
+    network.add_shape(
+        "S", shape, origin=(x.mean(axis=0) + np.array([2.0, 1.0, 3.0])).round().tolist()
+    )
     places_ = {f"P{i}": at for i, at in enumerate(x)} | {
         f"T{i}": at for i, at in enumerate(stations)
     }
@@ -232,7 +234,7 @@ def test_what_is_wrong_is_told(name):
 def test_an_unknown_shape_or_frame_or_size_is_told_with_what_is_there():
     network = fga.Network("wrong")
     network.add_point("A", (0.0, 0.0, 0.0))
-    with pytest.raises(fga.InputError, match="unknown shape 'cilinder'; valid: .*cylinder"):
+    with pytest.raises(fga.InputError, match=r"unknown shape 'cilinder'; valid: .*cylinder"):
         network.add_shape("tank", "cilinder", origin=(0, 0, 0))
     network.add_shape("tank", "cylinder", origin=(0, 0, 0))
     with pytest.raises(fga.InputError, match=r"unknown frame 'tnak'; .*tank"):

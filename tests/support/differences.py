@@ -69,9 +69,7 @@ def observed_as_computed(equations: Equations, state: State) -> Equations:
     blocks = []
     for block in equations.blocks:
         v = block.evaluate(frame, state, jacobians=False).residual
-        blocks.append(
-            block if block.lens is not None else replace(block, observed=block.observed + v)
-        )
+        blocks.append(block if block.lens is not None else replace(block, observed=block.moved(v)))
     return replace(equations, blocks=tuple(blocks))
 
 
@@ -97,10 +95,10 @@ def assert_partials_are_right(equations: Equations, state: State, steps: Array) 
         analytic = columns_of(unknowns, block, partials)
         difference = np.abs(analytic - numerical(block, frame, unknowns, moved, steps))
         by_metre = np.max(np.abs(analytic[:, in_metres]), axis=1, initial=0.0)
-        # Heights above an ellipsoid come from geocentric coordinates in any frame.
-        on_earth = block.kind in ABOVE and not isinstance(frame, LocalFrame)
-        reach = max(extent, frame.radius) if on_earth else extent
-        size = np.abs(block.observed).ravel() + reach * by_metre + np.abs(v).ravel()
+        # A height above an ellipsoid comes from geocentric coordinates in any frame.
+        above = block.kind in ABOVE or {k for k, _ in block.variables} & {"level", "profile"}
+        earth = 0.0 if isinstance(frame, LocalFrame) or not above else frame.radius
+        size = np.abs(block.observed).ravel() + max(extent, earth) * by_metre + np.abs(v).ravel()
         rounding = ROUNDINGS * np.finfo(float).eps * size[:, None] / steps
         for kind, number in unknowns.active():
             columns = unknowns.columns(kind, number)
