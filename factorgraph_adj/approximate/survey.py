@@ -12,7 +12,8 @@ from ..graph.equations import Equations
 from ..models.base import wrap
 from ..models.sub_frame import horizons
 from ..models.terrestrial import direction_in_face_one, zenith_in_face_one
-from ..types import Array, Index
+from ..types import Array, Index, Mask
+from .above import AboveSurfaces, read_surfaces
 
 
 def group_median(group: Index, value: Array, size: int) -> Array:
@@ -137,7 +138,10 @@ class Survey:
     n_points: int
     """Number of points."""
     directions: Sighted
-    """Horizontal directions; third: the orientation."""
+    """Horizontal directions and azimuths of gyrotheodolites; third: the orientation."""
+    gyro: Index
+    """Number of the gyrotheodolite of each orientation behind those of sets of directions: one for
+    each of its stations, (k,)."""
     azimuths: Sighted
     """Azimuths."""
     angles: Sighted
@@ -154,6 +158,8 @@ class Survey:
     """GNSS vectors."""
     edges: Edges
     """Lengths and height differences by pairs of points."""
+    above: AboveSurfaces
+    """Heights above level surfaces and surfaces of pressure."""
 
     def edge(self, i: Index, j: Index) -> tuple[Index, Index]:
         """Return for pairs (n,) the rows that have an edge, and the edges' numbers."""
@@ -198,9 +204,16 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
     )
     slopes, levels = lengths("slope_distance"), lengths("horizontal_distance")
     steps = _join(by_kind.get("height_difference", []))
+    sets = len(equations.unknowns["orientation"].names)
+    directions, gyro = _with_gyros(
+        _join(by_kind.get("direction", []), 4, value=_direction),
+        _join(by_kind.get("gyro_azimuth", []), 4),
+        sets,
+    )
     return Survey(
         n,
-        _join(by_kind.get("direction", []), 4, value=_direction),
+        directions,
+        gyro,
         _join(by_kind.get("azimuth", [])),
         _join(by_kind.get("horizontal_angle", []), 4),
         zeniths,
@@ -213,6 +226,7 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
             equations,
         ),
         _edges(n, slopes, levels, zeniths, steps, curvature),
+        read_surfaces(equations),
     )
 
 
@@ -222,7 +236,7 @@ def _with_differences(vectors: Sighted, blocks: Sequence[Block], equations: Equa
     Those in a horizon are turned by that of their station, or of the middle of the given points.
     """
     given = equations.unknowns["point"].values
-    known = np.isfinite(given).all(axis=1)
+    known: Mask = np.all(np.isfinite(given), axis=1)
     middle = given[known].mean(axis=0) if known.any() else np.zeros(3)
     station, target, value = [vectors.station], [vectors.target], [vectors.value]
     for block in blocks:
@@ -246,6 +260,31 @@ def _with_differences(vectors: Sighted, blocks: Sequence[Block], equations: Equa
         np.concatenate([vectors.rise, nothing]),
         np.concatenate([vectors.third, nothing.astype(np.intp)]),
     )
+
+
+def _with_gyros(directions: Sighted, gyros: Sighted, sets: int) -> tuple[Sighted, Index]:
+    """Join azimuths of gyrotheodolites to directions, as one more set at each station.
+
+    Args:
+        directions: horizontal directions.
+        gyros: azimuths; third: the gyrotheodolite.
+        sets: number of sets of directions.
+
+    Returns:
+        All of them, and the gyrotheodolite of each additional set.
+    """
+    pairs, place = np.unique(
+        np.stack([gyros.station, gyros.third], axis=1), axis=0, return_inverse=True
+    )
+    third = np.concatenate([directions.third, sets + place.ravel()]).astype(np.intp)
+    joined = Sighted(
+        np.concatenate([directions.station, gyros.station]),
+        np.concatenate([directions.target, gyros.target]),
+        np.concatenate([directions.value, gyros.value]),
+        np.concatenate([directions.rise, gyros.rise]),
+        third,
+    )
+    return joined, np.asarray(pairs[:, 1], dtype=np.intp)
 
 
 def _edges(

@@ -49,6 +49,8 @@ from .relations import (
     PointDirection,
     RightAngle,
 )
+from .relative import RelativePosition, RelativeRotation
+from .strips import StripCoordinate
 from .terrestrial import (
     AstronomicLatitude,
     AstronomicLongitude,
@@ -118,10 +120,13 @@ __all__ = [
     "Point",
     "PointDirection",
     "ProfileHeight",
+    "RelativePosition",
+    "RelativeRotation",
     "RightAngle",
     "Sight",
     "SlopeDistance",
     "StandardDeviation",
+    "StripCoordinate",
     "Unit",
     "VerticalAngle",
     "Weight",

@@ -183,12 +183,13 @@ def any_observation(draw):
     arguments |= {n: draw(SIGMA) for n in ("ux", "uy", "uz", "x", "y") if n in names}
     needed = (n for n in vectors_of(kind) if n not in KINDS[kind].optional)
     arguments |= {n: draw(st.sampled_from(UNIT_VECTORS)) for n in needed}
-    if "lever_arm" in names:
+    if "lever_arm" in names and "photo" in have:
         arguments["lever_arm"] = (draw(SIGMA), draw(VALUE), draw(VALUE))
     if "angle" in KINDS[kind].choices:
         arguments["angle"] = draw(st.sampled_from(ANGLES))
     if "about" in names:
         arguments["about"] = draw(st.sampled_from(ABOUT))
+    arguments |= {n: draw(VALUE) for n in ("along", "across") if n in names and "strip" in names}
     for height in ("instrument_height", "target_height", "target2_height"):
         if height in names:
             arguments[height] = draw(VALUE)
@@ -199,6 +200,9 @@ def any_observation(draw):
             some = ["xyz", "z", "yx", "xz"] if three else ["xy", "yx", "x", "y"]
             axes = arguments["axes"] = draw(st.sampled_from(some))
         arguments["value"] = tuple(draw(VALUE) for _ in axes)
+        if cls.components == ("rx", "ry", "rz"):  # a rotation vector, of half a turn at most
+            length = 1.0 + math.hypot(*arguments["value"])
+            arguments["value"] = tuple(v / length for v in arguments["value"])
         if draw(st.booleans()):
             arguments["sigma"] = tuple(draw(SIGMA) for _ in axes)
         else:
