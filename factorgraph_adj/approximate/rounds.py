@@ -18,6 +18,7 @@ from .diagnosis import not_reached
 from .frame_sights import intersect_sights, orient_frames, resect_frames, start_frame
 from .free_start import join_blocks, observed_misfits, resolve_doubt, start_heights
 from .horizon import Horizon, place_of
+from .image_lines import lines_in_images, place_image_lines
 from .in_frames import InFrames, read_frames
 from .intersection import GOOD_CROSSING, LEAST_CROSSING, intersect
 from .levelling import height_differences, heights
@@ -34,6 +35,7 @@ from .relative_poses import (
     start_anywhere,
 )
 from .resection import resections
+from .shapes import on_shapes, place_shapes
 from .single_ray import far_points, ray_and_more
 from .spheres import spheres, start_in_space
 from .sub_frames import place_frames, places_in_frames
@@ -81,11 +83,16 @@ def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[St
         _search(progress, seen, free=free)
         progress = _without_contradiction(equations, progress, forgetful, seen, free=free)
         _take_over(progress, state)
+        # The points of shapes and the photos of lines come first.
+        progress.frame[sorted(on_shapes(equations) | lines_in_images(equations))] = 0.0
         problems = not_reached(
             equations, progress, seen.rays, seen.frames, seen.relative, free=free
         )
         if problems:
             return state, problems
+    problems = [*place_shapes(equations, state), *place_image_lines(equations, state)]
+    if problems:
+        return state, problems
     orient_by_model(equations, state)
     return state, solve_additive(equations, state)
 

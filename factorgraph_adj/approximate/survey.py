@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +10,9 @@ import numpy as np
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.base import wrap
+from ..models.sub_frame import horizons
 from ..models.terrestrial import direction_in_face_one, zenith_in_face_one
-from ..types import Array, Index
+from ..types import Array, Index, Mask
 from .above import AboveSurfaces, read_surfaces
 
 
@@ -219,9 +220,45 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
         slopes,
         levels,
         steps,
-        _join(by_kind.get("gnss_vector", []), value=_vector),
+        _with_differences(
+            _join(by_kind.get("gnss_vector", []), value=_vector),
+            by_kind.get("coordinate_difference", []),
+            equations,
+        ),
         _edges(n, slopes, levels, zeniths, steps, curvature),
         read_surfaces(equations),
+    )
+
+
+def _with_differences(vectors: Sighted, blocks: Sequence[Block], equations: Equations) -> Sighted:
+    """Join differences of all three coordinates to vectors.
+
+    Those in a horizon are turned by that of their station, or of the middle of the given points.
+    """
+    given = equations.unknowns["point"].values
+    known: Mask = np.all(np.isfinite(given), axis=1)
+    middle = given[known].mean(axis=0) if known.any() else np.zeros(3)
+    station, target, value = [vectors.station], [vectors.target], [vectors.value]
+    for block in blocks:
+        if block.dimension < 3 or not known.any():
+            continue
+        own = block.variables[0][1]
+        at = np.where(known[own, None], given[own], middle)
+        basis = equations.network.frame.basis(at, np.zeros((block.n, 2)))
+        e = horizons(basis, block.constants["horizon"])
+        order = np.argsort(["xyz".index(a) for a in block.components])
+        d = block.observed[:, order]
+        station.append(own)
+        target.append(block.variables[2][1])
+        value.append(np.einsum("nji,nj->ni", e, d))
+    n = sum(len(s) for s in station)
+    nothing = np.zeros(n - vectors.n)
+    return Sighted(
+        np.concatenate(station),
+        np.concatenate(target),
+        np.concatenate(value),
+        np.concatenate([vectors.rise, nothing]),
+        np.concatenate([vectors.third, nothing.astype(np.intp)]),
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from ..frames import Frame
 from ..models import position
 from ..models.base import Linearised
+from ..models.lens import Lens
 from ..models.variables import ENTITIES, UNKNOWNS, UnknownKind, VariableKind
 from ..network.entities import parameter_key, parameter_name
 from ..network.network import Network
@@ -109,20 +110,22 @@ def _plain_blocks(
     unequal = [j for j, (what, _) in enumerate(kind.variables) if UNKNOWNS[what].variable_size]
     columns = [unknowns[kind.variables[j][0]].size[index[j]] for j in unequal]
     columns += [(i >= 0).astype(np.intp) for i in index]
+    lenses = _lenses(network, kind, group.observations)
+    columns.append(np.array([lenses.index(lens) for lens in lenses], dtype=np.intp))
     form: dict[tuple[str, ...], int] = {}
     forms = (form.setdefault(o.component_names(), len(form)) for o in group.observations)
     columns.append(np.fromiter(forms, np.intp, len(group.ids)))
     differ = np.stack(columns, axis=1)
     if (differ == differ[0]).all():
         widths = dict(zip(unequal, differ[0].tolist(), strict=False))
-        yield _plain_block(kind, group, index, widths)
+        yield _plain_block(kind, group, index, widths, lenses[0])
         return
     for each in np.unique(differ, axis=0):
         rows = np.flatnonzero((differ == each).all(axis=1))
         widths = dict(zip(unequal, each.tolist(), strict=False))
         at = rows.tolist()
         some = Group([group.ids[i] for i in at], [group.observations[i] for i in at])
-        yield _plain_block(kind, some, [n[rows] for n in index], widths)
+        yield _plain_block(kind, some, [n[rows] for n in index], widths, lenses[rows[0]])
 
 
 def _numbers(
@@ -145,11 +148,23 @@ def _numbers(
     return np.fromiter(map(found.__getitem__, keys), np.intp, len(keys))
 
 
+def _lenses(
+    network: Network, kind: ObservationKind, observations: Sequence[Observation]
+) -> list[Lens | None]:
+    """Return the lens model of each observation whose model has a calibration."""
+    attribute = next((a for what, a in kind.variables if what == "calibration"), None)
+    if attribute is None:
+        return [None] * len(observations)
+    photos = (network.photos[getattr(o, attribute)] for o in observations)
+    return [network.cameras[f.camera].lens for f in photos]
+
+
 def _plain_block(
     kind: ObservationKind,
     group: Group,
     index: Sequence[Index],
     widths: dict[int, int],
+    lens: Lens | None,
 ) -> Block:
     observations = group.observations
     n = len(observations)
@@ -170,7 +185,7 @@ def _plain_block(
         components,
         ObservationLabels(observations),
         whitener,
-        _model(kind, [i[0] >= 0 for i in index], components),
+        _model(kind, [i[0] >= 0 for i in index], components, lens),
         constants={
             c: np.array([getattr(o, c) for o in observations], dtype=float) for c in kind.constants
         },
@@ -182,11 +197,14 @@ def _plain_block(
 
 
 def _model(
-    kind: ObservationKind, present: Sequence[bool], components: tuple[str, ...]
+    kind: ObservationKind,
+    present: Sequence[bool],
+    components: tuple[str, ...],
+    lens: Lens | None,
 ) -> Callable[..., Linearised]:
     """Return the model of a kind for observations that have some of its variables and axes."""
     assert kind.model is not None
-    model = kind.model
+    model = kind.model if lens is None else partial(kind.model, lens=lens)
     if "axes" in kind.attributes:
         model = partial(model, axes=tuple("xyz".index(a) for a in components))
     return model if all(present) else partial(_with_absent, model, tuple(present))

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..graph.dependence import Variable
+from ..observations.base import is_condition
 from ..types import NO_ROWS, Index, Mask
 from .beside import Beside
 from .candidates import Candidates, Nothing, known_in
@@ -235,10 +236,12 @@ class Entering:
     # -- judging ------------------------------------------------------------------------------
 
     def _untested(self) -> Mask:
-        """Return which observations stay whatever their tests say."""
+        """Return which observations stay whatever their tests say: conditions among them."""
         if self.rules.policy == "accept":
             return np.ones(len(self.stay), dtype=bool)
-        return np.isin(self.stay, self.fixed)
+        units = self.ledger.units(self.stay)
+        own = [any(is_condition(o) for o in unit.observations) for unit in units]
+        return np.asarray(np.isin(self.stay, self.fixed) | np.array(own, dtype=bool))
 
     def _tests(self) -> bool:
         return not self._untested().all()

@@ -40,6 +40,14 @@ def is_angle(kind: str) -> bool:
     return observation_kind(kind).unit == "rad"
 
 
+def is_in_image(kind: str) -> bool:
+    """Return whether the value of a kind is in units of a camera, as plain numbers.
+
+    Image coordinates have tables of their own, with a unit in the names of their columns.
+    """
+    return observation_kind(kind).unit == "image" and kind != "image"
+
+
 def attributes(kind: str) -> frozenset[str]:
     """Return the names of the attributes of a kind of observation."""
     return observation_kind(kind).attributes
@@ -90,6 +98,7 @@ def numbers_of(kind: str) -> dict[str, Quantity]:
     A constant of a model is a length unless the metadata of its field states a ``quantity``.
     """
     own = {n: q for n, q in _constants_of(kind).items() if not _is_vector(kind, n)}
+    own |= {n: "number" for n in ("condition",) if n in attributes(kind)}
     ordered = [*(n for n in HEIGHTS if n in own), *(n for n in own if n not in HEIGHTS)]
     return {n: own[n] for n in ordered}
 
@@ -126,6 +135,8 @@ def sigma_fields(kind: str) -> tuple[str, ...]:
     if kind == "image":
         units: Iterable[str] = ("px", *LENGTH)
         return tuple(f"sigma{axis}_{u}" for axis in ("", "_x", "_y") for u in units)
+    if is_in_image(kind):
+        return ("sigma_image",)
     units = tuple(ANGLE) if is_angle(kind) else tuple(LENGTH)
     out = [f"sigma_{u}" for u in units]
     for part, column in parts_of(kind).items():
@@ -147,6 +158,8 @@ def rules_of(kind: str) -> tuple[str, ...]:
 
 def stand_in_sigma(kind: str) -> dict[str, object]:
     """Return a valid standard deviation of a kind to stand in for one that is wrong."""
+    if is_in_image(kind):
+        return {"sigma_image": 1.0}
     units = ("px", "m") if kind == "image" else ("rad",) if is_angle(kind) else ("m",)
     return {f"sigma_{u}": 1.0 for u in units}
 
@@ -225,5 +238,6 @@ def unknown_field(name: str, valid: Iterable[str]) -> str | None:
 def offer(kind: str) -> str:
     """Return the fields of a kind for a message, each standard deviation in one unit only."""
     unit = "mgon" if is_angle(kind) else "mm"
-    stated = [f for f in sigma_fields(kind) if f.endswith(("_mm", f"_{unit}", "_mm2", "ppm"))]
+    shown = ("_mm", f"_{unit}", "_mm2", "ppm", "_image")
+    stated = [f for f in sigma_fields(kind) if f.endswith(shown)]
     return ", ".join([*plain_fields(kind), *stated, *rules_of(kind)])

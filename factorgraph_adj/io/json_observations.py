@@ -12,13 +12,12 @@ from ..observations import (
     KINDS,
     AnyObservation,
     Correlated,
-    ImagePoint,
     Observation,
 )
 from ..types import Array
 from . import numbers, records
 from .context import ImageAxes, RecordContext
-from .fields import is_angle, names_of, rules_of, sigma_fields, texts_of
+from .fields import is_angle, is_in_image, names_of, rules_of, sigma_fields, texts_of
 from .numbers import Units
 from .tables import IGNORED, Row
 
@@ -84,7 +83,7 @@ def _single_fields(item: Observation, id: str | None, unit: str) -> Fields:
     out = plain(record, {"kind", "id", *names_of(kind), *texts_of(kind), *rules_of(kind)})
     if problems:
         raise InputError(problems)
-    if not isinstance(item, ImagePoint):
+    if item.record.unit != "image":
         out["unit"] = "rad" if is_angle(item.kind) else "m"
     return out
 
@@ -203,7 +202,7 @@ def _with_sigma(record: Mapping[str, object], variances: Array) -> Mapping[str, 
     kind, axes = str(record.get("kind")), _axes(record)
     if kind not in KINDS or any(record.get(f) is not None for f in sigma_fields(kind)):
         return record
-    unit = "rad" if is_angle(kind) else "m"
+    unit = "image" if is_in_image(kind) else "rad" if is_angle(kind) else "m"
     own = zip(axes, variances.tolist(), strict=False)
     stated = {f"sigma_{a}_{unit}" if a else f"sigma_{unit}": v**0.5 for a, v in own if v > 0}
     return {**record, **stated}

@@ -34,6 +34,7 @@ from .fields import (
     columns_of_vector,
     components_of,
     is_angle,
+    is_in_image,
     known_fields,
     names_of,
     numbers_of,
@@ -201,6 +202,7 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
             of = unit if quantity == "length" and not angle else _project_unit(quantity, units)
             arguments[name] = tuple(row.number(n, of, required=True) for n in own)
     if "covariance" not in have:
+        unit = "" if is_in_image(kind) else unit
         arguments["value"] = _reading(row, "value", unit, optional)
         place = f"[sigma.{kind}] of the project"
         arguments["sigma"] = scalar_sigma(row, kind, context.sigma.get(kind, {}), place)
@@ -223,8 +225,9 @@ def _stated(row: Row, kind: str, default: Mapping[str, object], place: str) -> R
     own = Row(default, row.where, row.problems, row.of)
     if any(f in own for f in sigma_fields(kind)):
         return own
-    unit = "mgon" if is_angle(kind) else "mm"
-    row.wrong(f"no standard deviation: give sigma_{unit} (or another unit) here or in {place}")
+    unit = "mgon (or another unit)" if is_angle(kind) else "mm (or another unit)"
+    unit = "image" if is_in_image(kind) else unit
+    row.wrong(f"no standard deviation: give sigma_{unit} here or in {place}")
     return None
 
 
@@ -250,6 +253,8 @@ def scalar_sigma(
         elif value is not None:
             parts[part] = value
     combine = stated.choice("combine", COMBINATIONS, "mixed") if rules_of(kind) else "mixed"
+    if is_in_image(kind):
+        return stated.number("sigma_image", positive=True)
     constant = stated.quantity("sigma", ANGLE if is_angle(kind) else LENGTH)
     if constant is not None and (constant < 0 or (constant == 0 and not any(parts.values()))):
         found = stated.present("sigma", ANGLE if is_angle(kind) else LENGTH)
@@ -384,12 +389,12 @@ def record(
         out[name] = getattr(found, name) or ""
     if isinstance(found, ImagePoint):
         return out | _image_record(found, axes or ImageAxes())
-    unit = units.angle if is_angle(kind) else units.length
+    unit = "" if is_in_image(kind) else units.angle if is_angle(kind) else units.length
     for name, quantity in numbers_of(kind).items():
         number = getattr(found, name)
         default = KINDS[kind].defaults.get(name)
         if default is None or repr(float(number)) != repr(float(default)):
-            out[name] = numbers.write(number, _project_unit(quantity, units))
+            out[name] = numbers.write(float(number), _project_unit(quantity, units))
     if "length_km" in have and given.length_km is not None:
         out["length_km"] = numbers.write(given.length_km)
     for name, quantity in vectors_of(kind).items():
@@ -410,6 +415,8 @@ def record(
 
 def _sigma_record(sigma: float | StandardDeviation, kind: str, units: Units) -> dict[str, str]:
     unit = units.sigma_angle if is_angle(kind) else units.sigma_length
+    if is_in_image(kind):
+        return {"sigma_image": numbers.write(float(cast(float, sigma)))}
     if not isinstance(sigma, StandardDeviation):
         return {f"sigma_{unit}": numbers.write(sigma, unit)}
     out = {}

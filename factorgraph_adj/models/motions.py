@@ -153,6 +153,26 @@ def of_frames(motions: Motions, values: Array, at: Index) -> Array:
     return out
 
 
+def without_held(values: Array, moved: Array, held: Mask) -> Array:
+    """Return the motions of frames with the turns and scales that are not held.
+
+    A shape is held where it is symmetric: a cylinder about its axis. Where the object turns by ω or
+    grows by μ, and the frame may not, what is measured in it turns and grows about q = 0 instead,
+    where its shape has its axis, and not about q = −c: δc = ω × c + μ c for held ω and μ.
+
+    Args:
+        values: stored frames, (n, 17).
+        moved: motions of all components, (n, 7, 7).
+        held: held components, (n, 7).
+    """
+    offset = values[:, 9:12]
+    kept = np.where(held[:, :, None], moved, 0.0)
+    out = np.where(held[:, :, None], 0.0, moved)
+    about = -skew(offset) @ kept[:, :3] + offset[:, :, None] * kept[:, 6:]
+    out[:, 3:6] += np.where(held[:, 3:6, None], 0.0, about)
+    return np.asarray(out)
+
+
 def of_scales(motions: Motions, values: Array, at: Index) -> Array:
     """Return the motions of distance meters, whose 1 + m decreases as lengths increase."""
     out = np.zeros((len(values), 2, 7))

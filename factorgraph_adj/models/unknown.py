@@ -21,6 +21,8 @@ from .base import within
 
 Quantity: TypeAlias = Literal["length", "angle", "ppm", "number"]
 """Quantity of a component: metres, radians, a ratio shown in millionths, or a plain number."""
+Held: TypeAlias = Callable[[Array, Array, Mask], Array]
+"""(stored values (n, s), G (n, k, 7), held components (n, k)) → G (n, k, 7)."""
 MoveBy: TypeAlias = Callable[["motions.Motions", Array, Index], Array]
 """(motions, stored values (n, s), numbers (n,) of the points of the unknowns) → G (n, k, 7)."""
 
@@ -88,6 +90,8 @@ class UnknownKind:
     """Whether an unknown may have only the first few of the listed components."""
     motions: MoveBy | None = None
     """Change of the components in a motion of the whole object; None: no change."""
+    held_motions: Held | None = None
+    """Motions where components are held; None: those of the other components stay the same."""
     connects: bool = False
     """Whether observations of one unknown of this kind belong to one connected part."""
     single_turns: bool = False

@@ -188,6 +188,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         single_turns=True,
         constants=("origin_x", "origin_y", "origin_z", "level"),
         motions=motions.of_frames,
+        held_motions=motions.without_held,
         connects=True,
         late=1,
         table=UnknownTable("frames", held_unless_free=True),
@@ -254,6 +255,15 @@ _BUILT_IN: Sequence[UnknownKind] = (
         motions=motions.of_sizes,
         late=1,
         table=UnknownTable("sizes"),
+        default=(0.0,),
+    ),
+    UnknownKind(
+        "angle",
+        "angle",
+        "n",
+        (Component("angle", "angle", np.nan, column="value", whole=True),),
+        late=1,
+        table=UnknownTable("angles"),
     ),
     UnknownKind(
         "level",

@@ -27,8 +27,29 @@ from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .gauss_markov import gauss_markov
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
+from .on_shapes import (
+    OnCircle,
+    OnCone,
+    OnCylinder,
+    OnLine,
+    OnParaboloid,
+    OnPlane,
+    OnSphere,
+    OnTorus,
+)
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from .registry import KINDS, ObservationKind, Unit, observation_kind, register_observation
+from .relations import (
+    AxisAngle,
+    CoordinateDifference,
+    EqualDistance,
+    EqualHeightDifference,
+    ImageLine,
+    ParallelAxes,
+    PlaneDistance,
+    PointDirection,
+    RightAngle,
+)
 from .relative import RelativePosition, RelativeRotation
 from .strips import StripCoordinate
 from .terrestrial import (
@@ -53,11 +74,15 @@ __all__ = [
     "AnyObservation",
     "AstronomicLatitude",
     "AstronomicLongitude",
+    "AxisAngle",
     "Azimuth",
     "Camera",
     "ControlPoint",
+    "CoordinateDifference",
     "Correlated",
     "Direction",
+    "EqualDistance",
+    "EqualHeightDifference",
     "FrameCoordinate",
     "FrameDirection",
     "FrameDistance",
@@ -68,11 +93,21 @@ __all__ = [
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
+    "ImageLine",
     "ImagePoint",
     "LevelHeight",
     "NavigationAttitude",
     "Observation",
     "ObservationKind",
+    "OnCircle",
+    "OnCone",
+    "OnCylinder",
+    "OnLine",
+    "OnParaboloid",
+    "OnPlane",
+    "OnSphere",
+    "OnTorus",
+    "ParallelAxes",
     "Parameter",
     "Photo",
     "PhotoAngle",
@@ -82,10 +117,13 @@ __all__ = [
     "PhotoRange",
     "PhotoSight",
     "PhotoTilt",
+    "PlaneDistance",
     "Point",
+    "PointDirection",
     "ProfileHeight",
     "RelativePosition",
     "RelativeRotation",
+    "RightAngle",
     "Sight",
     "SlopeDistance",
     "StandardDeviation",

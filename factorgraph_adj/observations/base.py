@@ -194,6 +194,11 @@ class Sight(Observation):
     """File and line from which the observation was read."""
 
 
+def is_condition(observation: object) -> bool:
+    """Return whether an observation is a condition that no search for gross errors sets aside."""
+    return bool(getattr(observation, "condition", False))
+
+
 def checked_covariance(observation: Observation, size: int) -> Array | None:
     """Check ``covariance`` and ``sigma`` of a vector observation; return the covariance."""
     sigma = getattr(observation, "sigma", None)

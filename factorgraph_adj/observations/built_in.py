@@ -10,6 +10,8 @@ from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector
 from .records_instruments import RECORDS as _INSTRUMENTS
+from .records_relations import RECORDS as _RELATIONS
+from .records_shapes import RECORDS as _SHAPES
 from .registry import KINDS, ObservationKind, register_observation
 from .terrestrial import (
     AstronomicLatitude,
@@ -136,6 +138,8 @@ _BUILT_IN: Sequence[ObservationKind] = (
     *records_flight.RECORDS,
     *records_models.RECORDS,
     *records_vertical.RECORDS,
+    *_SHAPES,
+    *_RELATIONS,
     *records_rigs.RECORDS,
 )
 for _kind in _BUILT_IN:

@@ -225,6 +225,7 @@ class ObservationKind:
         if not callable(self.model):
             return [f"its model must be a function, not {self.model!r}"]
         wanted = {"observed", *self.constants, *({"axes"} & self.attributes)}
+        wanted |= {"lens"} if "calibration" in dict(self.variables) else set()
         takes = inspect.signature(self.model).parameters
         if any(p.kind is p.VAR_KEYWORD for p in takes.values()):
             return []

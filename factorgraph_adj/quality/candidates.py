@@ -8,7 +8,8 @@ order. A candidate is set aside if
    observation set aside earlier in this round, whose error may explain the candidate's;
 3. its test value in the linear model without the observations set aside earlier in this round still
    exceeds the critical value;
-4. the remaining observations still determine all unknowns.
+4. the remaining observations still determine all unknowns,
+5. it is no condition that the user states as such.
 
 A candidate that fails condition 4 stays in the adjustment. Conditions 2 and 3 treat it as set
 aside, so that no other observation is set aside because of its error.
@@ -29,6 +30,8 @@ from typing import Protocol
 import numpy as np
 
 from ..graph.equations import Equations
+from ..observations import KINDS
+from ..observations.base import is_condition
 from ..solve.solution import Solution
 from ..solve.update import Update
 from ..types import Array, Index, Mask
@@ -162,6 +165,7 @@ def choose(
     kept = [unit for unit in stuck if size[unit] > critical]
     margin = _margin(size[list(stuck)], critical)
     size[list(stuck)] = 0.0
+    size[conditions(rel.solution.equations, units)] = 0.0
     order = np.argsort(-size, kind="stable")
     order = order[(size[order] > critical) & (size[order] >= share * size[order[0]])]
     # Blocked observations were removed above: the share refers to the largest one that can go.
@@ -194,6 +198,19 @@ def choose(
         )
         return Choice(others.chosen, (*blocked, *others.blocked), min(margin, others.margin))
     return Choice(tuple(chosen), tuple(blocked), margin)
+
+
+def conditions(equations: Equations, units: Units) -> Mask:
+    """Return which observations are conditions, which are never set aside, (m,)."""
+    stated = equations.network.observations
+    out = np.zeros(len(units.first), dtype=bool)
+    for block in equations.blocks:
+        record = KINDS.get(block.kind)
+        if record is None or "condition" not in record.attributes:
+            continue
+        is_one = np.array([is_condition(stated.get(i)) for i in block.ids], dtype=bool)
+        out[units.number[block.rows][:: block.dimension]] = is_one
+    return out
 
 
 def _margin(values: Array, limit: float) -> float:

@@ -20,7 +20,7 @@ from ..network.selection import without
 from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
-from .candidates import Choice, Outlier, Units, choose
+from .candidates import Choice, Outlier, Units, choose, conditions
 from .causes.matches import Match, matches
 from .causes.mirrored_block import mirrored_block
 from .causes.photos import photos
@@ -470,13 +470,16 @@ class SnoopingSearch:
         above = order[size[order] > self.present.critical].tolist()
         last = self._choice(share=1.0) if above else Choice((), ())
         blocked = {c.unit for c in last.blocked}
+        protected = conditions(self.solution.equations, units)
         out = []
         for unit in above:
             rows = units.rows(unit)
             row = int(rows[np.argmax(np.nan_to_num(np.abs(self.present.values[rows])))])
             record = self.solution.observations[row]
             reason = self.stuck.get(record.id)
-            if unit in blocked:
+            if protected[unit]:
+                reason = "it is a condition, which is never set aside"
+            elif unit in blocked:
                 reason = "without it something would be undetermined"
             elif reason is None and last.chosen:
                 reason = "the search stopped before it was its turn"

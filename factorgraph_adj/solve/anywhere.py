@@ -66,8 +66,9 @@ def anywhere(solution: Solution) -> list[Anywhere]:
         block = linear.block
         curved = _curved(block)
         if curved:
-            first, *others = ((k, index) for k, index in block.variables if k in where)
-            for kind, index in others:
+            ends = [(k, index) for k, index in block.variables if k in where]
+            for kind, index in ends[1:]:
+                first = ends[0]
                 sight = where[kind][index] - where[first[0]][first[1]]
                 length = np.sqrt(np.sum(sight**2, axis=1))
                 for end, at in (first, (kind, index)):

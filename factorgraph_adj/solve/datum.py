@@ -34,6 +34,7 @@ from ..network.entities import parameter_name
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
 from .stiff import eased
+from .turns import without_turns
 
 MOTIONS = (
     "shift in x",
@@ -91,6 +92,8 @@ def generators(equations: Equations, state: State, about: About | None = None) -
         if record.motions is not None and len(on):
             these = replace(motions, held=~table.free[on])
             moved = record.motions(these, state[kind][on], places_of(equations, kind, on))
+            if record.held_motions is not None:
+                moved = record.held_motions(state[kind][on], moved, ~table.free[on])
             for j in range(moved.shape[1]):
                 has = j < table.size[on]
                 g[table.offset[on[has]] + j] = moved[has, j]
@@ -326,7 +329,7 @@ def _unnoticed(
     keep = s > 1e-9 * s[0]
     basis = (vt[keep].T / s[keep]) / length[real][:, None]
     among = g[:, real] @ basis
-    noticed = ease[:, None] * system.times(among)
+    noticed = ease[:, None] * without_turns(system, system.times(among))
     every = np.eye(basis.shape[1])
     if threshold < UNNOTICED_IF_FREE or _flat(system.equations):
         null = _null(noticed, every, threshold)

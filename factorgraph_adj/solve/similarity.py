@@ -11,7 +11,7 @@ from ..graph.variables import State
 from ..models.sub_frame import split_frame
 from ..models.variables import ROTATION
 from ..rotation import exp_rotation
-from ..types import Array, Index
+from ..types import Array, Index, Mask
 from .datum import Defect, in_part, places_of
 
 
@@ -49,11 +49,14 @@ def transform(equations: Equations, state: State, defect: Defect, amounts: Array
     turned = rotation @ state["pose"][on, :9].reshape(-1, 3, 3)
     poses[on, :9] = turned.reshape(-1, 9)
     poses[on, 9:] = place(state["pose"][on, 9:])
-    numbers = np.flatnonzero(in_part(equations.unknowns["frame"], inside))
+    table = equations.unknowns["frame"]
+    numbers = np.flatnonzero(in_part(table, inside))
     frames = moved["frame"].copy()
     origins = places_of(equations, "frame", numbers)
     alone = numbers[(origins < 0) & (split_frame(state["frame"][numbers]).level == 0)]
-    frames[alone] = _moved_frames(state["frame"][alone], rotation, motion[6] / size, place)
+    frames[alone] = _moved_frames(
+        state["frame"][alone], table.free[alone], rotation, motion[6] / size, place
+    )
     mounts, numbers = moved["mount"].copy(), _with_arms(equations, defect)
     mounts[numbers, ROTATION:] = factor * state["mount"][numbers, ROTATION:]
     return {**moved, "point": points, "pose": poses, "frame": frames, "mount": mounts}
@@ -67,14 +70,20 @@ def _with_arms(equations: Equations, defect: Defect) -> Index:
 
 
 def _moved_frames(
-    frames: Array, rotation: Array, ln_scale: float, place: Callable[[Array], Array]
+    frames: Array,
+    free: Mask,
+    rotation: Array,
+    ln_scale: float,
+    place: Callable[[Array], Array],
 ) -> Array:
     """Return frames with constant origins moved by a similarity: what they measure stays.
 
-    R' = Q R, ℓ' = ℓ + ln m; the place with q = 0, O + e^ℓ R c, moves as a point does.
+    R' = Q R, ℓ' = ℓ + ln m; the place with q = 0, O + e^ℓ R c, moves as a point does. R stays where
+    it is held altogether, as that of a sphere, and ℓ where it is held.
 
     Args:
         frames: stored frames, (n, 17).
+        free: free components, (n, 7).
         rotation: Q, (3, 3).
         ln_scale: ln m.
         place: the similarity of places (n, 3).
@@ -83,8 +92,10 @@ def _moved_frames(
     out = frames.copy()
     to_object = np.exp(scale)[:, None, None] * turned
     zero = place(origin + np.einsum("nij,nj->ni", to_object, offset))
-    after = np.exp(ln_scale) * (rotation @ to_object)
-    out[:, :9] = (rotation @ turned).reshape(-1, 9)
-    out[:, 9:12] = np.linalg.solve(after, (zero - origin)[..., None])[..., 0]
-    out[:, 12] = scale + ln_scale
+    turns: Mask = np.any(free[:, :3], axis=1)
+    after = np.where(turns[:, None, None], rotation @ turned, turned)
+    out[:, :9] = after.reshape(-1, 9)
+    out[:, 12] = scale + np.where(free[:, 6], ln_scale, 0.0)
+    away = np.exp(-out[:, 12])[:, None, None] * after.transpose(0, 2, 1)
+    out[:, 9:12] = np.einsum("nij,nj->ni", away, zero - origin)
     return out

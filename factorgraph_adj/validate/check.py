@@ -13,6 +13,7 @@ from ..solve.start import start_of
 from .counts import frame_problems, other_problems, photo_problems, point_problems
 from .datum import datum_problems
 from .geometry import geometry_problems, inside_the_earth
+from .shapes import shape_problems
 from .where import Sources
 
 
@@ -49,6 +50,7 @@ def check(network: Network, *, sources: Sources | None = None) -> tuple[Problem,
         *point_problems(equations, at),
         *photo_problems(equations, at),
         *frame_problems(equations),
+        *shape_problems(equations),
         *other_problems(equations),
         *datum_problems(equations),
         *(inside or geometry_problems(equations)),

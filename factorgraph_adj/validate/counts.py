@@ -10,9 +10,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import Problem, known
+from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import calibration_name
+from ..models.shapes import Shape
 from ..models.variables import UNKNOWNS, VariableKind
+from ..observations import KINDS
 from ..types import Array, Mask
 from .where import Sources, listed
 
@@ -95,11 +98,12 @@ def frame_problems(equations: Equations) -> Iterator[Problem]:
     """
     table = equations.unknowns["frame"]
     unknown = table.free & np.isinf(table.sigma)
-    seen, elsewhere = _places_of_frames(equations, unknown)
+    seen, elsewhere = places_of_frames(equations, unknown)
     times = np.bincount([p for places in seen for p in places], minlength=len(elsewhere))
     names = [*equations.unknowns["point"].names, *equations.unknowns["pose"].names]
+    shapes = frames_of_shapes(equations)
     for f, places in enumerate(seen):
-        if not places or not unknown[f].any():
+        if not places or not unknown[f].any() or f in shapes:
             continue
         common = sorted(p for p in places if elsewhere[p] or times[p] > 1)
         if not common and equations.network.datum == "free":
@@ -119,7 +123,18 @@ def frame_problems(equations: Equations) -> Iterator[Problem]:
             )
 
 
-def _places_of_frames(equations: Equations, unknown: Mask) -> tuple[list[set[int]], Mask]:
+def blocks_of_shapes(equations: Equations) -> list[Block]:
+    """Return the observations of points on shapes."""
+    records = ((b, KINDS.get(b.kind)) for b in equations.blocks if not b.prior)
+    return [b for b, k in records if k is not None and isinstance(k.model, Shape)]
+
+
+def frames_of_shapes(equations: Equations) -> set[int]:
+    """Return the numbers of the frames of shapes."""
+    return {f for b in blocks_of_shapes(equations) for f in b.variables[0][1].tolist()}
+
+
+def places_of_frames(equations: Equations, unknown: Mask) -> tuple[list[set[int]], Mask]:
     """Return the places of every frame, and whether something outside of frames knows a place.
 
     Photos are numbered behind the points. ``unknown`` are the components without a given value.

@@ -78,15 +78,20 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     if either:
         del have[str(rng.choice(["point", "photo"]))]
     free = iter(rng.permutation(["1", "B, 2", "#C", '"D" ü', " E ", "7.50"]).tolist())
-    names = ("station", "target", "target2", "point", "photo", "photo2")
+    names = ("station", "target", "station2", "target2", "point", "photo", "photo2")
     out = {n: next(free) for n in names if n in have}
     out |= {"point": out.get("point")} if either else {}
     needed = (*KINDS[kind].texts, *KINDS[kind].frames)
     out |= {n: next(free) for n in needed if n not in KINDS[kind].optional and n not in out}
     texts = ["instrument", "refraction", "set", "drift"] + ["mount"] * ("photo" in out)
+    texts += ["radius", "ring", "height", "focal"]
     out |= {n: str(rng.integers(9)) for n in texts if n in have and rng.random() < 0.5}
     choices = {"angle": ANGLES, "about": ABOUT}
-    out |= {n: str(rng.choice(valid)) for n, valid in choices.items() if n in have}
+    own = KINDS[kind].choices
+    out |= {n: str(rng.choice(valid)) for n, valid in choices.items() if n in own}
+    numbers = ("ux", "uy", "uz", "ratio", "x", "y")
+    out |= {n: number(rng) for n in numbers if n in have}
+    out |= {n: bool(rng.integers(2)) for n in ("condition", "horizon") if n in have}
     out |= {"time": number(rng)} if "time" in have else {}
     if "shutter" in have and rng.random() < 0.5:
         out |= {"shutter": "s", "velocity": tuple(number(rng) for _ in range(3))}
@@ -106,11 +111,11 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
         unit = have[name].metadata.get("quantity") == "number"
         if name not in KINDS[kind].optional or (name == "lever_arm" and "photo" in out):
             out[name] = tuple((vector / np.linalg.norm(vector) if unit else vector).tolist())
-    if "x" in have:
+    if kind == "image":
         out |= {"x": number(rng), "y": number(rng)}
         out["sigma"] = (abs(number(rng)), abs(number(rng)))
     elif "covariance" in have:
-        axes = "xyz"
+        axes: str | tuple[str, ...] = cls.components
         if "axes" in have:
             three = KINDS[kind].defaults["axes"] == "xyz"
             choices = ["xyz", "z", "yx"] if three else ["xy", "yx", "x", "y"]

@@ -171,17 +171,21 @@ def any_observation(draw):
     either = {"point", "photo"} <= KINDS[kind].may_lack
     if either:
         names -= {draw(st.sampled_from(["point", "photo"]))}
-    have = [n for n in ("station", "target", "target2", "point", "photo", "photo2") if n in names]
+    points = ("station", "target", "station2", "target2", "point", "photo", "photo2")
+    have = [n for n in points if n in names]
     chosen = draw(st.lists(NAME, min_size=len(have), max_size=len(have), unique=True))
     arguments = dict(zip(have, chosen, strict=True))
     arguments = ({"point": None} if either else {}) | arguments
     needed = (*KINDS[kind].texts, *KINDS[kind].frames)
-    arguments |= {n: draw(NAME) for n in needed if n not in KINDS[kind].optional}
+    of = [n for n in needed if n not in KINDS[kind].optional]
+    drawn = draw(st.lists(NAME, min_size=len(of), max_size=len(of), unique=True))
+    arguments |= dict(zip(of, drawn, strict=True))
+    arguments |= {n: draw(SIGMA) for n in ("ux", "uy", "uz", "x", "y") if n in names}
     needed = (n for n in vectors_of(kind) if n not in KINDS[kind].optional)
     arguments |= {n: draw(st.sampled_from(UNIT_VECTORS)) for n in needed}
     if "lever_arm" in names and "photo" in have:
         arguments["lever_arm"] = (draw(SIGMA), draw(VALUE), draw(VALUE))
-    if "angle" in names:
+    if "angle" in KINDS[kind].choices:
         arguments["angle"] = draw(st.sampled_from(ANGLES))
     if "about" in names:
         arguments["about"] = draw(st.sampled_from(ABOUT))
@@ -190,7 +194,7 @@ def any_observation(draw):
         if height in names:
             arguments[height] = draw(VALUE)
     if "covariance" in names:
-        axes = "xyz"
+        axes = cls.components
         if "axes" in names:
             three = KINDS[kind].defaults["axes"] == "xyz"
             some = ["xyz", "z", "yx", "xz"] if three else ["xy", "yx", "x", "y"]

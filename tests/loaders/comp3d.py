@@ -44,6 +44,7 @@ from factorgraph_adj.frames import LocalFrame, TopocentricFrame
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
     Azimuth,
+    CoordinateDifference,
     Direction,
     FrameCoordinate,
     FrameDirection,
@@ -253,6 +254,63 @@ def _read_coordinates(
         if words:
             x, y, z, *sigma = (float(w) for w in words[1:7])
             yield words[0], (x, y, z), tuple(sigma if len(sigma) == 3 else sigma[:1] * 3)
+
+
+@dataclass(frozen=True)
+class AxisTarget:
+    """A target that turns about an axis (code 18), in one position."""
+
+    target: str
+    """Name of the target."""
+    point: str
+    """Point where it was in this position."""
+    sigma_radial: float
+    """Standard deviation of its radius, metres."""
+    sigma_axial: float
+    """Standard deviation along the axis, metres."""
+
+
+def read_axes(path: Path) -> dict[str, list[AxisTarget]]:
+    """Return the axes of rotation of observations, each with the positions of its targets.
+
+    Lines ``L`` name an axis that is to be joined to it in drawings; they observe nothing.
+    """
+    found: dict[str, list[AxisTarget]] = {}
+    for line in path.read_text(encoding="utf-8").splitlines():
+        words = line.split("*")[0].split()
+        if words[:1] != ["18"]:
+            continue
+        table = (path.parent / words[2].removeprefix("@")).read_text(encoding="utf-8")
+        for row in (r.split("*")[0].split() for r in table.splitlines()):
+            if len(row) == 5:
+                target, _, point, radial, axial = row
+                found.setdefault(words[1], []).append(
+                    AxisTarget(target, point, float(radial), float(axial))
+                )
+    return found
+
+
+def read_pairs(path: Path) -> list[tuple[str, str, float]]:
+    """Return pairs of points with equal distances or heights (.eq), and their σ, metres."""
+    rows = (r.split("*")[0].split() for r in path.read_text(encoding="utf-8").splitlines())
+    return [(r[0], r[1], float(r[2])) for r in rows if r]
+
+
+def read_differences(path: Path) -> list[CoordinateDifference]:
+    """Return differences of coordinates: code 14, ΔE, and code 15, ΔN."""
+    found = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        words = line.split("*")[0].split()
+        if words and words[0] in ("14", "15"):
+            found.append(
+                CoordinateDifference(
+                    *words[1:3],
+                    (float(words[3]),),
+                    axes={"14": "x", "15": "y"}[words[0]],
+                    sigma=float(words[4]),
+                )
+            )
+    return found
 
 
 def add_subframe(network: Network, subframe: Subframe) -> None:

@@ -114,6 +114,49 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.StripCoordinate("fourth", "k", (0.0, 0.0), axes="zx", sigma=(1.0, 2.0), **PLACE),
         o.StripCoordinate("first", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), **PLACE),
     ],
+    **{
+        cls.kind: lambda cls=cls: [  # type: ignore[misc]
+            cls("body", "j", sigma=0.01),
+            cls("tripod", "k", sigma=0.02),
+            cls("slanted", "j", sigma=0.02),
+        ]
+        for cls in (o.OnPlane, o.OnLine, o.OnCylinder, o.OnSphere, o.OnCone, o.OnTorus)
+    },
+    "on_paraboloid": lambda: [o.OnParaboloid("body", "j", sigma=0.01)],
+    "on_circle": lambda: [
+        o.OnCircle("body", "j", sigma=(0.01, 0.02)),
+        o.OnCircle("tripod", "k", covariance=COVARIANCE[:2, :2], height="tripod"),
+    ],
+    "equal_distance": lambda: [
+        o.EqualDistance("i", "j", "j", "k", sigma=0.01),
+        o.EqualDistance("i", "j", "k", "l", sigma=0.01, ratio=0.7),
+    ],
+    "equal_height_difference": lambda: [
+        o.EqualHeightDifference("i", "j", "j", "k", sigma=0.01, ratio=0.7),
+        o.EqualHeightDifference("i", "j", "k", "l", sigma=0.01),
+    ],
+    "right_angle": lambda: [o.RightAngle("i", "j", "k", sigma=1e-4)],
+    "point_direction": lambda: [o.PointDirection("i", "j", 0.3, -2.0, 0.4, sigma=1e-4)],
+    "coordinate_difference": lambda: [
+        o.CoordinateDifference("i", "j", (0.0, 0.0), axes="zx", sigma=0.01),
+        o.CoordinateDifference("i", "j", (0.0, 0.0, 0.0), horizon=True, covariance=COVARIANCE),
+    ],
+    "parallel_axes": lambda: [
+        o.ParallelAxes("body", "turned", sigma=1e-4),
+        o.ParallelAxes("turned", "slanted", covariance=COVARIANCE[:2, :2]),
+    ],
+    "axis_angle": lambda: [
+        o.AxisAngle("tripod", "turned", sigma=1e-4),
+        o.AxisAngle("turned", "body", 0.2, sigma=1e-4),
+    ],
+    "plane_distance": lambda: [
+        o.PlaneDistance("body", "tripod", 1.0, sigma=0.01),
+        o.PlaneDistance("tripod", "turned", 0.0, sigma=0.01),
+    ],
+    "image_line": lambda: [
+        o.ImageLine("f", "edge", 5.0, 3.0, sigma=0.01),
+        o.ImageLine("f", "edge", -2.0, 0.3, sigma=0.01),
+    ],
     "frame_direction": lambda: [
         o.FrameDirection("body", "j", 0.0, sigma=0.01),
         o.FrameDirection("tripod", "j", 0.0, collimation_error="telescope", sigma=0.01),
@@ -147,7 +190,7 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     ],
     "gyro_azimuth": lambda: [o.GyroAzimuth("i", "j", 0.0, gyro="gyro", **SIGHT)],
 }
-"""Observations of each kind between the points i, j, k and of the photos f and g."""
+"""Observations of each kind between the points i, j, k, l, of frames, and of the photos f, g."""
 
 _GRS80 = ellipsoid("GRS80")
 
@@ -225,7 +268,7 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     network.add_point("i", station)
     # Heights of instrument and target cancel, so that near-degenerate sights stay so.
     lift = HEIGHTS["instrument_height"] - HEIGHTS["target_height"]
-    for name, turn in (("j", 0.0), ("k", 70.0)):
+    for name, turn in (("j", 0.0), ("k", 70.0), ("l", 150.0)):
         offset = geometry.offset(turn) + np.array([0.0, 0.0, lift])
         network.add_point(name, station + basis.T @ offset)
     for n, name in enumerate("ijk"):
@@ -236,6 +279,7 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     network.set_unknown("index_error", "circle", (2e-4,))
     network.set_unknown("collimation_error", "telescope", (3e-4,))
     add_frames(network, tuple((station + geometry.length).tolist()))
+    add_sizes(network, 0.3 * geometry.length)
     network.set_polynomial("fourth", plan=4, height=HEIGHT_TERMS[-1])
     network.set_polynomial("first", plan=1, height=("z", "z_y"))
     add_profile(network)
@@ -267,7 +311,9 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
         "polynomial": (1e-2,),
         "model_deformation": (1e-2,),
         # Directions in a frame change more where a target stands near its z axis.
-        "frame": (1e-3,) * 3 + (4e-3 * geometry.length,) * 3 + (1e-3,),
+        "frame": (1e-3,) * 3 + (1e-3 * geometry.length,) * 3 + (1e-3,),
+        "size": (1e-3 * geometry.length,),
+        "angle": (1e-3,),
         "level": (1.0,),
         "profile": (1.0, 1.0, 1.0, 1e-3),
         "gyro": (0.01,),
@@ -295,7 +341,8 @@ def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations
     add_profile(network)
     network.set_distance_meter("edm", scale=3e-5, zero=0.02, free=("scale", "zero"))
     for make in OBSERVED.values():
-        for x in (x for x in make() if x.photos()):
+        # Lines in images have equations of their own, see `line_equations`.
+        for x in (x for x in make() if x.photos() and set(x.frames()) <= {*network.frames}):
             if isinstance(x, o.PhotoSight):  # far from opposite, where angles change fast
                 x = replace(x, body=tuple((enu.T @ x.body).tolist()))
             network.add(x)
@@ -362,6 +409,19 @@ def add_frames(network: Network, origin: tuple[float, float, float]) -> None:
     if "i" in network.points:
         network.add_frame("tripod", free=every, values=values, origin="i", level=True)
         network.add_frame("slanted", free=every, values=values, origin="i")
+
+
+def add_sizes(network: Network, size: float) -> None:
+    """Add the sizes of shapes in the frames, and a frame across them."""
+    for name in ("body", "tripod", "slanted"):
+        network.set_size(name, size)
+        network.set_size(f"{name} ring", 0.3 * size)
+        network.set_unknown("angle", name, (0.4,))
+    frame = network.frames["body"]
+    names = ("rx", "ry", "rz", "x", "y", "z")
+    turned = dict(zip(names, (1.4, 0.2, 0.3, 0.4, 0.7, 0.1), strict=True))
+    free = (*turned, "ln_scale")
+    network.add_frame("turned", free=free, values=turned, origin=frame.constants[:3], level=True)
 
 
 def add_profile(network: Network) -> None:
@@ -468,19 +528,49 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         at = (0.0, 0.0, 0.0)
         network.add(o.FrameCoordinate("body", None, at, photo="f", covariance=COVARIANCE, **more))
     equations = compile_network(network)
+    return equations, _steps(equations, _image_steps(equations, camera, view, 0.005))
+
+
+def _image_steps(
+    equations: Equations, camera: Calibrated, view: View, share: float
+) -> dict[str, tuple[float, ...]]:
+    """Return steps by kind; along the parameters of a lens what moves an image point by a share."""
+    c = camera.values["c"]
     radius = min(np.hypot(x, y) for x, y in view.at)
     ray = min(radius / c, 0.25)
-    # Along the parameters of a lens: what moves an image point by half a hundredth of its radius.
     block = next(b for b in equations.blocks if b.kind == "image")
-    by_lens = np.abs(block.evaluate(network.frame, equations.unknowns.start()).jacobians[1])
+    frame = equations.network.frame
+    by_lens = np.abs(block.evaluate(frame, equations.unknowns.start()).jacobians[1])
     largest = by_lens.max(axis=(0, 1))
-    by_kind = {
+    return {
         "point": (0.01 * view.depth * ray,),
         "pose": (0.01 * ray,) * 3 + (0.01 * view.depth * ray,) * 3,
-        "frame": (1e-3,) * 3 + (1e-2,) * 3 + (1e-3,),
+        "frame": (1e-3,) * 3 + (1e-3 * view.depth,) * 3 + (1e-3,),
         "mount": (1e-3,) * 3 + (1e-2,) * 3,
         "edm": (1e-3, 1e-2),
         "model_deformation": (1e-2,),
-        "calibration": tuple(0.005 * radius / np.where(largest > 0, largest, 1.0)),
+        "calibration": tuple(share * radius / np.where(largest > 0, largest, 1.0)),
     }
-    return equations, _steps(equations, by_kind)
+
+
+def line_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
+    """Return measured points of a line in an image, everything free, and steps.
+
+    The ideal coordinates of a measured point depend on the parameters of some lenses by an inverse,
+    whose length of change is shorter than that of the lens.
+    """
+    network = image_equations(lens_name, view)[0].network.copy()
+    camera, photo = LENSES_USED[lens_name], network.photos["f"]
+    edge = {"rx": 0.3, "ry": 0.2, "rz": -0.1}
+    edge |= dict.fromkeys("xyz", 0.1 * view.depth) | {"ln_scale": 0.1}
+    middle = np.array(photo.position) + view.depth * photo.rotation @ [0.2, 0.1, 1.1]
+    network.add_frame("edge", free=tuple(edge), values=edge, origin=middle.tolist())
+    k = np.array([[camera.values.get(name, 0.0) for name in camera.lens.names]])
+    xy = np.array(view.at[:2])
+    tangents = xy / camera.values["c"]
+    for _ in range(60):  # measured coordinates of ideal ones
+        xy = xy + camera.lens.residual(*tangents.T, xy, k, jacobians=False)[0]
+    for line, (x, y) in zip(OBSERVED["image_line"](), xy.tolist(), strict=True):
+        network.add(replace(line, x=x, y=y))
+    equations = compile_network(network)
+    return equations, _steps(equations, _image_steps(equations, camera, view, 0.0002))

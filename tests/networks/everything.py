@@ -193,6 +193,30 @@ def everything(frame_name: str) -> Network:
         o.SlopeDistance("A", '"D"', 3.3, sigma=1.0),
     )
     n.add(o.Correlated(cluster, root @ root.T * 1e-6))
+    n.add_shape("tank", "cylinder", origin=(1.0, 2.0, 1 / 3))
+    n.add_shape("bend", "torus", origin=(1.0, 2.0, 1 / 3))
+    n.add_shape("hopper", "cone", origin=(1.0, 2.0, 1 / 3), values={"x": 1 / 3})
+    n.set_size("target", 1 / 3, sigma=0.01)
+    n.add(
+        o.OnCylinder("tank", "A", 1 / 3000, sigma=0.002, radius="target"),
+        o.OnTorus("bend", "A", sigma=0.002, condition=True),
+        o.OnCone("hopper", '"D"', sigma=0.002),
+        o.OnPlane("wall", "A", sigma=1 / 3000),
+        o.OnLine("wall", "#C", sigma=(0.001, 0.002)),
+        o.OnCircle("tank", "A", (1 / 3, 0.0), covariance=np.diag([1e-6, 2e-6]), height="target"),
+        o.OnSphere("bend", "A", sigma=0.002, radius="target"),
+        o.OnParaboloid("bend", "A", sigma=0.002, focal="target"),
+        o.EqualDistance("A", "B, 2", "#C", "A", 1 / 3, sigma=0.01, ratio=1 / 3),
+        o.EqualHeightDifference("A", "B, 2", "#C", '"D"', sigma=0.01, condition=True),
+        o.RightAngle("A", "B, 2", "#C", sigma=1e-4),
+        o.PointDirection("A", "B, 2", 1 / 3, 0.2, -0.0, sigma=1e-4),
+        o.CoordinateDifference("A", "#C", (1 / 3,), axes="y", sigma=0.01),
+        o.CoordinateDifference("A", "#C", (1, 2, 3), horizon=True, sigma=(0.01, 0.02, 0.03)),
+        o.ParallelAxes("tank", "hopper", covariance=np.diag([1e-8, 2e-8])),
+        o.AxisAngle("tank", "hopper", sigma=1e-4),
+        o.PlaneDistance("wall", "hopper", 1 / 3, sigma=1e-3),
+        o.ImageLine("f1", "wall", 1 / 3, -2.0, sigma=0.005),
+    )
     n.add_image_points("f2", ['"D"', "A"], [[1.5, -2.25], [1 / 3, 7]], sigma=0.5)
     n.add_image_points("f1", ['"D"', "A"], [[1.5, 0.0], [1 / 3, 7]], sigma=[[0.003, 0.004]] * 2)
     n.add(o.ImagePoint("f3", "A", 1, -2, sigma=0.3, id="own"))

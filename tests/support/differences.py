@@ -15,6 +15,8 @@ from factorgraph_adj.types import Array
 TRUNCATION = 1e-9
 """Error of seven-point differences relative to the largest partial of a variable, for steps of
 a hundredth of the length on which the function changes: below 40 (1/100)⁶."""
+ABOVE = {"equal_height_difference"}
+"""Kinds that observe heights."""
 ROUNDINGS = 60
 """Rounding errors of coordinates, in units in the last place, that may add up in one value."""
 
@@ -94,7 +96,7 @@ def assert_partials_are_right(equations: Equations, state: State, steps: Array) 
         difference = np.abs(analytic - numerical(block, frame, unknowns, moved, steps))
         by_metre = np.max(np.abs(analytic[:, in_metres]), axis=1, initial=0.0)
         # A height above an ellipsoid comes from geocentric coordinates in any frame.
-        above = {kind for kind, _ in block.variables} & {"level", "profile"}
+        above = block.kind in ABOVE or {k for k, _ in block.variables} & {"level", "profile"}
         earth = 0.0 if isinstance(frame, LocalFrame) or not above else frame.radius
         size = np.abs(block.observed).ravel() + max(extent, earth) * by_metre + np.abs(v).ravel()
         rounding = ROUNDINGS * np.finfo(float).eps * size[:, None] / steps

@@ -1,0 +1,214 @@
+"""Places on shapes: a shape is a frame, and its equation is a function f(q) = 0 in this frame.
+
+q is the place of a point in the frame of the shape, see `sub_frame`; ρ = √(q₁² + q₂²). The frame
+has the scale one, so that residuals are metres; they are distances from the shape along its normal
+(of a line and a circle: two distances across each other).
+
+| shape | f(q) | free components of the frame | sizes |
+| --- | --- | --- | --- |
+| plane | q₃ | rx ry z | |
+| line | q₁, q₂ | rx ry x y | |
+| circle | q₃ − h, ρ − r | rx ry x y z | r, h = 0 |
+| cylinder | ρ − r | rx ry x y | r |
+| sphere | |q| − r | x y z | r |
+| cone | ρ cos α − q₃ sin α | rx ry x y z | α |
+| torus | √((ρ − A)² + q₃²) − r | rx ry x y z | r, A |
+| paraboloid | (q₃ − ρ²/4F) / √(1 + ρ²/4F²) | rx ry x y z | F |
+
+Components that are not free are held by the symmetry of the shape: its place along an axis or in a
+plane, its rotation about an axis. The distance from a paraboloid is that of first order,
+f/|∇f|. (FRAMES F10; Kager, GESTALT.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+from ..frames import Frame
+from ..types import Array
+from .base import Linearised, require
+from .sub_frame import in_frame
+
+ON_THE_AXIS = "the point lies on the axis of the shape: the direction of its distance is open"
+AT_THE_CENTRE = "the point lies in the centre of the shape: the direction of its distance is open"
+
+
+class Distances(NamedTuple):
+    """Distances of n places from shapes, and their partials."""
+
+    f: Array
+    """Distances, (n, d)."""
+    by_q: Array
+    """∂f/∂q, (n, d, 3)."""
+    by_sizes: tuple[Array, ...]
+    """∂f/∂(each size), (n, d)."""
+
+
+FromSizes: TypeAlias = Callable[..., Distances]
+"""(q (n, 3), sizes (n,) …) → distances."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """A size of a shape, an unknown that observations may share."""
+
+    attribute: str
+    """Attribute of observations that names it."""
+    kind: str = "size"
+    """Kind of the unknown."""
+    suffix: str | None = ""
+    """What its name has behind that of the shape, if an observation names none; None: it is then
+    held at zero."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape: its equation, and what is unknown of it. It is the model of its observations."""
+
+    name: str
+    """Name of the shape."""
+    distances: FromSizes
+    """The equation."""
+    free: tuple[str, ...]
+    """Components of the frame that are free; those that symmetry leaves open are held."""
+    sizes: tuple[Size, ...] = ()
+    """Its sizes."""
+    turns: bool = False
+    """Whether its distances are those of two directions across its axis, which turn about it with
+    the object: so does the residual, while the frame is held about its axis."""
+    axis: Literal["least", "most", "any"] = "any"
+    """Where its z axis lies: along the least or the largest extent of its points, or anywhere."""
+
+    def __call__(
+        self,
+        frame: Frame,
+        stored: Array,
+        point: Array,
+        origin: Array | None,
+        vertical: Array | None,
+        *sizes: Array,
+        observed: Array,
+        **_: Array,
+    ) -> Linearised:
+        """Compute f(q) − observed, metres, (n, d).
+
+        Args:
+            frame: frame of the network.
+            stored: frames of the shapes, (n, 17).
+            point: X, (n, 3).
+            origin: O where it is a point, (n, 3).
+            vertical: deflections at O, (n, 2).
+            sizes: each size, (n, 1).
+            observed: distances from the shapes, (n, d).
+        """
+        there = in_frame(frame, stored, point, origin, vertical)
+        found = self.distances(there.q, *(s[:, 0] for s in sizes))
+        parts = (there.by_frame, there.by_place, there.by_origin, there.by_vertical)
+        given = (stored, point, origin, vertical)
+        chained = (found.by_q @ j for j, g in zip(parts, given, strict=True) if g is not None)
+        by_sizes = (s[:, :, None] for s in found.by_sizes)
+        return Linearised(found.f - observed, (*chained, *by_sizes))
+
+
+def _rho(q: Array) -> tuple[Array, Array]:
+    """Return ρ (n,) and ∂ρ/∂q (n, 3)."""
+    rho = np.hypot(q[:, 0], q[:, 1])
+    require(rho > 0, ON_THE_AXIS)
+    by_q = q / rho[:, None]
+    by_q[:, 2] = 0.0
+    return rho, by_q
+
+
+def _rows(q: Array, *axes: int) -> Array:
+    """Return the unit vectors of axes for every place, (n, d, 3)."""
+    return np.broadcast_to(np.eye(3)[list(axes)], (len(q), len(axes), 3))
+
+
+def plane(q: Array) -> Distances:
+    """Return q₃."""
+    return Distances(q[:, 2:], _rows(q, 2), ())
+
+
+def line(q: Array) -> Distances:
+    """Return q₁ and q₂."""
+    return Distances(q[:, :2], _rows(q, 0, 1), ())
+
+
+def circle(q: Array, radius: Array, height: Array) -> Distances:
+    """Return q₃ − h and ρ − r."""
+    rho, by_q = _rho(q)
+    f = np.stack([q[:, 2] - height, rho - radius], axis=1)
+    one, zero = np.ones(len(q)), np.zeros(len(q))
+    by_sizes = (np.stack([zero, -one], 1), np.stack([-one, zero], 1))
+    return Distances(f, np.stack([_rows(q, 2)[:, 0], by_q], axis=1), by_sizes)
+
+
+def cylinder(q: Array, radius: Array) -> Distances:
+    """Return ρ − r."""
+    rho, by_q = _rho(q)
+    return Distances((rho - radius)[:, None], by_q[:, None], (-np.ones((len(q), 1)),))
+
+
+def sphere(q: Array, radius: Array) -> Distances:
+    """Return |q| − r."""
+    away = np.linalg.norm(q, axis=1)
+    require(away > 0, AT_THE_CENTRE)
+    by_q = (q / away[:, None])[:, None]
+    return Distances((away - radius)[:, None], by_q, (-np.ones((len(q), 1)),))
+
+
+def cone(q: Array, angle: Array) -> Distances:
+    """Return ρ cos α − q₃ sin α; α between the axis and the lines of the cone, apex at q = 0."""
+    rho, by_q = _rho(q)
+    c, s = np.cos(angle), np.sin(angle)
+    by_q = by_q * c[:, None]
+    by_q[:, 2] = -s
+    f = rho * c - q[:, 2] * s
+    return Distances(f[:, None], by_q[:, None], ((-rho * s - q[:, 2] * c)[:, None],))
+
+
+def torus(q: Array, radius: Array, ring: Array) -> Distances:
+    """Return √((ρ − A)² + q₃²) − r, with the radius A of the ring of the centres."""
+    rho, outwards = _rho(q)
+    off = rho - ring
+    away = np.hypot(off, q[:, 2])
+    require(away > 0, AT_THE_CENTRE)
+    by_q = outwards * (off / away)[:, None]
+    by_q[:, 2] = q[:, 2] / away
+    by_sizes = (-np.ones((len(q), 1)), (-off / away)[:, None])
+    return Distances((away - radius)[:, None], by_q[:, None], by_sizes)
+
+
+def paraboloid(q: Array, focal: Array) -> Distances:
+    """Return (q₃ − ρ²/4F) / √(1 + ρ²/4F²), apex at q = 0; F < 0: it opens against z."""
+    square = q[:, 0] ** 2 + q[:, 1] ** 2
+    k = 0.25 / focal
+    algebraic = q[:, 2] - k * square
+    steep = np.sqrt(1.0 + 4.0 * k**2 * square)
+    f = algebraic / steep
+    by_q = -2.0 * (k / steep + 2.0 * k**2 * f / steep**2)[:, None] * q
+    by_q[:, 2] = 1.0 / steep
+    by_k = -square / steep - 4.0 * k * square * f / steep**2
+    return Distances(f[:, None], by_q[:, None], ((-by_k * k / focal)[:, None],))
+
+
+_TILTS, _ALL = ("rx", "ry"), ("rx", "ry", "x", "y", "z")
+_RADIUS = Size("radius")
+SHAPES = {
+    s.name: s
+    for s in (
+        Shape("plane", plane, (*_TILTS, "z"), axis="least"),
+        Shape("line", line, (*_TILTS, "x", "y"), turns=True, axis="most"),
+        Shape("circle", circle, _ALL, (_RADIUS, Size("height", suffix=None)), axis="least"),
+        Shape("cylinder", cylinder, (*_TILTS, "x", "y"), (_RADIUS,)),
+        Shape("sphere", sphere, ("x", "y", "z"), (_RADIUS,)),
+        Shape("cone", cone, _ALL, (Size("angle", "angle"),)),
+        Shape("torus", torus, _ALL, (_RADIUS, Size("ring", suffix=" ring"))),
+        Shape("paraboloid", paraboloid, _ALL, (Size("focal"),)),
+    )
+}
+"""Shapes by name."""

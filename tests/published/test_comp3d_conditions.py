@@ -1,0 +1,279 @@
+"""Comp3D: rotation axes, equal distances and heights, differences of coordinates, baselines."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.observations import (
+    CoordinateDifference,
+    Correlated,
+    EqualDistance,
+    EqualHeightDifference,
+    GnssVector,
+    HeightDifference,
+    OnCircle,
+    SlopeDistance,
+)
+from tests.loaders import comp3d
+from tests.support.places import data_dir
+
+pytestmark = pytest.mark.published
+
+ORIGIN = comp3d.Origin(48.8)
+"""Of the projects with a stereographic projection (their files ex_ref.comp)."""
+NANOMETRE = 1e-9
+
+
+def folder_of(name: str) -> Path:
+    return data_dir("comp3d_frames") / name
+
+
+# -- axes of rotation -----------------------------------------------------------------------------
+
+
+def axes(*, radial: float = 1.0) -> fga.Network:
+    """Return ``axe``: two axes, each with a target that was seen in four positions.
+
+    Args:
+        radial: what the standard deviations of radii are multiplied with.
+    """
+    folder = folder_of("axe")
+    network = comp3d.read_network(
+        *(folder / "coord.cor", folder / "obs.obs"),
+        latitude=48.8,
+        refraction=0.12,
+        frame=ORIGIN.frame,
+    )
+    for name, targets in comp3d.read_axes(folder / "obs.obs").items():
+        middle = np.mean([network.points[t.point].coordinates for t in targets], axis=0)
+        network.add_shape(
+            name, "circle", origin=middle.tolist(), free=("rx", "ry", "x", "y"), values={"z": 0.0}
+        )
+        for t in targets:
+            height = f"{name} height {t.target}"
+            network.set_size(height)
+            sigma = (t.sigma_axial, radial * t.sigma_radial)
+            network.add(OnCircle(name, t.point, sigma=sigma, height=height))
+    return network
+
+
+def printed(name: str) -> dict:
+    return comp3d.read_result(folder_of(name) / "ex_ref.comp")
+
+
+def test_axes_of_rotation_fit_better_than_in_comp3d():
+    """It has four unknowns more, and four observations that normalise its axes."""
+    solution = fga.adjust(axes())
+    theirs = printed("axe")["computation"]
+    assert (solution.n_observations + 4, solution.n_unknowns + 4) == (44, 40)
+    assert (theirs["nbr_active_obs"], theirs["nbr_parameters"]) == (44, 40)
+    assert solution.converged
+    assert theirs["all_sigma0"][-1] == pytest.approx(0.5919214814, abs=5e-11)
+    assert solution.sigma0 < theirs["all_sigma0"][-1] - 2e-4
+
+
+def test_comp3d_takes_the_partials_of_radii_twice():
+    """Its residuals of radii are half as large as least squares make them.
+
+    With v of a coordinate, σ 1 mm, and of the radius, σ 0.1 mm, the sum of squares is least where
+    v/σ² is the same for both. It prints 0.2486 mm and 1.243 µm at A1, whose v/σ² differ by a factor
+    of two: its steps halve what is left instead of removing it, twenty times. With half the
+    variance of radii least squares stop where it does; the sum with the stated variances is then
+    that which it approaches, by 7 10⁻⁷ in its last steps.
+    """
+    solution = fga.adjust(axes(radial=np.sqrt(0.5)))
+    stated = fga.adjust(axes()).equations.sigmas()
+    v = solution.observations.residuals / stated
+    sigma0 = float(np.sqrt(v @ v / solution.redundancy))
+    history = printed("axe")["computation"]["all_sigma0"]
+    assert sigma0 == pytest.approx(history[-1], abs=2 * (history[-1] - history[-3]))
+    for name, point in printed("axe")["points"].items():
+        if name not in solution.network.points:
+            continue
+        cartesian = point["coord_compensated_cartesian"]
+        np.testing.assert_allclose(solution.point(name), cartesian, rtol=0, atol=20 * NANOMETRE)
+    a1 = printed("axe")["points"]["A1"]
+    radius = next(
+        o
+        for s in printed("axe")["points"]["axe1"]["stations"]
+        for o in s["observations"]
+        if o["code"] == 181 and o["to"] == "A1"
+    )
+    of_coordinate = a1["shift_from_read"][0] / a1["sigmas_init"][0] ** 2
+    of_radius = radius["residual"] / radius["sigma_total"] ** 2
+    assert abs(of_coordinate / of_radius) == pytest.approx(2.0, abs=1e-3)
+
+
+def test_an_axis_whose_targets_coincide_is_refused_by_name():
+    """The project same_init_coords, which Comp3D does not adjust either."""
+    folder = folder_of("same_init_coords")
+    assert not printed("same_init_coords")["computation"]["compensation_done"]
+    network = fga.Network("same_init_coords", frame=ORIGIN.frame)
+    at = ORIGIN.on_ellipsoid(np.full(3, 100.0))
+    for name, targets in comp3d.read_axes(folder / "obs.obs").items():
+        network.add_shape(name, "circle", origin=at.tolist())
+        for t in targets:
+            network.add_point(t.point, at, sigma=0.001)
+            network.add(OnCircle(name, t.point, sigma=(t.sigma_axial, t.sigma_radial)))
+    with pytest.raises(fga.AdjustmentError, match="shape 'axe'"):
+        fga.adjust(network)
+
+
+# -- equal distances and heights ------------------------------------------------------------------
+
+
+def equalled(kind: type, pairs: list[tuple[str, str, float]]) -> Correlated:
+    """Return pairs that are equal to one unknown value, without this value.
+
+    Differences of neighbours of dᵢ − d, each with its σ, are correlated by what they share.
+    """
+    members = tuple(kind(*first[:2], *second[:2], sigma=1.0) for first, second in pairwise(pairs))
+    variances = np.array([p[2] ** 2 for p in pairs])
+    to_neighbours = np.eye(len(pairs))[:-1] - np.eye(len(pairs), k=1)[:-1]
+    return Correlated(members, to_neighbours @ np.diag(variances) @ to_neighbours.T)
+
+
+def test_equal_distances_and_heights_have_the_published_coordinates_and_sigmas():
+    """A ladder of four equal steps, and four points at equal distances on a line (codes 21, 22).
+
+    Comp3D has the common step and the common distance as unknowns. Its last residual is rounding,
+    so that σ are compared relative to its σ0.
+    """
+    folder = folder_of("eq_constr")
+    network = comp3d.read_network(
+        *(folder / "coord.cor", folder / "obs.obs"),
+        latitude=48.8,
+        refraction=0.12,
+        frame=ORIGIN.frame,
+    )
+    rungs = [f"B{i}" for i in range(6)]
+    for name in rungs[1:]:
+        at = ORIGIN.on_ellipsoid(np.array([100.0, 100.0, 10.0]))
+        network.points.pop(name, None)
+        network.add_point(name, at, fixed="xy")
+    network.add(
+        *comp3d.read_differences(folder / "obs.obs"),
+        equalled(EqualHeightDifference, comp3d.read_pairs(folder / "dh.eq")),
+        equalled(EqualDistance, comp3d.read_pairs(folder / "dd.eq")),
+    )
+    solution = fga.adjust(network)
+    computation = printed("eq_constr")["computation"]
+    assert (solution.n_observations + 2, solution.n_unknowns + 2) == (21, 20)
+    assert (computation["nbr_active_obs"], computation["nbr_parameters"]) == (21, 20)
+    assert solution.sigma0 < 1e-4  # what the last step leaves
+    for name, point in printed("eq_constr")["points"].items():
+        expected = np.array(point["ellips"]["sigmas"]) / computation["sigma_0_final"]
+        np.testing.assert_allclose(
+            solution.standard_deviations(name), expected, rtol=5e-5, atol=1e-9
+        )
+        if name.startswith("A"):
+            cartesian = point["coord_compensated_cartesian"]
+            np.testing.assert_allclose(solution.point(name), cartesian, rtol=0, atol=10 * NANOMETRE)
+
+
+# -- differences of coordinates -------------------------------------------------------------------
+
+
+def test_centring_by_a_difference_of_coordinates():
+    """ΔN = 0 ± 0.001 between points that differ by 1 m, and Δh = 0 (codes 9, 4)."""
+    network = fga.Network("centering")
+    for name, at in (("1a", (100.0, 100.0, 100.0)), ("1b", (101.0, 101.0, 100.0))):
+        network.add_point(name, at, sigma=1e-4)
+    network.add(CoordinateDifference("1a", "1b", (0.0, 0.0), axes="yz", horizon=True, sigma=0.001))
+    solution = fga.adjust(network)
+    theirs = printed("centering")
+    assert (solution.n_observations, solution.n_unknowns) == (8, 6)
+    assert solution.sigma0 == pytest.approx(theirs["computation"]["sigma_0_final"], rel=1e-9)
+    for name, point in theirs["points"].items():
+        expected = point["coord_compensated_georef"]
+        np.testing.assert_allclose(solution.point(name), expected, rtol=0, atol=1e-10)
+
+
+def test_a_square_in_lambert_93_with_a_point_centred_on_a_corner():
+    """The distances miss by 11 σ: its sides are 115 mm per km longer than in the projection."""
+    theirs = printed("geo_mini_L93")
+    longitude, latitude, _ = theirs["computation"]["projection"]["center_geographic"]
+    frame = fga.TopocentricFrame(np.radians(latitude), np.radians(longitude), 0.0)
+    network = fga.Network("geo_mini_L93", frame=frame)
+    for name in "ABCD":
+        given = {
+            o["code"]: o["original_value"]
+            for s in theirs["points"][name]["stations"]
+            for o in s["observations"]
+            if o["code"] < 0
+        }
+        at = np.array([given[-1], given[-2], 0.0])
+        for _ in range(3):  # on the ellipsoid
+            at[2] -= frame.geodetic(at[None])[2][0]
+        network.add_point(name, at, sigma=1e-5)
+    network.add_point("E")
+    for a, b in zip("ABCD", "BCDA", strict=True):
+        network.add(SlopeDistance(a, b, 100.0, sigma=0.001))
+    network.add(CoordinateDifference("A", "E", (0.0, 0.0, 0.0), sigma=0.001, horizon=True))
+    solution = fga.adjust(network)
+    computation = theirs["computation"]
+    assert (solution.n_observations, solution.n_unknowns) == (19, 15)
+    assert (computation["nbr_active_obs"], computation["nbr_parameters"]) == (19, 15)
+    assert solution.sigma0 == pytest.approx(computation["sigma_0_final"], rel=1e-5)
+    for name, point in theirs["points"].items():
+        cartesian = point["coord_compensated_cartesian"]
+        np.testing.assert_allclose(solution.point(name), cartesian, rtol=0, atol=10 * NANOMETRE)
+
+
+def test_baselines_with_covariances_and_height_differences():
+    """Three vectors from a held point; heights disagree on purpose."""
+    theirs = printed("baselines")
+    projection = theirs["computation"]["projection"]
+    network = fga.Network("baselines", frame=fga.GeocentricFrame())
+    to_geocentric = np.array(projection["rot_global2geocentric"])
+    centre = np.array(projection["center_cartgeocentric"])
+    network.add_point("A1", centre + 1000.0 * to_geocentric[:, 2], fixed="xyz")
+    for line in (folder_of("baselines") / "baselines.bas").read_text().splitlines():
+        words = line.split("*")[0].split()
+        if not words:
+            continue
+        numbers = [float(w) for w in words[1:]]
+        xx, xy, xz, yy, yz, zz = numbers[3:9]
+        covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        network.add_point(words[0])
+        network.add(GnssVector("A1", words[0], tuple(numbers[:3]), covariance=covariance))
+    for value, sigma in ((0.0, 0.1), (0.25, 0.2), (-0.25, 0.2)):
+        network.add(HeightDifference("A1", "B1", value, sigma=sigma))
+    solution = fga.adjust(network)
+    computation = theirs["computation"]
+    assert (solution.n_observations, solution.n_unknowns) == (12, 9)
+    assert solution.sigma0 == pytest.approx(computation["sigma_0_final"], abs=5e-6)
+    for name, point in theirs["points"].items():
+        found = (solution.point(name) - centre) @ to_geocentric
+        np.testing.assert_allclose(
+            found, point["coord_compensated_cartesian"], rtol=0, atol=100 * NANOMETRE
+        )
+        if name != "A1":
+            covariance = to_geocentric.T @ solution.covariance(name) @ to_geocentric
+            found = solution.sigma0 * np.sqrt(np.diag(covariance))
+            np.testing.assert_allclose(found, point["ellips"]["sigmas"], rtol=2e-3)
+
+
+def test_a_difference_of_coordinates_is_that_of_a_levelled_frame():
+    """The same centring as a frame whose north is given, in the horizon of a curved network."""
+    given = fga.Network("two ways", frame=ORIGIN.frame)
+    given.add_point("A", (8000.0, 5000.0, 60.0), fixed="xyz")
+    given.add_point("B")
+    difference = CoordinateDifference("A", "B", (1.0, 2.0, 0.5), horizon=True, sigma=0.001)
+    by_difference, by_frame = given.copy(), given.copy()
+    by_difference.add(difference)
+    by_frame.add_frame("at A", free=(), origin="A", level=True)
+    by_frame.add(
+        fga.FrameCoordinate("at A", "B", difference.value, sigma=difference.sigma)  # type: ignore[arg-type]
+    )
+    a, b = (fga.adjust(n).point("B") for n in (by_difference, by_frame))
+    np.testing.assert_allclose(a, b, rtol=0, atol=1e-9)
+    plain = given.copy()
+    plain.add(replace(difference, horizon=False))
+    assert np.abs(fga.adjust(plain).point("B") - a).max() > 1e-4
