@@ -1,5 +1,5 @@
 """Laser trackers in one network
-===============================
+=============================
 
 Four laser trackers stand around a machine and sight the same targets. No target is known, no
 tracker is levelled: each has a frame of its own with six unknowns, and the datum is that of inner
@@ -70,16 +70,6 @@ for component in found.components:
 print(f"σ̂0 with these: {found.solution.sigma0:.2f}")
 sigmas = np.sqrt(np.einsum("pii->pi", found.solution.point_covariances))
 print(f"targets: {1e6 * np.median(sigmas):.0f} µm (median of σx, σy, σz)")
-
-# %%
-# Or one tracker is the datum: its frame is held where it stands.
-held = network.copy()
-held.datum = "given"
-t0 = held.frames.pop("T0")
-held.add_frame("T0", free=(), origin=t0.constants[:3])
-by_instrument = fga.adjust(held)
-of_t1 = by_instrument.unknown("frame", "T1").sigmas
-print(f"T1 in the frame of T0: {1e6 * of_t1[3:6].max():.0f} µm, {of_t1[:3].max() / ARCSEC:.1f}″")
 
 if options.plot:
     from factorgraph_adj.report.plots import plot_network
