@@ -8,7 +8,6 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import InputError, Problem, known
-from ..models.shapes import SHAPES
 from ..models.strip import HIGHEST
 from ..models.variables import VariableKind, unknown_kind
 from .checked import checked_frame
@@ -21,6 +20,7 @@ from .entities import (
     parameter_name,
 )
 from .of_kind import OfKind
+from .shapes import StatedShapes
 
 
 def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:
@@ -38,7 +38,7 @@ def required(name: str, names: Mapping[Any, object], what: str, where: str) -> N
         raise InputError(Problem(f"unknown {what} {name!r}; known: {there}", where))
 
 
-class StatedUnknowns:
+class StatedUnknowns(StatedShapes):
     """Part of a network: its unknowns besides points, photos and cameras, by kind and name."""
 
     points: dict[str, Point]
@@ -207,49 +207,6 @@ class StatedUnknowns:
         self.of_kind("frame")[name] = checked_frame(
             name, free, values or {}, sigma or {}, origin, level, self.points
         )
-
-    def add_shape(
-        self,
-        name: str,
-        shape: str,
-        *,
-        origin: str | Sequence[float],
-        free: Iterable[str] | None = None,
-        values: Mapping[str, float] | None = None,
-        sigma: Mapping[str, float] | None = None,
-        level: bool = False,
-    ) -> None:
-        """State a shape: its frame, and those of its sizes that are not stated yet.
-
-        Observations such as `OnPlane` say which points lie on it. Its place and its sizes are
-        computed from points that are known, unless they are given.
-
-        Args:
-            name: its name, that of its frame. A radius, the angle of a cone and the focal length
-                of a paraboloid have the same name; the radius of the ring of a torus has the name
-                ``NAME ring``.
-            shape: plane, line, circle, cylinder, sphere, cone, torus or paraboloid.
-            origin: constant coordinates near its points, metres, or the name of a point.
-            free: free components of its frame, see `add_frame`; none: all that the shape has. With
-                ``level`` and ``free=("x", "y")`` lines, cylinders and cones are upright; with
-                ``level`` and ``free=("z",)`` planes are horizontal.
-            values: values of components, as for `add_frame`.
-            sigma: standard deviations of weighted components, as for `add_frame`.
-            level: whether its frame counts from the horizon at its origin.
-
-        Raises:
-            InputError: an unknown shape; errors of `add_frame`.
-        """
-        found = SHAPES.get(shape)
-        if found is None:
-            what = f"unknown shape {shape!r}; valid: {known(SHAPES, meant=shape)}"
-            raise InputError(Problem(what, f"shape {name!r}"))
-        wanted = [n for n in found.free if n not in (sigma or {})] if free is None else free
-        self.add_frame(name, free=wanted, values=values, sigma=sigma, origin=origin, level=level)
-        for size in found.sizes:
-            key = f"{name}{size.suffix}"
-            if size.suffix is not None and key not in self.of_kind(size.kind):
-                self.set_unknown(size.kind, key)
 
     def set_mount(
         self,
