@@ -189,7 +189,7 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
         return
     names = components_of(kind)
     if "axes" in have:
-        axes = "".join(row.letters("axes", "xyzenu")) or "xyz"
+        axes = "".join(row.letters("axes", "xyzenu")) or KINDS[kind].defaults["axes"]
         names, arguments["axes"] = tuple(axes), axes
     whole = bool(set(names) & set("enu"))
     arguments["value"] = tuple(

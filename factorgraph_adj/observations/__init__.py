@@ -16,6 +16,16 @@ from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
+from .offsets import (
+    HydrostaticReading,
+    LineOffset,
+    PlaneOffset,
+    PlumbOffset,
+    RadialOffset,
+    SightOffset,
+    SightPlaneOffset,
+)
+from .on_bodies import FrameInclination, FrameRoll, UnitVector, WireReading, WireReadingOnBody
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from .registry import KINDS, ObservationKind, Unit, observation_kind, register_observation
 from .terrestrial import (
@@ -44,24 +54,36 @@ __all__ = [
     "Correlated",
     "Direction",
     "FrameCoordinate",
+    "FrameInclination",
+    "FrameRoll",
     "GnssPosition",
     "GnssVector",
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
+    "HydrostaticReading",
     "ImagePoint",
+    "LineOffset",
     "Observation",
     "ObservationKind",
     "Parameter",
     "Photo",
     "PhotoPosition",
+    "PlaneOffset",
+    "PlumbOffset",
     "Point",
+    "RadialOffset",
     "Sight",
+    "SightOffset",
+    "SightPlaneOffset",
     "SlopeDistance",
     "StandardDeviation",
     "Unit",
+    "UnitVector",
     "VerticalAngle",
     "Weight",
+    "WireReading",
+    "WireReadingOnBody",
     "ZenithAngle",
     "observation_kind",
     "register_observation",

@@ -8,6 +8,7 @@ from ..models import position, sub_frame, terrestrial
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
+from .records_metrology import RECORDS as METROLOGY
 from .registry import KINDS, ObservationKind, register_observation
 from .terrestrial import (
     AstronomicLatitude,
@@ -130,6 +131,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ),
     ObservationKind(ImagePoint, _RAY, None, unit="image"),
     ObservationKind(FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate),
+    *METROLOGY,
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +26,11 @@ ARCSEC = np.pi / 180 / 3600
 HEIGHTS = {"instrument_height": 1.53, "target_height": 1.21}
 SIGHT = {"sigma": 0.01, **HEIGHTS}
 COVARIANCE = np.array([[4.0, 1.0, -0.5], [1.0, 3.0, 0.7], [-0.5, 0.7, 5.0]])
+
+WIRE: dict[str, Any] = {"sag": "sag", "length": 90.0}
+SORTS_OF_FRAMES = ("body", "tripod", "slanted", "leaning")
+"""Frames with a constant origin, at the point i and level, there and not level, constant and level.
+"""
 
 OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "slope_distance": lambda: [o.SlopeDistance("i", "j", 1.0, instrument="edm", **SIGHT)],
@@ -64,6 +70,48 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.FrameCoordinate("body", "k", (0.0, 0.0), axes="zx", sigma=(1.0, 2.0)),
         o.FrameCoordinate("tripod", "j", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
         o.FrameCoordinate("slanted", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
+    ],
+    "plane_offset": lambda: [o.PlaneOffset(f, "j", 0.0, sigma=0.01) for f in SORTS_OF_FRAMES],
+    "plumb_offset": lambda: [o.PlumbOffset(f, "j", 1.0, sigma=0.01) for f in SORTS_OF_FRAMES],
+    "line_offset": lambda: [o.LineOffset("k", "i", "j", 1.0, sigma=0.01)],
+    "sight_plane_offset": lambda: [o.SightPlaneOffset("i", "k", 0.0, horizontal=0.7, **SIGHT)],
+    "sight_offset": lambda: [o.SightOffset("i", "k", 1.0, horizontal=2.5, zenith=1.4, **SIGHT)],
+    "radial_offset": lambda: [
+        o.RadialOffset(
+            "j", 0.0, bearing=0.9, reference_x=4e6, reference_y=1e6, reference_z=4e6, sigma=0.01
+        )
+    ],
+    "hydrostatic_reading": lambda: [
+        o.HydrostaticReading("i", "water", 0.1, sigma=0.01),
+        o.HydrostaticReading("j", "water", 0.1, mount="cup", sigma=0.01, undulation=0.02),
+        o.HydrostaticReading("k", "water", 0.1, mount="cup", sigma=0.01, side=-1, expansion=0.01),
+    ],
+    "wire_reading": lambda: [
+        o.WireReading(f, "j", (0.0, 0.0), mount="cup", sigma=(1.0, 2.0), **WIRE)
+        for f in SORTS_OF_FRAMES
+    ]
+    + [o.WireReading("body", "k", (0.0,), axes="z", sigma=(2.0,), **WIRE)],
+    "wire_reading_on_body": lambda: [
+        o.WireReadingOnBody(
+            wire, "k", (0.0, 0.0), body=body, mount="cup", covariance=COVARIANCE[:2, :2], **WIRE
+        )
+        # Wire and body have the same rotation, nearly: no wire lies in the plane of its sensor.
+        for wire, body in (
+            ("tripod", "leaning"),
+            ("leaning", "tripod"),
+            ("body", "slanted"),
+            ("slanted", "body"),
+        )
+    ],
+    "frame_inclination": lambda: [
+        o.FrameInclination(f, "j", 0.0, mount="cup", sigma=1e-6) for f in SORTS_OF_FRAMES
+    ],
+    "frame_roll": lambda: [
+        o.FrameRoll(f, "j", 0.0, mount="cup", sigma=1e-6) for f in SORTS_OF_FRAMES
+    ],
+    "unit_vector": lambda: [
+        o.UnitVector(f, "k", "j", (0.0, 0.0), mount="cup", covariance=COVARIANCE[:2, :2])
+        for f in SORTS_OF_FRAMES
     ],
 }
 """Observations of each kind between the points i, j, k and of the photo f."""
@@ -154,6 +202,9 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     network.set_orientation("i", value=0.3)
     network.set_unknown("index_error", "circle", (2e-4,))
     network.set_unknown("collimation_error", "telescope", (3e-4,))
+    network.set_mount("cup", free=TURNS_AND_ARM, values=MOUNTED)
+    network.set_size("sag", 0.004)
+    network.set_level("water", 0.4)
     add_frames(network, tuple((station + geometry.length).tolist()))
     for kind, make in OBSERVED.items():
         local = isinstance(frame, LocalFrame)
@@ -177,8 +228,16 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
         # Of a steep sight the reading changes by c/sin z.
         "collimation_error": (1e-3 * geometry.reach / geometry.length,),
         "frame": (1e-3,) * 3 + (1e-2 * geometry.length,) * 3 + (1e-3,),
+        "mount": (1e-3,) * 3 + (1e-2 * geometry.length,) * 3,
+        "size": (1e-3,),
+        "level": (1e-2,),
     }
     return equations, _steps(equations, steps)
+
+
+TURNS_AND_ARM = ("rx", "ry", "rz", "x", "y", "z")
+MOUNTED = dict(zip(TURNS_AND_ARM, (0.02, -0.03, 0.05, 0.1, -0.04, 0.07), strict=True))
+"""Mount of an instrument, rad and metres."""
 
 
 def add_frames(network: Network, origin: tuple[float, float, float]) -> None:
@@ -189,6 +248,7 @@ def add_frames(network: Network, origin: tuple[float, float, float]) -> None:
     if "i" in network.points:
         network.add_frame("tripod", free=every, values=values, origin="i", level=True)
         network.add_frame("slanted", free=every, values=values, origin="i")
+        network.add_frame("leaning", free=every, values=values, origin=origin, level=True)
 
 
 def _steps(equations: Equations, by_kind: dict[str, tuple[float, ...]]) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from factorgraph_adj.frames import Frame
+from factorgraph_adj.frames import Frame, LocalFrame
 from factorgraph_adj.graph.blocks import Block
 from factorgraph_adj.graph.equations import Equations
 from factorgraph_adj.graph.variables import State, Unknowns
@@ -95,7 +95,10 @@ def assert_partials_are_right(equations: Equations, state: State, steps: Array) 
         analytic = columns_of(unknowns, block, partials)
         difference = np.abs(analytic - numerical(block, frame, unknowns, moved, steps))
         by_metre = np.max(np.abs(analytic[:, in_metres]), axis=1, initial=0.0)
-        size = np.abs(block.observed).ravel() + extent * by_metre + np.abs(v).ravel()
+        # A height above an ellipsoid comes from geocentric coordinates in any frame.
+        above = {kind for kind, _ in block.variables} & {"level", "profile"}
+        earth = 0.0 if isinstance(frame, LocalFrame) or not above else frame.radius
+        size = np.abs(block.observed).ravel() + max(extent, earth) * by_metre + np.abs(v).ravel()
         rounding = ROUNDINGS * np.finfo(float).eps * size[:, None] / steps
         for kind, number in unknowns.active():
             columns = unknowns.columns(kind, number)
