@@ -12,6 +12,7 @@ from ..graph.variables import State
 from ..network.network import DatumChoice
 from ..observations import AstronomicLatitude, AstronomicLongitude
 from .additive import solve_additive
+from .alignments import align, aligned
 from .diagnosis import not_reached
 from .free_start import join_blocks, observed_misfits, resolve_doubt, start_heights
 from .horizon import Horizon, place_of
@@ -66,9 +67,13 @@ def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[St
         _search(progress, rays, frames, free=free)
         progress = _without_contradiction(equations, progress, forgetful, rays, frames, free=free)
         _take_over(progress, state)
+        progress.frame[list(aligned(equations))] = 0.0  # they follow from the points
         problems = not_reached(equations, progress, rays, frames, free=free)
         if problems:
             return state, problems
+    problems = align(equations, state)
+    if problems:
+        return state, problems
     orient_by_model(equations, state)
     return state, solve_additive(equations, state)
 

@@ -72,7 +72,10 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.FrameCoordinate("slanted", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
     ],
     "plane_offset": lambda: [o.PlaneOffset(f, "j", 0.0, sigma=0.01) for f in SORTS_OF_FRAMES],
-    "plumb_offset": lambda: [o.PlumbOffset(f, "j", 1.0, sigma=0.01) for f in SORTS_OF_FRAMES],
+    "plumb_offset": lambda: [
+        *(o.PlumbOffset(f, "k", 1.0, sigma=0.01) for f in SORTS_OF_FRAMES[:-1]),
+        o.PlumbOffset("leaning", "j", 1.0, sigma=0.01),
+    ],
     "line_offset": lambda: [o.LineOffset("k", "i", "j", 1.0, sigma=0.01)],
     "sight_plane_offset": lambda: [o.SightPlaneOffset("i", "k", 0.0, horizontal=0.7, **SIGHT)],
     "sight_offset": lambda: [o.SightOffset("i", "k", 1.0, horizontal=2.5, zenith=1.4, **SIGHT)],
