@@ -79,16 +79,12 @@ def _wire(
 ) -> None:
     """Add a wire, from a place or from a point, with which it moves in a free network."""
     values = {"rz": -0.001, "rx": 0.0005, "x": across, "z": height}
-    # A turn of the network about the vertical is one about all axes of a wire with a slope.
-    tilts = {} if origin is None else {"rx": 1e-3, "ry": 1e-3}
-    network.add_frame(
-        name,
-        free=[n for n in values if n not in tilts],
-        values=values,
-        sigma=tilts,
-        origin=origin or (0.0, 0.0, 0.0),
-        level=True,
-    )
+    if origin is not None:
+        # A turn of the network about the vertical is one about all axes of a wire with a slope.
+        values["ry"] = 0.0
+    network.add_frame(name, free=list(values), values=values, origin=origin or (0.0, 0.0, 0.0), level=True)
+    if origin is not None:
+        network.add(o.FrameRoll(name, origin, 0.0, sigma=1e-4))
     network.set_size(name, sag)
 
 
