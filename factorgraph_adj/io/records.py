@@ -139,7 +139,10 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     if kind == "image":
         arguments |= {"x": 0.0, "y": 0.0}
     else:
-        arguments["value"] = (1.0,) * size if size else 1.0
+        # Components of a unit vector must be below 1.
+        arguments["value"] = (0.5,) * size if size else 0.5
+        required = (n for n in numbers_of(kind) if n not in record_of_kind.optional)
+        arguments |= dict.fromkeys(required, 1.0)
     arguments["sigma"] = (1.0,) * size if size else 1.0
     make: Callable[..., Observation] = KINDS[kind].observation
     return make(**arguments, source=source or None)
