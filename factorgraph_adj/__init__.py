@@ -28,8 +28,18 @@ if TYPE_CHECKING:
     from .network.entities import Camera, Parameter, Photo, Point
     from .network.network import Network
     from .network.selection import without
+    from .observations.airborne import (
+        AntennaVector,
+        NavigationAttitude,
+        PhotoAngle,
+        PhotoAttitude,
+        PhotoBase,
+        PhotoRange,
+    )
     from .observations.base import Observation
     from .observations.correlated import Correlated
+    from .observations.far_directions import GyroAzimuth, PhotoSight, PhotoTilt
+    from .observations.frame_sights import FrameDirection, FrameDistance, FrameZenith
     from .observations.image import ImagePoint
     from .observations.in_frames import FrameCoordinate
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
@@ -46,6 +56,7 @@ if TYPE_CHECKING:
         VerticalAngle,
         ZenithAngle,
     )
+    from .observations.vertical import LevelHeight, ProfileHeight
     from .parts.adjust import adjust_parts
     from .parts.network import adjust
     from .parts.part import Part
@@ -78,6 +89,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AdjustmentError",
+    "AntennaVector",
     "ApproximationError",
     "AstronomicLatitude",
     "AstronomicLongitude",
@@ -91,16 +103,22 @@ __all__ = [
     "FaceReading",
     "Finding",
     "FrameCoordinate",
+    "FrameDirection",
+    "FrameDistance",
+    "FrameZenith",
     "GeocentricFrame",
     "GnssPosition",
     "GnssVector",
+    "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
     "ImagePoint",
     "IncrementalAdjustment",
     "InputError",
+    "LevelHeight",
     "LocalFrame",
+    "NavigationAttitude",
     "Network",
     "Observation",
     "ObservationKind",
@@ -108,8 +126,15 @@ __all__ = [
     "Part",
     "PartsSolution",
     "Photo",
+    "PhotoAngle",
+    "PhotoAttitude",
+    "PhotoBase",
     "PhotoPosition",
+    "PhotoRange",
+    "PhotoSight",
+    "PhotoTilt",
     "Point",
+    "ProfileHeight",
     "Provenance",
     "ReportOptions",
     "SlopeDistance",
@@ -171,15 +196,26 @@ _MODULES = {
     "FaceReading": "field.readings",
     "Finding": "validate.preliminary.finding",
     "FrameCoordinate": "observations.in_frames",
+    "FrameDirection": "observations.frame_sights",
+    "FrameDistance": "observations.frame_sights",
+    "FrameZenith": "observations.frame_sights",
+    "AntennaVector": "observations.airborne",
+    "NavigationAttitude": "observations.airborne",
+    "PhotoAngle": "observations.airborne",
+    "PhotoAttitude": "observations.airborne",
+    "PhotoBase": "observations.airborne",
+    "PhotoRange": "observations.airborne",
     "GeocentricFrame": "frames",
     "GnssPosition": "observations.positions",
     "GnssVector": "observations.positions",
+    "GyroAzimuth": "observations.far_directions",
     "HeightDifference": "observations.terrestrial",
     "HorizontalAngle": "observations.terrestrial",
     "HorizontalDistance": "observations.terrestrial",
     "ImagePoint": "observations.image",
     "IncrementalAdjustment": "incremental.adjustment",
     "InputError": "errors",
+    "LevelHeight": "observations.vertical",
     "LocalFrame": "frames",
     "Network": "network.network",
     "Observation": "observations.base",
@@ -189,7 +225,10 @@ _MODULES = {
     "PartsSolution": "parts.result",
     "Photo": "network.entities",
     "PhotoPosition": "observations.positions",
+    "PhotoSight": "observations.far_directions",
+    "PhotoTilt": "observations.far_directions",
     "Point": "network.entities",
+    "ProfileHeight": "observations.vertical",
     "Provenance": "report.options",
     "ReportOptions": "report.options",
     "SlopeDistance": "observations.terrestrial",

@@ -241,3 +241,26 @@ class TopocentricFrame:
 
 Frame: TypeAlias = LocalFrame | GeocentricFrame | TopocentricFrame
 """Any frame."""
+
+
+def direction_of(frame: Frame, place: Array, azimuth: float, altitude: float) -> Array:
+    """Return the unit vector (3,), in a frame, towards a body of known azimuth and altitude.
+
+    s = e sin α cos h + n cos α cos h + u sin h, with the horizon e, n, u at the place.
+
+    >>> direction_of(LocalFrame(), np.zeros(3), np.pi / 2, np.pi / 6).round(3).tolist()
+    [0.866, 0.0, 0.5]
+
+    Args:
+        frame: the frame.
+        place: where the azimuth and the altitude hold, (3,) metres.
+        azimuth: α, clockwise from north, radians.
+        altitude: h above the horizon, radians, as the ray that is measured arrives: the altitude
+            of an ephemeris plus refraction.
+    """
+    at = np.asarray(place, dtype=float)[None]
+    enu = frame.basis(at, np.zeros((1, 2))).enu[0]
+    level = np.cos(altitude)
+    return np.asarray(
+        np.array([np.sin(azimuth) * level, np.cos(azimuth) * level, np.sin(altitude)]) @ enu
+    )

@@ -23,7 +23,7 @@ SOURCE = ROOT / PACKAGE
 LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "types", "version", "shown"),
     ("units", "rotation", "ellipsoid", "blas", "columns"),
-    ("frames", "stochastic"),
+    ("frames", "stochastic", "atmosphere"),
     ("models",),
     ("network.entities",),
     ("observations",),

@@ -8,15 +8,17 @@ from ..errors import Problem
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.variables import parameter_kinds
+from ..models.variables import Quantity, parameter_kinds
 from ..types import Array
+from .survey import group_angle
 
 
 def solve_additive(equations: Equations, state: State) -> list[Problem]:
     """Fill missing values of unknowns with one component; return a problem for each that is left.
 
     An unknown s of which residuals depend as v(s) = v(0) + J s has, from each observation of which
-    all other unknowns are known, the value −Jᵀv(0)/JᵀJ; its start value is their median.
+    all other unknowns are known, the value −Jᵀv(0)/JᵀJ; its start value is their median, that of
+    angles about their circular mean.
     """
     problems = []
     for record in parameter_kinds():
@@ -32,12 +34,20 @@ def solve_additive(equations: Equations, state: State) -> list[Problem]:
                     found.setdefault(number, []).append(value)
         for number in np.flatnonzero(missing[:, 0]).tolist():
             if number in found:
-                state[kind][number, 0] = np.median(found[number])
+                state[kind][number, 0] = _middle(found[number], record.components[0].quantity)
                 continue
             what = "no approximate value: no observation of it has all its other unknowns known"
             name = equations.unknowns[kind].names[number]
             problems.append(Problem(what, f"{record.noun} {name!r}"))
     return problems
+
+
+def _middle(values: list[float], quantity: Quantity) -> float:
+    """Return the median of values, that of angles about their circular mean."""
+    if quantity != "angle":
+        return float(np.median(values))
+    group = np.zeros(len(values), dtype=np.intp)
+    return float(group_angle(group, np.array(values), 1)[0])
 
 
 def _values(

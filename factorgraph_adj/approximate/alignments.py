@@ -233,7 +233,7 @@ class _Fit:
         for _ in range(STEPS):
             normal, gradient = a.T @ a, a.T @ v
             scale = np.diag(np.maximum(np.diag(normal), 1e-300))
-            step = -np.linalg.lstsq(normal + damping * scale, gradient, rcond=None)[0]
+            step: Array = -np.linalg.lstsq(normal + damping * scale, gradient, rcond=None)[0]
             trial = self._moved(state, step)
             try:
                 v_new, a_new = self._system(trial)

@@ -7,12 +7,12 @@ import numpy as np
 from ..errors import Problem, known
 from ..graph.equations import Equations
 from ..types import Array, Index, Mask
+from .in_frames import InFrames
 from .intersection import doubtful
 from .progress import Progress
 from .rays import ImageRays, posed
 from .resection import FITS, MANY, misses, resect
 from .spheres import positions_in_space
-from .sub_frames import InFrames
 from .survey import Sighted
 
 NEARLY_ALL = 0.8
@@ -73,9 +73,14 @@ def _unoriented(progress: Progress) -> Index:
 
 def _why_no_frame(progress: Progress, frames: InFrames, frame: int) -> str:
     point = frames.point[frames.frame == frame]
+    turns = np.isnan(frames.given[frame, :3]).sum()
+    need = "three that do not lie in one line" if turns > 1 else "two, as it turns about one axis"
+    sights = frames.sights
+    partly = (sights.frame == frame) & ~sights.whole
+    if not len(point) and partly.any():
+        point = sights.point[partly]
+        need = "four with direction and zenith angle, or its station and the directions to two"
     n = int(np.count_nonzero(progress.complete[point[point >= 0]]))
-    turned = np.isnan(frames.given[frame, :2]).any()
-    need = "three that do not lie in one line" if turned else "two, as it is level"
     return (
         f"only {n} of its {len(point)} places are known; its approximate values need {need}, or "
         "give them"

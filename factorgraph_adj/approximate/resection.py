@@ -133,7 +133,7 @@ def _refine(r: Array, x0: Array, x: Array, t: Array, iterations: int = 10) -> tu
     return r, x0
 
 
-def _triples(n: int) -> Index:
+def some_triples(n: int) -> Index:
     """Return triples (m, 3) of n points: all triples of few points, else seeded random ones."""
     every = np.array(
         [
@@ -169,7 +169,7 @@ def resect(x: Array, t: Array) -> tuple[Array, Array] | None:
     d /= np.linalg.norm(d, axis=1, keepdims=True)
     middle = x.mean(axis=0)
     x = x - middle
-    triples = _triples(len(x))
+    triples = some_triples(len(x))
     r, x0 = three_points(x[triples], d[triples])
     if not len(r):
         return None

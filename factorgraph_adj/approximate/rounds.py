@@ -14,8 +14,10 @@ from ..observations import AstronomicLatitude, AstronomicLongitude
 from .additive import solve_additive
 from .alignments import align, aligned
 from .diagnosis import not_reached
+from .frame_sights import intersect_sights, orient_frames, resect_frames, start_frame
 from .free_start import join_blocks, observed_misfits, resolve_doubt, start_heights
 from .horizon import Horizon, place_of
+from .in_frames import InFrames, read_frames
 from .intersection import GOOD_CROSSING, LEAST_CROSSING, intersect
 from .levelling import height_differences, heights
 from .orientation import orient, orient_by_model
@@ -25,7 +27,7 @@ from .rays import GOOD_PARALLAX, LEAST_PARALLAX, ImageRays, intersect_rays, read
 from .resection import resections
 from .single_ray import far_points, ray_and_more
 from .spheres import spheres, start_in_space
-from .sub_frames import InFrames, place_frames, places_in_frames, read_frames
+from .sub_frames import place_frames, places_in_frames
 from .survey import read_survey
 from .vectors import given_positions, known_coordinates, vectors
 
@@ -108,16 +110,21 @@ def _search(progress: Progress, rays: ImageRays, frames: InFrames, *, free: bool
     steps: tuple[Callable[[], bool], ...] = (
         lambda: _sure_steps(progress),
         lambda: place_frames(progress, frames) | places_in_frames(progress, frames),
+        lambda: orient_frames(progress, frames),
+        lambda: intersect_sights(progress, frames, parallax=GOOD_PARALLAX),
         lambda: intersect_rays(progress, rays, parallax=GOOD_PARALLAX, wanted=~progress.complete),
+        lambda: resect_frames(progress, frames),
         lambda: resections(progress, rays, least=6),
         lambda: intersect(progress, crossing=GOOD_CROSSING),
         lambda: resections(progress, rays, least=4),
         lambda: intersect(progress, crossing=LEAST_CROSSING),
         lambda: spheres(progress),
+        lambda: intersect_sights(progress, frames, parallax=LEAST_PARALLAX),
         lambda: intersect_rays(progress, rays, parallax=LEAST_PARALLAX, wanted=~progress.complete),
         lambda: ray_and_more(progress, rays),
         lambda: far_points(progress, rays),
         lambda: resolve_doubt(progress, mirror=False),
+        lambda: free and start_frame(progress, frames),
         lambda: join_blocks(progress, free=free),
         lambda: free and resolve_doubt(progress, mirror=True),
         lambda: free and start_in_space(progress),

@@ -2,88 +2,51 @@
 
 A frame with common places is a similarity between coordinates q in the frame and places X: with
 y = E (X − O), y = e^ℓ R (q + c). Rotation and scale follow from the places reduced to their means
-(Kabsch; Umeyama 1991, eqs. 34 to 43); where rx and ry are held, the turn about z follows from the
-plan alone. Components that are given or held are kept.
+(Kabsch; Umeyama 1991, eqs. 34 to 43); where two rotations are held, the turn about the third axis
+follows from the plane across it, about z from the plan alone. Components that are given or held
+are kept.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from ..graph.equations import Equations
 from ..models.sub_frame import from_frame, horizons
-from ..models.variables import ROTATION, UNKNOWNS
+from ..models.variables import ROTATION
 from ..rotation import exp_rotation, nearest_rotation
 from ..types import Array, Index, Mask
+from .in_frames import InFrames
 from .progress import Progress
 
 FLAT = 1e-3
 """Smallest ratio of extents, across and along, at which places fix a rotation in space."""
 
 
-@dataclass(frozen=True)
-class InFrames:
-    """Places that are observed in frames, one row for each."""
-
-    frame: Index
-    """Number of the frame, (n,)."""
-    point: Index
-    """Number of the point, −1: a photo, (n,)."""
-    photo: Index
-    """Number of the photo, −1: a point, (n,)."""
-    q: Array
-    """Observed coordinates, unit of the frame; NaN for axes that were not observed, (n, 3)."""
-    given: Array
-    """Given values of the components of every frame, NaN where they are to be found, (f, 7)."""
-    free: Mask
-    """Whether each component of every frame is free, (f, 7)."""
-    origin: Index
-    """Number of the point at the origin of every frame, −1: it is a constant, (f,)."""
-
-
-def read_frames(equations: Equations) -> InFrames:
-    """Return the places that a network observes in frames."""
-    table, network = equations.unknowns["frame"], equations.network
-    stated = network.frames.values()
-    given = np.array([p.values for p in stated], dtype=float).reshape(-1, UNKNOWNS["frame"].size)
-    number = equations.unknowns["point"].number
-    origin = np.array([number.get(p.origin, -1) for p in stated], dtype=np.intp)
-    every: list[tuple[Index, Index, Index, Array]] = []
-    for block in equations.blocks:
-        if block.kind != "frame_coordinate":
-            continue
-        index = dict(block.variables[:2])
-        nowhere = np.full(block.n, -1, dtype=np.intp)
-        q = np.full((block.n, 3), np.nan)
-        q[:, ["xyz".index(a) for a in block.components]] = block.observed
-        every.append((index["frame"], index.get("point", nowhere), index.get("pose", nowhere), q))
-    none = np.zeros(0, dtype=np.intp)
-    frame, point, photo, q = (
-        np.concatenate(c) for c in zip((none, none, none, np.zeros((0, 3))), *every, strict=True)
-    )
-    return InFrames(frame, point, photo, q, given, table.free, origin)
-
-
 def place_frames(progress: Progress, seen: InFrames) -> bool:
     """Fill frames from the places that are known in them; return whether any was filled."""
     filled = False
-    missing = np.flatnonzero(np.isnan(progress.frame).any(axis=1))
-    for f in missing.tolist():
-        rows = np.flatnonzero(seen.frame == f)
-        x = _places(progress, seen, rows)
-        known = np.isfinite(x[:, :2]).all(axis=1)
-        if not known.any():
-            continue
+    missing = np.isnan(progress.frame).any(axis=1)
+    if not missing.any():
+        return False
+    rows = np.flatnonzero(missing[seen.frame])
+    x = _places(progress, seen, rows)
+    known = np.isfinite(x[:, :2]).all(axis=1)
+    order = np.argsort(seen.frame[rows[known]], kind="stable")
+    rows, x = rows[known][order], x[known][order]
+    if not len(rows):
+        return False
+    frames, first = np.unique(seen.frame[rows], return_index=True)
+    for f, own, there in zip(
+        frames.tolist(), np.split(rows, first[1:]), np.split(x, first[1:]), strict=True
+    ):
         origin = _origin(progress, seen, f)
         given = seen.given[f].copy()
         at = origin
         if at is None:  # an origin that is not known either follows with the offset
-            at, given[3:6] = x[known].mean(axis=0), np.nan
+            at, given[3:6] = there.mean(axis=0), np.nan
         horizon = _horizon(progress, f, at)
-        y = (x[known] - at) @ horizon.T
-        found = _fitted(y, seen.q[rows[known]], given, seen.free[f])
+        y = (there - at) @ horizon.T
+        found = _fitted(y, seen.q[own], given, seen.free[f])
         if found is None:
             continue
         if origin is None:
@@ -123,19 +86,27 @@ def _set_origin(
 def places_in_frames(progress: Progress, seen: InFrames) -> bool:
     """Fill points and projection centres from frames that are known; return whether any was."""
     known: Mask = np.all(np.isfinite(progress.frame), axis=1)
+    origins = origins_of(progress, seen)
+    known &= np.isfinite(origins).all(axis=1)
     open_point = (seen.point >= 0) & ~progress.complete[seen.point]
     rows = np.flatnonzero(known[seen.frame] & open_point & np.isfinite(seen.q).all(axis=1))
-    at = [_origin(progress, seen, f) for f in seen.frame[rows].tolist()]
-    rows = rows[[a is not None for a in at]] if len(rows) else rows
     if not len(rows):
         return False
-    origin = np.array([a for a in at if a is not None])
+    origin = origins[seen.frame[rows]]
     stored = progress.frame[seen.frame[rows]]
     basis = progress.horizon.frame.basis(origin, np.zeros((len(rows), 2)))
     x = from_frame(stored, seen.q[rows], origin, horizons(basis, stored[:, 16]))
     plan = progress.horizon.to_plan(x)
     point = seen.point[rows]
     return progress.set_plan(point, plan[:, :2]) | progress.set_height(point, plan[:, 2])
+
+
+def origins_of(progress: Progress, seen: InFrames) -> Array:
+    """Return O of every frame, (f, 3); NaN while its point is not known."""
+    out = progress.frame[:, 13:16].copy()
+    at_point = np.flatnonzero(seen.origin >= 0)
+    out[at_point] = progress.horizon.from_plan(progress.plan[seen.origin[at_point]])
+    return out
 
 
 def _origin(progress: Progress, seen: InFrames, f: int) -> Array | None:
@@ -199,15 +170,17 @@ def _turn(a: Array, b: Array, given: Array, axes: list[int]) -> Array | None:
     turns = np.isnan(given[:3])
     if not turns.any():
         return np.asarray(exp_rotation(given[None, :3])[0])
-    if not turns[:2].any():
-        # R = R_tilt R₃(κ): the turn about z comes first, in the plane of the frame.
-        tilt = exp_rotation(np.array([[given[0], given[1], 0.0]]))[0]
+    if turns.sum() == 1:
+        # R = R_tilt R_k(κ): the turn about the axis k comes first, in the plane across it.
+        k = int(np.argmax(turns))
+        tilt = exp_rotation(np.where(turns, 0.0, given[:3])[None])[0]
         c = b @ tilt
-        sine = float(np.sum(a[:, 0] * c[:, 1] - a[:, 1] * c[:, 0]))
-        cosine = float(np.sum(a[:, 0] * c[:, 0] + a[:, 1] * c[:, 1]))
+        i, j = (k + 1) % 3, (k + 2) % 3
+        sine = float(np.sum(a[:, i] * c[:, j] - a[:, j] * c[:, i]))
+        cosine = float(np.sum(a[:, i] * c[:, i] + a[:, j] * c[:, j]))
         if not np.hypot(sine, cosine) > 0:
             return None
-        turn = exp_rotation(np.array([[0.0, 0.0, np.arctan2(sine, cosine)]]))[0]
+        turn = exp_rotation(np.eye(3)[[k]] * np.arctan2(sine, cosine))[0]
         return np.asarray(tilt @ turn)
     moment = b.T @ a
     values = np.linalg.svd(moment, compute_uv=False)

@@ -19,9 +19,10 @@ def known_coordinates(equations: Equations, progress: Progress) -> None:
     for o in network.observations.values():
         if isinstance(o, PhotoPosition):
             at = progress.pose[unknowns["pose"].number[o.photo], 9:]
-            missing = np.isnan(at)
             # The lever arm is short relative to the distance to the object.
-            at[missing] = np.asarray(o.value, dtype=float)[missing]
+            for axis, value in zip(o.axes, o.value, strict=True):
+                i = "xyz".index(axis)
+                at[i] = value if np.isnan(at[i]) else at[i]
         if not isinstance(o, ControlPoint):
             continue
         row = np.array([unknowns["point"].number[o.point]])
@@ -44,7 +45,7 @@ def given_positions(network: Network) -> Array:
     found = [
         o.value
         for o in network.observations.values()
-        if isinstance(o, PhotoPosition)
+        if (isinstance(o, PhotoPosition) and o.axes == "xyz")
         or (isinstance(o, ControlPoint) and (o.axes == "xyz" or set(o.axes) <= set("enu")))
     ]
     found += [f.position for f in network.photos.values() if f.position is not None]

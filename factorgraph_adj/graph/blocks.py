@@ -86,9 +86,13 @@ class Block:
     """Whether several rows of the block may belong to one observation, one for each axis."""
     axes: Sequence[str] | None = None
     """Name of the component of each row, (n,), for single components with different names."""
+    named: tuple[str, ...] = ()
+    """Attribute of the observations that names each variable; empty for blocks of no kind."""
     widths: dict[int, int] = field(default_factory=dict)
     """Number of components that the model takes, by place of the variable, for kinds with
     different sizes."""
+    composed: Callable[..., Array] | None = None
+    """How readings are moved where they do not add, see `ObservationKind.moved`."""
     first_row: int = 0
     """Number of the first scalar row among all rows of the network."""
 
@@ -125,6 +129,12 @@ class Block:
             constants={k: v[chosen] for k, v in self.constants.items()},
             axes=None if self.axes is None else [self.axes[i] for i in chosen],
         )
+
+    def moved(self, change: Array) -> Array:
+        """Return the observed values (n, d) moved by changes of the computed values (n, d)."""
+        if self.composed is None:
+            return self.observed + change
+        return self.composed(self.observed, change, **self.constants)
 
     def evaluate(self, frame: Frame, state: State, *, jacobians: bool = True) -> Linearised:
         """Return raw residuals (n, d) and partials.

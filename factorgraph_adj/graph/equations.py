@@ -16,7 +16,7 @@ from ..types import Array, Index
 from .blocks import Block
 from .image_blocks import ImageIds, image_blocks
 from .image_chunks import ImageChunks
-from .make_blocks import control_blocks, own_blocks, plain_blocks, weighted_blocks
+from .make_blocks import by_kind, control_blocks, own_blocks, plain_blocks, weighted_blocks
 from .variables import State, Unknowns
 from .weights import Cluster, clusters_of, weigh
 
@@ -242,7 +242,9 @@ def compile_rows(network: Network) -> Equations:
         InputError: a point measured twice in one photo.
     """
     unknowns = Unknowns(network)
-    blocks = [*plain_blocks(network, unknowns), *control_blocks(network, unknowns)]
+    groups = by_kind(network)
+    blocks = [*plain_blocks(network, unknowns, groups)]
+    blocks += control_blocks(network, unknowns, groups)
     blocks += [*own_blocks(network, unknowns), *weighted_blocks(unknowns)]
     blocks += image_blocks(network, unknowns)
     first, placed = 0, []

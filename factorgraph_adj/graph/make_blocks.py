@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
+from operator import attrgetter
 from typing import Any, cast
 
 import numpy as np
@@ -63,62 +65,93 @@ def _at_origin(network: Network, kind: VariableKind, frame: str) -> str:
     return stated.origin if level and stated.origin in network.of_kind(kind) else DEFAULT
 
 
-def _by_kind(network: Network) -> dict[str, list[tuple[str, Observation]]]:
-    groups: dict[str, list[tuple[str, Observation]]] = {}
+@dataclass(frozen=True)
+class Group:
+    """The observations of one kind."""
+
+    ids: list[str] = field(default_factory=list)
+    """Their ids."""
+    observations: list[Observation] = field(default_factory=list)
+    """The observations."""
+
+
+def by_kind(network: Network) -> dict[str, Group]:
+    """Return the observations of a network by the names of their kinds."""
+    groups: dict[str, Group] = {}
     for ident, o in network.observations.items():
-        groups.setdefault(o.kind, []).append((ident, o))
+        group = groups.get(o.kind)
+        if group is None:
+            group = groups[o.kind] = Group()
+        group.ids.append(ident)
+        group.observations.append(o)
     return groups
 
 
-def plain_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
+def plain_blocks(
+    network: Network, unknowns: Unknowns, groups: Mapping[str, Group]
+) -> Iterable[Block]:
     """Yield the blocks of the kinds that have a model function."""
-    for name, group in _by_kind(network).items():
+    for name, group in groups.items():
         kind = observation_kind(name)
         if kind.model is not None:
             yield from _plain_blocks(network, unknowns, kind, group)
 
 
 def _plain_blocks(
-    network: Network,
-    unknowns: Unknowns,
-    kind: ObservationKind,
-    group: Sequence[tuple[str, Observation]],
+    network: Network, unknowns: Unknowns, kind: ObservationKind, group: Group
 ) -> Iterable[Block]:
     """Yield the block of a kind, or several blocks if its observations differ in form.
 
     They do if unknowns of a kind differ in size, or if some have variables or components that
     others have not.
     """
-    index = []
-    for what, attribute in kind.variables:
-        number = dict(unknowns[what].number)
-        if what in ENTITIES:
-            number.setdefault(ABSENT, -1)
-        names = [variable_name(network, what, attribute, o) for _, o in group]
-        index.append(np.array([number[n] for n in names], dtype=np.intp))
+    index = [_numbers(network, unknowns, *v, group.observations) for v in kind.variables]
     unequal = [j for j, (what, _) in enumerate(kind.variables) if UNKNOWNS[what].variable_size]
     columns = [unknowns[kind.variables[j][0]].size[index[j]] for j in unequal]
     columns += [(i >= 0).astype(np.intp) for i in index]
-    columns.append(
-        np.unique(["".join(o.component_names()) for _, o in group], return_inverse=True)[1]
-    )
+    form: dict[tuple[str, ...], int] = {}
+    forms = (form.setdefault(o.component_names(), len(form)) for o in group.observations)
+    columns.append(np.fromiter(forms, np.intp, len(group.ids)))
     differ = np.stack(columns, axis=1)
+    if (differ == differ[0]).all():
+        widths = dict(zip(unequal, differ[0].tolist(), strict=False))
+        yield _plain_block(kind, group, index, widths)
+        return
     for each in np.unique(differ, axis=0):
         rows = np.flatnonzero((differ == each).all(axis=1))
         widths = dict(zip(unequal, each.tolist(), strict=False))
-        yield _plain_block(
-            kind, [group[i] for i in rows.tolist()], [n[rows] for n in index], widths
-        )
+        some = Group(*([x[i] for i in rows.tolist()] for x in (group.ids, group.observations)))
+        yield _plain_block(kind, some, [n[rows] for n in index], widths)
+
+
+def _numbers(
+    network: Network,
+    unknowns: Unknowns,
+    what: VariableKind,
+    attribute: str,
+    observations: Sequence[Observation],
+) -> Index:
+    """Return the number of the variable of each observation, (n,); −1 where it is not there."""
+    number = dict(unknowns[what].number)
+    if what in ENTITIES:
+        number.setdefault(ABSENT, -1)
+    table = UNKNOWNS[what].table
+    beside = () if table is None or "." in attribute else table.keys[:-1]
+    # Names are looked up once for all observations in which the same attributes are equal.
+    keys = list(map(attrgetter(*beside, attribute.partition(".")[0]), observations))
+    one = dict(zip(keys, observations, strict=True))
+    found = {k: number[variable_name(network, what, attribute, o)] for k, o in one.items()}
+    return np.fromiter(map(found.__getitem__, keys), np.intp, len(keys))
 
 
 def _plain_block(
     kind: ObservationKind,
-    group: Sequence[tuple[str, Observation]],
+    group: Group,
     index: Sequence[Index],
     widths: dict[int, int],
 ) -> Block:
-    observations = [o for _, o in group]
-    n = len(group)
+    observations = group.observations
+    n = len(observations)
     components = observations[0].component_names()
     d = len(components)
     whitener = None
@@ -132,7 +165,7 @@ def _plain_block(
         tuple((what, i) for (what, _), i in zip(kind.variables, index, strict=True) if i[0] >= 0),
         np.array([o.value for o in cast(Any, observations)], dtype=np.float64).reshape(n, d),
         sigma,
-        [ident for ident, _ in group],
+        group.ids,
         components,
         ObservationLabels(observations),
         whitener,
@@ -141,7 +174,9 @@ def _plain_block(
             c: np.array([getattr(o, c) for o in observations], dtype=float) for c in kind.constants
         },
         fixes=kind.fixes,
+        named=tuple(a for (_, a), i in zip(kind.variables, index, strict=True) if i[0] >= 0),
         widths=widths,
+        composed=kind.moved,
     )
 
 
@@ -191,15 +226,17 @@ def own_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
             )
 
 
-def control_blocks(network: Network, unknowns: Unknowns) -> Iterable[Block]:
+def control_blocks(
+    network: Network, unknowns: Unknowns, groups: Mapping[str, Group]
+) -> Iterable[Block]:
     """Yield control points and GNSS positions, one row for each known coordinate."""
-    groups = _by_kind(network)
     for name in (k.name for k in KINDS.values() if k.by_axis):
         rows: list[tuple[int, Array, Array, float, float]] = []
         ids: list[str] = []
         labels: list[str] = []
         axes: list[str] = []
-        for ident, o in groups.get(name, []):
+        group = groups.get(name, Group())
+        for ident, o in zip(group.ids, group.observations, strict=True):
             assert isinstance(o, ControlPoint)
             number = unknowns["point"].number[o.point]
             sigma = o.sigma if o.covariance is None else np.sqrt(np.diag(o.covariance)).tolist()
@@ -352,10 +389,19 @@ def _weighted_tilts(network: Network, kind: UnknownKind, table: Variables, rows:
         [f"weighted {n}" for n in names].__getitem__,
         model=partial(position.tilt, size=kind.size),
         # The turn about z may not be known yet.
-        constants={"up": exp_rotation(np.nan_to_num(np.array(given)))[:, :, 2]},
+        constants={"upright": _upright(exp_rotation(np.nan_to_num(np.array(given)))[:, 2])},
         prior=True,
         fixes="horizon",
     )
+
+
+def _upright(g: Array) -> Array:
+    """Return the shortest turns (n, 3, 3) from directions g (n, 3) to (0, 0, 1)."""
+    across = np.hypot(g[:, 0], g[:, 1])
+    angle = np.arctan2(across, g[:, 2])
+    axis = np.stack([g[:, 1], -g[:, 0], np.zeros(len(g))], axis=1)
+    axis[across == 0.0] = [1.0, 0.0, 0.0]
+    return exp_rotation(axis * (angle / np.where(across == 0.0, 1.0, across))[:, None])
 
 
 def _weighted_centres(table: Variables, weighted: Mask) -> Iterable[Block]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError, Problem
 from ..models.sight import sight
+from ..models.sub_frame import in_frame
 from ..network.network import Network
 from ..observations import Observation, observation_kind
 from ..stochastic import StandardDeviation, whitening
@@ -63,19 +64,26 @@ class _Geometry:
         return np.asarray(self.block.observed[:, 0])
 
     def sight(self, target: str = "target") -> Array:
-        """Return the line from the instrument to ``target``, east, north, up, (n, 3) metres."""
-        record = observation_kind(self.block.kind)
+        """Return the line from the instrument to ``target``, (n, 3).
+
+        East, north, up, metres; or in the frame of an instrument, its unit.
+        """
+        block = self.block
         x = {
-            named: self.state[kind][index]
-            for named, (kind, index) in zip(record.variables, self.block.variables, strict=True)
+            (kind, attribute): self.state[kind][index]
+            for attribute, (kind, index) in zip(block.named, block.variables, strict=True)
         }
-        zero = np.zeros(self.block.n)
+        if ("frame", "frame") in x:
+            place = x["point", observation_kind(block.kind).points[0]]
+            origin, vertical = x.get(("point", "frame.origin")), x["vertical", "frame.origin"]
+            return in_frame(self.network.frame, x["frame", "frame"], place, origin, vertical).q
+        zero = np.zeros(block.n)
         ends = (("point", "station"), ("vertical", "station"), ("point", target))
         heights = ("instrument_height", f"{target}_height")
         return sight(
             self.network.frame,
-            *(x.get(end, np.zeros((self.block.n, 2))) for end in (*ends, ("vertical", target))),
-            *(self.block.constants.get(h, zero) for h in heights),
+            *(x.get(end, np.zeros((block.n, 2))) for end in (*ends, ("vertical", target))),
+            *(block.constants.get(h, zero) for h in heights),
         ).q
 
     def number(self, attribute: str) -> Array:
@@ -92,17 +100,13 @@ def weigh(network: Network, block: Block, state: State) -> Block:
     if weight is None:
         return block
     observations = [network.observations[i] for i in block.ids]
+    sigmas = [o.sigma for o in observations]  # type: ignore[attr-defined]
+    of_parts = [i for i, s in enumerate(sigmas) if isinstance(s, StandardDeviation)]
+    if not of_parts:
+        return block
     # The standard deviation of a clustered observation is that of its cluster.
     clustered = {ident for ids, _ in network.clusters for ident in ids}
-    sigmas = [o.sigma for o in observations]  # type: ignore[attr-defined]
-    rows = np.array(
-        [
-            i
-            for i, s in enumerate(sigmas)
-            if isinstance(s, StandardDeviation) and block.ids[i] not in clustered
-        ],
-        dtype=np.intp,
-    )
+    rows = np.array([i for i in of_parts if block.ids[i] not in clustered], dtype=np.intp)
     if not len(rows):
         return block
     part = block.select(rows)
@@ -128,7 +132,7 @@ def weighed_where_known(network: Network, block: Block, state: State) -> Block:
         return block
     known = np.ones(block.n, dtype=bool)
     for kind, index in block.variables:
-        if kind == "point":  # lengths are those between points
+        if kind in ("point", "frame"):  # lengths are those between points, or in frames
             known &= np.isfinite(state[kind][index]).all(axis=1)
     given = (network.observations[i].sigma for i in block.ids)  # type: ignore[attr-defined]
     sigma = block.sigma.copy()

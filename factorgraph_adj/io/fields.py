@@ -29,7 +29,6 @@ PART_COLUMNS = {
     "centring_target": "centring_target",
 }
 """Columns of the parts of a standard deviation, without the endings of their units."""
-LEVER_ARM = tuple(f"lever_arm_{a}" for a in "xyz")
 AXES = tuple("xyzenu")
 """Axes of vectors."""
 PAIRS = tuple(a + b for axes in ("xyz", "enu") for a, b in product(axes, repeat=2))
@@ -51,7 +50,8 @@ def components_of(kind: str) -> tuple[str, ...]:
     record = observation_kind(kind)
     if "covariance" not in record.attributes:
         return ()
-    return ("x", "y", "z") if "axes" in record.attributes else tuple(record.observation.components)
+    stated = tuple(record.observation.components)
+    return stated if len(stated) > 1 else ("x", "y", "z")
 
 
 def pair(a: str, b: str) -> str:
@@ -78,9 +78,9 @@ def names_of(kind: str) -> tuple[str, ...]:
 
 
 def texts_of(kind: str) -> tuple[str, ...]:
-    """Return the fields of a kind that name other unknowns, and ``axes`` if the kind has it."""
+    """Return the fields of a kind that name other unknowns or choose among forms, and ``axes``."""
     record = observation_kind(kind)
-    own = (*record.texts, *(("axes",) if "axes" in record.attributes else ()))
+    own = (*record.texts, *record.choices, *(("axes",) if "axes" in record.attributes else ()))
     return (*(n for n in TEXTS if n in own), *(n for n in own if n not in TEXTS))
 
 
@@ -89,11 +89,35 @@ def numbers_of(kind: str) -> dict[str, Quantity]:
 
     A constant of a model is a length unless the metadata of its field states a ``quantity``.
     """
-    record = observation_kind(kind)
-    stated = {f.name: f.metadata.get("quantity", "length") for f in fields(record.observation)}
-    own = {n: stated[n] for n in record.constants if n != "lever_arm"}
+    own = {n: q for n, q in _constants_of(kind).items() if not _is_vector(kind, n)}
     ordered = [*(n for n in HEIGHTS if n in own), *(n for n in own if n not in HEIGHTS)]
     return {n: own[n] for n in ordered}
+
+
+def vectors_of(kind: str) -> dict[str, Quantity]:
+    """Return the vectors of a kind besides its value, such as a lever arm, with their quantities.
+
+    Their columns end in x, y, z, see `columns_of_vector`.
+    """
+    return {n: q for n, q in _constants_of(kind).items() if _is_vector(kind, n)}
+
+
+def columns_of_vector(name: str) -> tuple[str, ...]:
+    """Return the columns of a vector: ``lever_arm_x`` …."""
+    return tuple(f"{name}_{a}" for a in "xyz")
+
+
+def _constants_of(kind: str) -> dict[str, Quantity]:
+    """Return the fields of a kind that its model takes, with their physical quantities."""
+    record = observation_kind(kind)
+    stated = {f.name: f.metadata.get("quantity", "length") for f in fields(record.observation)}
+    return {n: stated[n] for n in record.constants if n in stated}
+
+
+def _is_vector(kind: str, name: str) -> bool:
+    """Return whether a field holds several numbers; postponed annotations are strings."""
+    every = fields(observation_kind(kind).observation)
+    return any(f.name == name and str(f.type).startswith("tuple") for f in every)
 
 
 @lru_cache
@@ -137,7 +161,7 @@ def plain_fields(kind: str) -> tuple[str, ...]:
     out += components_of(kind) or ["value"]
     out += ["unit", *numbers_of(kind), *texts_of(kind)]
     out += ["length_km"] if "length_km" in have else []
-    out += LEVER_ARM if "lever_arm" in have else []
+    out += [c for name in vectors_of(kind) for c in columns_of_vector(name)]
     return tuple(out)
 
 
@@ -165,6 +189,7 @@ def columns() -> tuple[str, ...]:
             *(f"sigma_{u}" for u in (*ANGLE, "px")),
         )
     )
+    vectors = dict.fromkeys(c for k in KINDS for v in vectors_of(k) for c in columns_of_vector(v))
     pairs = [f"covariance_{pair}_{u}2" for pair in PAIRS for u in LENGTH]
     last = [f for f in stated if f not in first and f.startswith(("sigma_", "covariance_"))]
     return (
@@ -175,7 +200,7 @@ def columns() -> tuple[str, ...]:
         *("combine", "ppm"),
         *(f"{c}_{u}" for part, c in PART_COLUMNS.items() if part != "ppm" for u in LENGTH),
         *dict.fromkeys((*pairs, *last)),
-        *LEVER_ARM,
+        *vectors,
     )
 
 

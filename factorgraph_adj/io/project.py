@@ -402,7 +402,7 @@ def _sigma_defaults(
     whole = _table(document, "sigma", file, problems)
     for kind, given in whole.fields.items():
         if kind not in KINDS:
-            whole.wrong(f"unknown kind {kind!r}; valid: {known(KINDS, meant=kind, most=40)}")
+            whole.wrong(f"unknown kind {kind!r}; valid: {known(KINDS, meant=kind, most=80)}")
             continue
         if not isinstance(given, dict):
             whole.wrong(f"{kind} must be a table [sigma.{kind}]")

@@ -29,9 +29,9 @@ from ..units import ANGLE, LENGTH
 from . import numbers
 from .context import ImageAxes, RecordContext
 from .fields import (
-    LEVER_ARM,
     NAMES,
     attributes,
+    columns_of_vector,
     components_of,
     is_angle,
     known_fields,
@@ -44,6 +44,7 @@ from .fields import (
     sigma_fields,
     texts_of,
     unknown_field,
+    vectors_of,
 )
 from .numbers import Units
 from .tables import Row
@@ -81,7 +82,7 @@ def observation(
     kind = row.text("kind", required=True)
     row.of = label(record) if kind is not None else ""
     if kind is not None and kind not in KINDS:
-        row.wrong(f"unknown kind {kind!r}; valid: {known(KINDS, meant=kind, most=40)}")
+        row.wrong(f"unknown kind {kind!r}; valid: {known(KINDS, meant=kind, most=80)}")
     if row.failed or kind is None:
         raise InputError(problems)
     cls = KINDS[kind].observation
@@ -127,11 +128,14 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
         return None
     names = names_of(kind)
     arguments: dict[str, Any] = {
-        n: str(record[n]) for n in (*names, *KINDS[kind].texts) if record.get(n)
+        n: str(record[n])
+        for n in (*names, *KINDS[kind].texts, *KINDS[kind].choices)
+        if record.get(n)
     }
     record_of_kind = KINDS[kind]
     needed = [n for n in names if n not in record_of_kind.may_lack]
-    needed += [n for n in record_of_kind.texts if n not in record_of_kind.optional]
+    texts = (*record_of_kind.texts, *record_of_kind.choices)
+    needed += [n for n in texts if n not in record_of_kind.optional]
     if any(n not in arguments for n in needed):
         return None
     arguments |= {n: None for n in names if n not in arguments}
@@ -146,6 +150,12 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     arguments["sigma"] = (1.0,) * size if size else 1.0
     make: Callable[..., Observation] = KINDS[kind].observation
     return make(**arguments, source=source or None)
+
+
+def _reading(row: Row, name: str, unit: str, optional: frozenset[str]) -> float | None:
+    """Return the observed value in a field, which is 0 if the kind has a default for values."""
+    found = row.number(name, unit, required="value" not in optional)
+    return 0.0 if found is None and name not in row and "value" in optional else found
 
 
 def _project_unit(quantity: Quantity, units: Units) -> str:
@@ -178,15 +188,19 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
         found = row.number(name, _project_unit(quantity, units), required=name not in optional)
         if found is not None:
             arguments[name] = found
-    for name in KINDS[kind].texts:
+    for name in (*KINDS[kind].texts, *KINDS[kind].choices):
         if name in row or name not in optional:
             arguments[name] = row.text(name, required=name not in optional)
     if "length_km" in have:
         arguments["length_km"] = row.number("length_km", positive=True)
-    if "lever_arm" in have and any(n in row for n in LEVER_ARM):
-        arguments["lever_arm"] = tuple(row.number(n, unit, required=True) for n in LEVER_ARM)
+    for name, quantity in vectors_of(kind).items():
+        own = columns_of_vector(name)
+        if name not in optional or any(n in row for n in own):
+            # Lengths beside a length have its unit.
+            of = unit if quantity == "length" and not angle else _project_unit(quantity, units)
+            arguments[name] = tuple(row.number(n, of, required=True) for n in own)
     if "covariance" not in have:
-        arguments["value"] = row.number("value", unit, required=True)
+        arguments["value"] = _reading(row, "value", unit, optional)
         place = f"[sigma.{kind}] of the project"
         arguments["sigma"] = scalar_sigma(row, kind, context.sigma.get(kind, {}), place)
         return
@@ -196,7 +210,7 @@ def _take_values(row: Row, kind: str, context: RecordContext, arguments: dict[st
         names, arguments["axes"] = tuple(axes), axes
     whole = bool(set(names) & set("enu"))
     arguments["value"] = tuple(
-        row.number(a, unit, required=True) for a in ("xyz" if whole else names)
+        _reading(row, a, unit, optional) for a in ("xyz" if whole else names)
     )
     _take_vector_sigma(row, kind, names, context, arguments)
 
@@ -377,9 +391,13 @@ def record(
             out[name] = numbers.write(number, _project_unit(quantity, units))
     if "length_km" in have and given.length_km is not None:
         out["length_km"] = numbers.write(given.length_km)
-    if "lever_arm" in have and any(given.lever_arm):
-        arm = zip(LEVER_ARM, given.lever_arm, strict=True)
-        out |= {n: numbers.write(v, unit) for n, v in arm}
+    for name, quantity in vectors_of(kind).items():
+        vector = getattr(found, name)
+        if name not in KINDS[kind].optional or any(vector):
+            beside = quantity == "length" and not is_angle(kind)
+            size = unit if beside else _project_unit(quantity, units)
+            each = zip(columns_of_vector(name), vector, strict=True)
+            out |= {n: numbers.write(v, size) for n, v in each}
     if "covariance" not in have:
         out["value"] = numbers.write(given.value, unit)
         return out | _sigma_record(given.sigma, kind, units)

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..frames import Frame
-from ..rotation import skew
+from ..rotation import right_jacobian_inverse, skew
 from ..types import Array, Index, Mask
 from .height import heights
 from .sub_frame import horizons, split_frame
@@ -53,17 +53,27 @@ class Motions:
 
     def at_stations(self, at: Index) -> _Stations:
         """Return how the horizons of the points ``at`` (n,) turn."""
-        basis = self.frame.basis(self.points[at], self.deflections[at])
+        return self.at_places(self.points[at], self.deflections[at], self.deflections_free[at])
+
+    def at_places(self, places: Array, deflections: Array, free: Mask) -> _Stations:
+        """Return how the horizons at places turn.
+
+        Args:
+            places: the places, (n, 3) metres.
+            deflections: (ξ, η) at the places, (n, 2) radians.
+            free: whether the deflections are unknown, so that plumb lines turn with the object,
+                (n,).
+        """
+        basis = self.frame.basis(places, deflections)
         turned = -skew(basis.enu[:, 2]) / self.size  # ω × u
-        wanted = np.zeros((len(at), 2, 7))
+        wanted = np.zeros((len(places), 2, 7))
         wanted[:, 0, 3:6] = np.einsum("ni,nij->nj", basis.enu[:, 1], turned)
         wanted[:, 1, 3:6] = (
             np.einsum("ni,nij->nj", basis.enu[:, 0], turned)
             / np.maximum(basis.cos_latitude, 1e-12)[:, None]
         )
-        by_position = basis.angles_by_position @ self.of_places(self.points[at])
-        deflections = np.linalg.solve(basis.angles_by_vertical, wanted - by_position)
-        free = self.deflections_free[at]
+        by_position = basis.angles_by_position @ self.of_places(places)
+        moved = np.linalg.solve(basis.angles_by_vertical, wanted - by_position)
         angles = np.where(free[:, None, None], wanted, by_position)
         horizon = np.stack(
             [
@@ -76,7 +86,7 @@ class Motions:
         turn = horizon[:, 2].copy()
         turn[:, 3:6] -= basis.enu[:, 2] / self.size
         turn *= np.linalg.det(basis.enu)[:, None]
-        return _Stations(np.asarray(deflections), turn, horizon)
+        return _Stations(np.asarray(moved), turn, horizon)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +183,19 @@ def of_drifts(motions: Motions, values: Array, at: Index) -> Array:
     return out
 
 
+def of_attitude_drifts(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of drifts of attitudes: where these are observed, a turn is a drift.
+
+    Exp(ψ') = Exp(E θ) Exp(ψ): ψ' = ψ + J_l⁻¹(ψ) E θ, in the horizon E at the centre. In a curved
+    frame the horizons of the photos differ from it, and observed attitudes notice the turn.
+    """
+    enu = motions.frame.basis(motions.centre[None], np.zeros((1, 2))).enu[0]
+    left_inverse = right_jacobian_inverse(values[:, :3]).transpose(0, 2, 1)
+    out = np.zeros((len(values), 6, 7))
+    out[:, :3] = left_inverse @ (np.linalg.det(enu) * enu @ motions.turn)
+    return out
+
+
 def of_sizes(motions: Motions, values: Array, at: Index) -> Array:
     """Return the motions of lengths, such as radii, which scale with the object."""
     out = np.zeros((len(values), 1, 7))
@@ -191,3 +214,29 @@ def of_levels(motions: Motions, values: Array, at: Index) -> Array:
     out[:, 0, :3] = up
     out[:, 0, 6] = (values[:, 0] - height) / motions.size
     return out
+
+
+def of_profiles(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of height profiles a + b t + c t² with a scale s of the readings.
+
+    The reading (1 + s) (h − a − b t − c t²) stays: a rises with the object at the centre, all
+    heights grow about it, and 1 + s shrinks likewise.
+    """
+    height, up = heights(motions.frame, motions.centre[None])
+    out = np.zeros((len(values), 4, 7))
+    out[:, 0, :3] = up
+    out[:, 0, 6] = (values[:, 0] - height) / motions.size
+    out[:, 1:3, 6] = values[:, 1:3] / motions.size
+    out[:, 3, 6] = -(1.0 + values[:, 3]) / motions.size
+    return out
+
+
+def of_gyros(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of constants of gyrotheodolites, whose readings stay as azimuths turn.
+
+    The azimuths are those at the centre; those of other stations turn by the same angle, but for
+    what the convergence of meridians changes between them.
+    """
+    centre, none = motions.centre[None], np.zeros((1, 2))
+    turn = motions.at_places(centre, none, np.zeros(1, dtype=bool)).orientation
+    return np.tile(turn[:, None, :], (len(values), 1, 1))

@@ -27,9 +27,7 @@ def _of_q(
 ) -> Linearised:
     """Return v (n,) with its partials, from those by q (n, 3)."""
     g = gradient[:, None, :]
-    at_origin = of_those_there(
-        ((origin, g @ there.by_origin), (vertical, g @ there.by_vertical))
-    )
+    at_origin = of_those_there(((origin, g @ there.by_origin), (vertical, g @ there.by_vertical)))
     return Linearised(v[:, None], (g @ there.by_frame, g @ there.by_place, *at_origin))
 
 

@@ -1,11 +1,11 @@
-"""GNSS vectors, positions of points and photos, and weighted variables."""
+"""GNSS vectors, positions of points, and weighted variables."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from ..frames import Frame
-from ..rotation import TURN_ABOUT_X, log_rotation, right_jacobian_inverse, skew
+from ..rotation import log_rotation, right_jacobian_inverse, skew
 from ..types import Array
 from .base import Linearised
 from .sight import up_by_angles
@@ -64,23 +64,6 @@ def split_pose(pose: Array) -> tuple[Array, Array]:
     return pose[:, :9].reshape(-1, 3, 3), pose[:, 9:]
 
 
-def photo_position(frame: Frame, pose: Array, *, observed: Array, lever_arm: Array) -> Linearised:
-    """Compute X₀ + R a − observed, metres, (n, 3).
-
-    Args:
-        frame: not used.
-        pose: stored poses, (n, 12).
-        observed: positions of the antennas, (n, 3).
-        lever_arm: a, antenna − projection centre, (n, 3), metres in photogrammetric axes of the
-            camera: x right, y up, z backwards.
-    """
-    rotation, centre = split_pose(pose)
-    arm = lever_arm @ TURN_ABOUT_X
-    v = (centre - observed) + np.einsum("nij,nj->ni", rotation, arm)
-    moves = np.broadcast_to(np.eye(3), rotation.shape)
-    return Linearised(v, (np.concatenate([-rotation @ skew(arm), moves], axis=2),))
-
-
 def photo_coordinate(frame: Frame, pose: Array, *, observed: Array, axis: Array) -> Linearised:
     """Compute axis · X₀ − observed, metres, (n, 1), one row for each known coordinate.
 
@@ -113,24 +96,27 @@ def attitude(
     return Linearised(w - observed, (jacobian,))
 
 
-def tilt(frame: Frame, value: Array, *, observed: Array, up: Array, size: int) -> Linearised:
-    """Compute (g_y, −g_x) − observed, radians about the turned x and y axes, (n, 2); g = Rᵀ u.
+def tilt(frame: Frame, value: Array, *, observed: Array, upright: Array, size: int) -> Linearised:
+    """Compute (t_y, −t_x) − observed, radians about the x and y axes of R, (n, 2); t = U Rᵀ u.
 
-    It is zero where the z axis of R is u, whatever the turn about it.
+    u is the z axis of the object or of the horizon, and g = Rᵀ u is how it is seen from the axes of
+    R. U turns the given g into (0, 0, 1): the tilts are those of a compensator, about the axes of
+    R. They are zero where g is as given, and no turn about u changes them.
 
     Args:
         frame: not used.
         value: stored values that begin with a rotation R, (n, 9 + …).
         observed: (n, 2).
-        up: u, the known direction of the z axis, (n, 3).
+        upright: U, the shortest turn from the given g to (0, 0, 1), (n, 3, 3).
         size: number of components of the tangent.
     """
     rotation = value[:, :9].reshape(-1, 3, 3)
-    g = np.einsum("nji,nj->ni", rotation, up)
+    g = rotation[:, 2]
+    t = np.einsum("nij,nj->ni", upright, g)
     jacobian = np.zeros((len(g), 2, size))
-    turned = skew(g)
+    turned = upright @ skew(g)
     jacobian[:, 0, :3], jacobian[:, 1, :3] = turned[:, 1], -turned[:, 0]
-    return Linearised(np.stack([g[:, 1], -g[:, 0]], axis=1) - observed, (jacobian,))
+    return Linearised(np.stack([t[:, 1], -t[:, 0]], axis=1) - observed, (jacobian,))
 
 
 def component(

@@ -20,6 +20,8 @@ Only this module defines q; every observation in a frame is a small function of 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -60,19 +62,61 @@ def horizons(basis: Basis, level: Array) -> Array:
     return np.where((level != 0)[:, None, None], basis.enu, np.eye(3))
 
 
-class InFrame(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class InFrame:
     """n places in their frames, and the partials of q."""
 
     q: Array
     """Coordinates in the frame, its unit, (n, 3)."""
-    by_frame: Array
-    """∂q/∂(ω, c, ℓ), (n, 3, 7)."""
+    turned: Array
+    """q + c, (n, 3)."""
     by_place: Array
     """∂q/∂X, (n, 3, 3)."""
-    by_origin: Array
-    """∂q/∂O, (n, 3, 3)."""
-    by_vertical: Array
-    """∂q/∂(ξ, η) at O, unit of the frame per radian, (n, 3, 2)."""
+    by_angles: Array | None
+    """∂q/∂(Φ, Λ) of the horizons at O, unit of the frame per radian, (n, 3, 2); None: no frame is
+    level."""
+    basis: Basis | None
+    """The horizons; None: no frame is level."""
+
+    @cached_property
+    def by_frame(self) -> Array:
+        """∂q/∂(ω, c, ℓ), (n, 3, 7)."""
+        eye = np.broadcast_to(np.eye(3), (len(self.q), 3, 3))
+        return np.concatenate([skew(self.turned), -eye, -self.turned[:, :, None]], axis=2)
+
+    @cached_property
+    def by_origin(self) -> Array:
+        """∂q/∂O, (n, 3, 3)."""
+        if self.by_angles is None or self.basis is None:
+            return -self.by_place
+        return np.asarray(self.by_angles @ self.basis.angles_by_position - self.by_place)
+
+    @cached_property
+    def by_vertical(self) -> Array:
+        """∂q/∂(ξ, η) at O, unit of the frame per radian, (n, 3, 2)."""
+        if self.by_angles is None or self.basis is None:
+            return np.zeros((len(self.q), 3, 2))
+        return np.asarray(self.by_angles @ self.basis.angles_by_vertical)
+
+    def chain(self, gradient: Array) -> tuple[Array, Array, Array, Array]:
+        """Return the partials of f(q) by frame, X, O and (ξ, η), (n, 1, k), with ∂f/∂q (n, 3).
+
+        By the frame they are (∂f/∂q × (q + c), −∂f/∂q, −∂f/∂q · (q + c)).
+        """
+        g, t = gradient, self.turned
+        by_frame = np.empty((len(g), 1, COMPONENTS))
+        by_frame[:, 0, 0] = g[:, 1] * t[:, 2] - g[:, 2] * t[:, 1]
+        by_frame[:, 0, 1] = g[:, 2] * t[:, 0] - g[:, 0] * t[:, 2]
+        by_frame[:, 0, 2] = g[:, 0] * t[:, 1] - g[:, 1] * t[:, 0]
+        by_frame[:, 0, 3:6] = -g
+        by_frame[:, 0, 6] = -np.einsum("ni,ni->n", g, t)
+        row = g[:, None, :]
+        by_place = row @ self.by_place
+        if self.by_angles is None or self.basis is None:
+            return by_frame, by_place, -by_place, np.zeros((len(g), 1, 2))
+        by_angles = row @ self.by_angles
+        by_origin = by_angles @ self.basis.angles_by_position - by_place
+        return by_frame, by_place, by_origin, by_angles @ self.basis.angles_by_vertical
 
 
 def in_frame(
@@ -89,25 +133,22 @@ def in_frame(
     """
     rotation, offset, ln_scale, constant, level = split_frame(stored)
     at = constant if origin is None else origin
+    scaled = rotation.transpose(0, 2, 1)
+    if np.any(ln_scale):
+        scaled = np.exp(-ln_scale)[:, None, None] * scaled
+    # Differences of coordinates come first because they lose no digits, see `sight`.
+    away = place - at
+    if not np.any(level):
+        turned = (scaled @ away[:, :, None])[:, :, 0]
+        return InFrame(turned - offset, turned, scaled, None, None)
     # A frame that is not level needs no horizon, and its origin may be the centre of the Earth.
     somewhere = np.where((level != 0)[:, None], at, place)
     basis = frame.basis(somewhere, np.zeros((len(at), 2)) if vertical is None else vertical)
     horizon = horizons(basis, level)
-    # Differences of coordinates come first because they lose no digits, see `sight`.
-    d = np.einsum("nij,nj->ni", horizon, place - at)
-    scaled = np.exp(-ln_scale)[:, None, None] * rotation.transpose(0, 2, 1)
+    d = np.einsum("nij,nj->ni", horizon, away)
     turned = np.einsum("nij,nj->ni", scaled, d)
-    n = len(d)
-    eye = np.broadcast_to(np.eye(3), (n, 3, 3))
-    by_place = scaled @ horizon
     by_angles = (level != 0)[:, None, None] * (scaled @ turned_by_angles(d, basis))
-    return InFrame(
-        turned - offset,
-        np.concatenate([skew(turned), -eye, -turned[:, :, None]], axis=2),
-        by_place,
-        by_angles @ basis.angles_by_position - by_place,
-        by_angles @ basis.angles_by_vertical,
-    )
+    return InFrame(turned - offset, turned, scaled @ horizon, by_angles, basis)
 
 
 def from_frame(stored: Array, q: Array, origin: Array, horizon: Array) -> Array:

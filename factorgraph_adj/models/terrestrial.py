@@ -220,6 +220,33 @@ def azimuth(
     return Linearised(wrap(alpha - observed[:, 0])[:, None], s.chain(gradient))
 
 
+def gyro_azimuth(
+    frame: Frame,
+    station: Array,
+    station_vertical: Array,
+    target: Array,
+    target_vertical: Array,
+    gyro: Array,
+    *,
+    observed: Array,
+    instrument_height: Array,
+    target_height: Array,
+) -> Linearised:
+    """Compute α − E − observed, radians; E is the constant of the instrument. FRAMES F8.7."""
+    found = azimuth(
+        frame,
+        station,
+        station_vertical,
+        target,
+        target_vertical,
+        observed=observed + gyro,
+        instrument_height=instrument_height,
+        target_height=target_height,
+    )
+    by_gyro = np.full((len(observed), 1, 1), -1.0)
+    return Linearised(found.residual, (*found.jacobians, by_gyro))
+
+
 def direction(
     frame: Frame,
     station: Array,

@@ -114,6 +114,8 @@ class UnknownKind:
     absent: Literal["refused", "default", "found"] = "refused"
     """Treatment of a name that the network does not state: the name is refused, means the default,
     or creates a free unknown whose start value is computed."""
+    shifts: bool = False
+    """Whether the first three components are a shift of observed coordinates along x, y, z."""
     at_point: bool = False
     """Whether the unknown belongs to a point, whose name is the first key."""
     additional: bool = False
@@ -122,6 +124,9 @@ class UnknownKind:
     """Value with which a test of significance compares a free component."""
     instrument: bool = False
     """Whether the unknown belongs to an instrument, for groups of variance components."""
+    on_earth: bool = False
+    """Whether it is the height of a surface, or a constant of azimuths, that many places share:
+    on the curved Earth observations of it tell a free network by little where it is."""
 
     @property
     def title(self) -> str:
@@ -409,10 +414,33 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "d",
         tuple(Component(a + power, "length") for power in ("", "_t", "_tt") for a in "xyz"),
         motions=motions.of_drifts,
+        shifts=True,
         late=2,
         table=UnknownTable("drifts", held_unless_free=True),
         default=(0.0,) * 9,
         additional=True,
+    ),
+    UnknownKind(
+        "attitude_drift",
+        "drift of attitudes",
+        "a",
+        tuple(Component(f"r{a}{power}", "angle") for power in ("", "_t") for a in "xyz"),
+        motions=motions.of_attitude_drifts,
+        late=2,
+        table=UnknownTable("attitude_drifts", held_unless_free=True),
+        default=(0.0,) * 6,
+        additional=True,
+    ),
+    UnknownKind(
+        "shutter",
+        "shutter",
+        "t",
+        (Component("error", "number", sign="time error (s)", column="error_s", plain=True),),
+        late=2,
+        table=UnknownTable("shutters"),
+        default=(0.0,),
+        additional=True,
+        instrument=True,
     ),
     UnknownKind(
         "size",
@@ -433,6 +461,39 @@ _BUILT_IN: Sequence[UnknownKind] = (
         connects=True,
         late=1,
         table=UnknownTable("levels"),
+        on_earth=True,
+    ),
+    UnknownKind(
+        "profile",
+        "height profile",
+        "b",
+        (
+            *(Component("height" + power, "length") for power in ("", "_t", "_tt")),
+            Component("scale", "ppm"),
+        ),
+        short="profile",
+        motions=motions.of_profiles,
+        connects=True,
+        late=2,
+        table=UnknownTable("profiles", held_unless_free=True),
+        on_earth=True,
+        default=(0.0,) * 4,
+        additional=True,
+        instrument=True,
+    ),
+    UnknownKind(
+        "gyro",
+        "gyrotheodolite",
+        "g",
+        (Component("constant", "angle", np.nan, sign="E", column="value"),),
+        motions=motions.of_gyros,
+        connects=True,
+        late=1,
+        table=UnknownTable("gyros"),
+        on_earth=True,
+        default=(0.0,),
+        additional=True,
+        instrument=True,
     ),
 )
 for _kind in _BUILT_IN:

@@ -71,9 +71,7 @@ class _Reading(NamedTuple):
     """(n, 3, 6)."""
 
 
-def _read(
-    q: Array, axes: Array, up: Array, sag: Array, mount: Array, length: Array
-) -> _Reading:
+def _read(q: Array, axes: Array, up: Array, sag: Array, mount: Array, length: Array) -> _Reading:
     """Return readings of sensors at q (n, 3) with carriers K ``axes`` (n, 3, 3)."""
     turn, arm = split_mount(mount)
     sensor = axes @ turn  # columns m_i
@@ -195,12 +193,8 @@ def wire_reading_on_body(
 ) -> Linearised:
     """Compute the reading of a sensor on a body − observed, metres, (n, d).
 
-    K = R_wᵀ E_w E_bᵀ R_b. The arguments are those of `wire_reading` and
-
-    Args:
-        body: frames of the bodies that carry the sensors, (n, 17).
-        body_origin: O of the body where it is a point, (n, 3).
-        body_vertical: deflections there, (n, 2).
+    K = R_wᵀ E_w E_bᵀ R_b with the frame of the body that carries the sensor, ``body`` (n, 17), and
+    its origin and deflections where it is a point. The other arguments are those of `wire_reading`.
     """
     there, up = _wire_and_up(frame, wire, point, origin, vertical)
     carrier = _carried(frame, wire, body, point, (origin, vertical), (body_origin, body_vertical))

@@ -288,6 +288,12 @@ def parameter(
         if any(turns) and turns not in ((True,) * 3, (True, True, False)):
             what = "weight rx and ry, the tilts, or all three rotations: they do not commute"
             raise InputError(Problem(what, where))
+        if sum(held[:3]) == 1 and not held[2] and turns != (True, True, False):
+            what = (
+                f"hold two of the rotations rx, ry, rz, or rz alone, not {names[held.index(True)]} "
+                "alone: turns about the other two axes do not commute, and would turn it too"
+            )
+            raise InputError(Problem(what, where))
     elif kind.rotates:
         for what, flags in (("hold", held), ("weight", [bool(np.isfinite(s)) for s in weights])):
             if any(flags[:3]) != all(flags[:3]):

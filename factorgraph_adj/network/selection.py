@@ -37,7 +37,8 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
         network: network with the observations.
         ids: ids of observations, as in ``solution.observations``: image points by photo/point or
             their own id, weighted unknowns by names such as ``"point P1 x"``.
-        points: points to remove together with all their observations.
+        points: points to remove together with all their observations, and with the frames that
+            have their origin there.
 
     Raises:
         InputError: the network lacks ids or points; the message lists all of them.
@@ -75,7 +76,10 @@ def without(network: Network, ids: Iterable[str], *, points: Iterable[str] = ())
         raise InputError(problems)
     if lost:
         gone |= {
-            i for i, o in network.observations.items() if not lost.keys().isdisjoint(o.points())
+            i
+            for i, o in network.observations.items()
+            if not lost.keys().isdisjoint(o.points())
+            or any(origin_of(network, kind, key) in lost for kind, key in o.parameters())
         }
     out = network.copy()
     out.observations = {i: o for i, o in network.observations.items() if i not in gone}

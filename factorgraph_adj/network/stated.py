@@ -183,11 +183,13 @@ class StatedUnknowns:
             name: its name.
             free: components to estimate without a prior; those that are neither free nor weighted
                 are held. Steps of a rotation are about the axes of the frame: with rx and ry held
-                its z axis keeps its direction.
+                its z axis keeps its direction. rz alone is held where nothing observes the turn
+                about z, as with shapes of revolution, or where rx and ry are small; rx or ry alone
+                cannot be held.
             values: values of components by name, SI; a held or weighted component without one has
                 0; a free one without one is computed from common points.
             sigma: standard deviations of weighted components by name; of the rotations, rx and ry
-                (the tilts) or all three.
+                (the tilts, about the axes of the frame) or all three.
             origin: O, the name of a point, such as the station of a scanner, whose offset is then
                 held unless it is free; or constant coordinates, metres. Choose them near the
                 middle of the points of the frame: far away, offset and rotation have nearly the
@@ -259,6 +261,43 @@ class StatedUnknowns:
         """
         self._set_parts("drift", name, free, values or {}, sigma or {})
 
+    def set_attitude_drift(
+        self,
+        name: str,
+        *,
+        free: Iterable[str] = (),
+        values: Mapping[str, float] | None = None,
+        sigma: Mapping[str, float] | None = None,
+    ) -> None:
+        """State the drift of observed attitudes of a strip or flight: ψ = ψ₀ + ψ₁ t, radians.
+
+        Its components are ψ₀ = rx, ry, rz and ψ₁ = rx_t, ry_t, rz_t (per unit of t): a rotation
+        vector about east, north and up at the photo, by which the axes of an inertial platform are
+        turned: the true attitude is Exp(ψ) times the observed one. The unit of t is that in which
+        the observations state it.
+
+        Args:
+            name: its name.
+            free: components to estimate without a prior; those that are neither free nor weighted
+                are held.
+            values: values of components by name, radians; others are 0.
+            sigma: standard deviations of weighted components by name.
+
+        Raises:
+            InputError: as `set_mount`.
+        """
+        self._set_parts("attitude_drift", name, free, values or {}, sigma or {})
+
+    def set_shutter(
+        self, name: str, *, error: float = 0.0, sigma: float | None = None, fixed: bool = False
+    ) -> None:
+        """State the time error of a shutter, seconds: recorded minus true time of exposure.
+
+        It is free unless held or weighted. With the velocity Ẋ of the antenna, the position that
+        belongs to the recorded time is ahead by Ẋ times the error: one of 10 ms is 0.6 m at 60 m/s.
+        """
+        self.set_unknown("shutter", name, (error,), fixed=fixed, sigma=sigma)
+
     def set_size(
         self,
         name: str,
@@ -271,7 +310,7 @@ class StatedUnknowns:
 
         It is free unless held or weighted; a free one without a value is computed.
         """
-        self._set_length("size", name, value, sigma, fixed)
+        self._set_one("size", name, value, sigma, fixed)
 
     def set_level(
         self,
@@ -285,9 +324,55 @@ class StatedUnknowns:
 
         It is free unless held or weighted; a free one without a value is computed.
         """
-        self._set_length("level", name, value, sigma, fixed)
+        self._set_one("level", name, value, sigma, fixed)
 
-    def _set_length(
+    def set_profile(
+        self,
+        name: str,
+        *,
+        free: Iterable[str] | None = None,
+        values: Mapping[str, float] | None = None,
+        sigma: Mapping[str, float] | None = None,
+    ) -> None:
+        """State the height profile of a statoscope, barometer or airborne profile recorder.
+
+        Its reading at the height h is (1 + s) (h − a − b t − c t²): a (metres) is the height of the
+        surface from which it reads, b and c (metres per unit of t and of t²) how the surface rises
+        along the profile, s the scale of its readings. The components are height = a, height_t =
+        b, height_tt = c and scale = s. The unit of t is that of the observations, such as
+        kilometres along the strip; where t counts from the middle of the profile, a and b are
+        nearly uncorrelated. The slope of a surface of equal pressure is known from the wind, see
+        `factorgraph_adj.atmosphere.pressure_slope`.
+
+        Args:
+            name: its name.
+            free: components to estimate without a prior; None: the height, unless it is weighted.
+                Those that are neither free nor weighted are held.
+            values: values of components by name, SI; others are 0.
+            sigma: standard deviations of weighted components by name.
+
+        Raises:
+            InputError: as `set_mount`.
+        """
+        if free is None:
+            free = () if "height" in (sigma or {}) else ("height",)
+        self._set_parts("profile", name, free, values or {}, sigma or {})
+
+    def set_gyro(
+        self,
+        name: str,
+        value: float | None = None,
+        *,
+        sigma: float | None = None,
+        fixed: bool = False,
+    ) -> None:
+        """State the constant E of a gyrotheodolite, radians: azimuth = reading + E.
+
+        It is free unless held or weighted; a free one without a value is computed.
+        """
+        self._set_one("gyro", name, value, sigma, fixed)
+
+    def _set_one(
         self, kind: VariableKind, name: str, value: float | None, sigma: float | None, fixed: bool
     ) -> None:
         """State an unknown of one component; NaN stands for a value to be found."""
@@ -334,7 +419,15 @@ class StatedUnknowns:
     """Rotations and arms by mount."""
     drifts = OfKind("drift")
     """Shifts and drifts by strip, flight or profile."""
+    attitude_drifts = OfKind("attitude_drift")
+    """Turns and their rates by strip or flight."""
+    shutters = OfKind("shutter")
+    """Time errors by shutter."""
     sizes = OfKind("size")
     """Unknown lengths by name."""
     levels = OfKind("level")
     """Heights of level surfaces by name."""
+    profiles = OfKind("profile")
+    """Height profiles of statoscopes, barometers and profile recorders by name."""
+    gyros = OfKind("gyro")
+    """Constants of gyrotheodolites by name."""

@@ -11,9 +11,19 @@ photos, cameras and other unknowns, to which observations refer by name.
 
 from ..network.entities import Camera, Parameter, Photo, Point
 from ..stochastic import StandardDeviation
+from .airborne import (
+    AntennaVector,
+    NavigationAttitude,
+    PhotoAngle,
+    PhotoAttitude,
+    PhotoBase,
+    PhotoRange,
+)
 from .base import Observation, Sight
 from .built_in import BUILT_IN
 from .correlated import AnyObservation, Correlated
+from .far_directions import GyroAzimuth, PhotoSight, PhotoTilt
+from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .offsets import (
@@ -40,11 +50,13 @@ from .terrestrial import (
     VerticalAngle,
     ZenithAngle,
 )
+from .vertical import LevelHeight, ProfileHeight
 from .weights import Weight
 
 __all__ = [
     "BUILT_IN",
     "KINDS",
+    "AntennaVector",
     "AnyObservation",
     "AstronomicLatitude",
     "AstronomicLongitude",
@@ -54,24 +66,37 @@ __all__ = [
     "Correlated",
     "Direction",
     "FrameCoordinate",
+    "FrameDirection",
+    "FrameDistance",
     "FrameInclination",
     "FrameRoll",
+    "FrameZenith",
     "GnssPosition",
     "GnssVector",
+    "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
     "HorizontalDistance",
     "HydrostaticReading",
     "ImagePoint",
+    "LevelHeight",
     "LineOffset",
+    "NavigationAttitude",
     "Observation",
     "ObservationKind",
     "Parameter",
     "Photo",
+    "PhotoAngle",
+    "PhotoAttitude",
+    "PhotoBase",
     "PhotoPosition",
+    "PhotoRange",
+    "PhotoSight",
+    "PhotoTilt",
     "PlaneOffset",
     "PlumbOffset",
     "Point",
+    "ProfileHeight",
     "RadialOffset",
     "Sight",
     "SightOffset",

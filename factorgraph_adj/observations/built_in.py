@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..models import position, sub_frame, terrestrial
+from . import records_flight, records_vertical
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
-from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
-from .records_metrology import RECORDS as METROLOGY
+from .positions import ControlPoint, GnssPosition, GnssVector
+from .records_instruments import RECORDS as _INSTRUMENTS
+from .records_metrology import RECORDS as _METROLOGY
 from .registry import KINDS, ObservationKind, register_observation
 from .terrestrial import (
     AstronomicLatitude,
@@ -122,16 +124,13 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(GnssVector, _SIGHT, position.gnss_vector, _HEIGHTS, linear=True),
     ObservationKind(GnssPosition, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
     ObservationKind(ControlPoint, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
-    ObservationKind(
-        PhotoPosition,
-        (("pose", "photo"),),
-        position.photo_position,
-        ("lever_arm",),
-        fixes="coordinates",
-    ),
+    records_flight.POSITION,
     ObservationKind(ImagePoint, _RAY, None, unit="image"),
-    ObservationKind(FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate),
-    *METROLOGY,
+    ObservationKind(FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate, tells="coordinates"),
+    *_INSTRUMENTS,
+    *records_flight.RECORDS,
+    *records_vertical.RECORDS,
+    *_METROLOGY,
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)

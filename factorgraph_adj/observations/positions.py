@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -113,28 +113,45 @@ class GnssPosition(ControlPoint):
 
 @dataclass(frozen=True)
 class PhotoPosition(Observation):
-    """Position of the antenna of a photo (GNSS), metres: X₀ + R a.
+    """Position of the antenna of a photo (GNSS), metres: X₀ + R (a + b) + s + d t + e t² + Ẋ τ.
 
     X₀ is the projection centre, R the rotation of ω, φ, κ from the photogrammetric axes of the
     camera to the object, and a the lever arm: the vector from the projection centre to the antenna
     in these axes, x to the right and y to the top of the image, z backwards, away from what the
     camera sees. An antenna 1.2 m above a camera that looks vertically down has a = (0, 0, 1.2).
+    The arm b of a ``mount`` adds to it. The shift and drift of a ``drift`` and the velocity are in
+    the axes of the frame of the network.
     """
 
     kind: ClassVar[str] = "photo_position"
     components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     photo: str
     """The photo."""
-    value: tuple[float, float, float]
-    """Observed position, metres."""
+    value: tuple[float, ...]
+    """Observed position, metres: the coordinates of ``axes``."""
     _: KW_ONLY
-    sigma: tuple[float, float, float] | None = None
-    """Standard deviations of the components, metres; None if ``covariance`` is given."""
+    axes: str = "xyz"
+    """Observed coordinates: some of x, y, z. A position in plan has ``xy``, a height ``z``."""
+    sigma: tuple[float, ...] | None = None
+    """Standard deviations of the coordinates, metres; None if ``covariance`` is given."""
     covariance: Array | None = None
-    """Covariance (3, 3) of the components, metres²; None if ``sigma`` is given."""
+    """Covariance of the coordinates, metres²; None if ``sigma`` is given."""
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Vector a from the projection centre to the antenna, metres, in photogrammetric axes of the
     camera: x right, y up, z backwards. Its sign is that of antenna − projection centre."""
+    mount: str | None = None
+    """Mount whose arm b adds to the lever arm; None: none. See `Network.set_mount`."""
+    drift: str | None = None
+    """Shift and drift s, d, e of the strip or flight; None: none. See `Network.set_drift`."""
+    time: float = field(default=0.0, metadata={"quantity": "number"})
+    """Time t of the drift, counted best from the middle of the strip: in seconds, exposures or
+    kilometres."""
+    shutter: str | None = None
+    """Shutter with a time error τ; None: none. See `Network.set_shutter`."""
+    velocity: tuple[float, float, float] = field(
+        default=(0.0, 0.0, 0.0), metadata={"quantity": "number"}
+    )
+    """Recorded velocity Ẋ of the antenna, metres per second; for ``shutter``."""
     id: str | None = None
     """Name of the observation."""
     source: str | None = None
@@ -143,6 +160,21 @@ class PhotoPosition(Observation):
     def __post_init__(self) -> None:
         """Check the observation."""
         self._check()
-        if np.shape(self.value) != (3,):
-            self._fail(f"value must have 3 components, not {self.value}")
-        checked_covariance(self, 3)
+        if (
+            not self.axes
+            or not set(self.axes) <= set("xyz")
+            or len(set(self.axes)) < len(self.axes)
+        ):
+            self._fail(f"axes must be some of x, y, z, not {self.axes!r}")
+        if np.shape(self.value) != (len(self.axes),):
+            self._fail(f"value must have {len(self.axes)} components, not {self.value}")
+        for name in ("lever_arm", "velocity"):
+            if np.shape(getattr(self, name)) != (3,):
+                self._fail(f"{name} must have 3 components, not {getattr(self, name)}")
+        if self.shutter is not None and not any(self.velocity):
+            self._fail("a shutter needs the velocity of the antenna, and it is zero")
+        checked_covariance(self, len(self.axes))
+
+    def component_names(self) -> tuple[str, ...]:
+        """Return the observed axes."""
+        return tuple(self.axes)

@@ -40,9 +40,7 @@ RECORDS = (
     ObservationKind(
         SightPlaneOffset, _SIGHT, offsets.sight_plane_offset, ("horizontal", *_HEIGHTS)
     ),
-    ObservationKind(
-        SightOffset, _SIGHT, offsets.sight_offset, ("horizontal", "zenith", *_HEIGHTS)
-    ),
+    ObservationKind(SightOffset, _SIGHT, offsets.sight_offset, ("horizontal", "zenith", *_HEIGHTS)),
     ObservationKind(
         RadialOffset,
         (("point", "point"),),

@@ -19,6 +19,7 @@ from ..errors import InputError, Problem, known
 from ..models.base import Linearised
 from ..models.variables import ENTITIES, UNKNOWNS
 from ..stochastic import PARTS
+from ..types import Array
 from .weights import Weight
 
 _NAME = re.compile(r"[a-z][a-z0-9]*")
@@ -42,7 +43,8 @@ class ObservationKind:
     """(frame, *variables, observed=…, constants…) → residuals and partials; None for image
     coordinates and for single coordinates of a point, whose rows the graph builds itself."""
     constants: tuple[str, ...] = ()
-    """Attributes of the observation that the model takes as arrays."""
+    """Attributes of the observation that the model takes as arrays: fields, or properties that
+    follow from them."""
     unit: Unit = "m"
     """Unit of the observed value."""
     weight: Weight | None = None
@@ -52,12 +54,20 @@ class ObservationKind:
     """Whether the partials are independent of the positions of the points."""
     circular: bool = False
     """Whether the value is an angle of the full circle, from 0 to 2π."""
-    fixes: Literal["nothing", "direction", "coordinates", "place"] = "nothing"
+    fixes: Literal["nothing", "direction", "coordinates", "attitude", "place"] = "nothing"
     """Information about the position of the network: nothing, its direction from north,
     coordinates in the frame of the network, or a place on the Earth (astronomic latitude,
     longitude)."""
+    tells: Literal["nothing", "coordinates", "direction", "zenith", "distance"] = "nothing"
+    """What it tells of its point in its frame of its own, for approximate values and for checks."""
     by_axis: bool = False
     """Whether an observation has one row for each of its known coordinates, ``axes``."""
+
+    choices: tuple[str, ...] = ()
+    """Attributes of text that choose among forms of the observation, such as an angle."""
+    moved: Callable[..., Array] | None = None
+    """(observed (n, d), change (n, d), constants…) → the readings whose residuals are larger by
+    −change; None: the sum. Readings of rotations do not add."""
 
     @property
     def name(self) -> str:
@@ -170,8 +180,11 @@ class ObservationKind:
             if attribute.partition(".")[0] not in have:
                 found.append(f"its class has no attribute {attribute!r} for the kind {kind!r}")
         for constant in self.constants:
-            if constant not in have:
+            if constant not in have and not _computed(self.observation, constant):
                 found.append(f"its class has no attribute {constant!r} for a constant")
+        found += [
+            f"its class has no attribute {c!r} for a choice" for c in self.choices if c not in have
+        ]
         needs = (
             ["sigma", "id", "source"] if self.model is None else ["value", "sigma", "id", "source"]
         )
@@ -206,6 +219,11 @@ class ObservationKind:
                 f"not {len(places)} arguments"
             )
         return found
+
+
+def _computed(observation: type[Any], name: str) -> bool:
+    """Return whether a class computes an attribute from its fields."""
+    return isinstance(getattr(observation, name, None), property)
 
 
 KINDS: dict[str, ObservationKind] = {}
@@ -246,6 +264,6 @@ def observation_kind(name: str) -> ObservationKind:
     found = KINDS.get(name) or IN_MEMORY.get(name)
     if found is None:
         raise InputError(
-            f"unknown kind of observation {name!r}; valid: {known(KINDS, most=30, meant=name)}"
+            f"unknown kind of observation {name!r}; valid: {known(KINDS, most=80, meant=name)}"
         )
     return found

@@ -11,10 +11,29 @@ from ..frames import Frame
 from .base import Observation, Sight, Sigma
 
 
-def _check_face(observation: Observation, face: float) -> None:
+def check_face(observation: Observation, face: float) -> None:
     """Refuse faces that an instrument does not have."""
     if face not in (1, 2):
         observation._fail(f"the face must be 1 or 2, not {face}")
+
+
+def check_zenith(observation: Observation, value: float, face: float) -> None:
+    """Refuse readings of a vertical circle, radians, that the face does not have."""
+    gon = value * 200.0 / math.pi
+    if face == 2:
+        # 0 gon is 400 gon, and what stands in plans without readings.
+        if value != 0.0 and not math.pi <= value <= 2.0 * math.pi:
+            observation._fail(
+                f"a zenith reading in face 2 lies between 200 and 400 gon, not at {gon:.4f} "
+                f"gon (in degrees: 180 and 360, {0.9 * gon:.4f}): is it of face 1?"
+            )
+    elif not 0.0 <= value <= math.pi:
+        observation._fail(
+            f"a zenith angle lies between 0 and 200 gon, not at {gon:.4f} gon (in degrees: 0 "
+            f"and 180, {0.9 * gon:.4f}): a reading in the second face is 400 gon minus the "
+            "zenith angle; give both faces to fga.reduce_faces or in readings.csv, or state "
+            "face 2"
+        )
 
 
 @dataclass(frozen=True)
@@ -72,22 +91,8 @@ class ZenithAngle(VerticalAngle):
     def _check(self) -> None:
         """Refuse readings of the other face, besides what all observations refuse."""
         super()._check()
-        _check_face(self, self.face)
-        gon = self.value * 200.0 / math.pi
-        if self.face == 2:
-            # 0 gon is 400 gon, and what stands in plans without readings.
-            if self.value != 0.0 and not math.pi <= self.value <= 2.0 * math.pi:
-                self._fail(
-                    f"a zenith reading in face 2 lies between 200 and 400 gon, not at {gon:.4f} "
-                    f"gon (in degrees: 180 and 360, {0.9 * gon:.4f}): is it of face 1?"
-                )
-        elif not 0.0 <= self.value <= math.pi:
-            self._fail(
-                f"a zenith angle lies between 0 and 200 gon, not at {gon:.4f} gon (in degrees: 0 "
-                f"and 180, {0.9 * gon:.4f}): a reading in the second face is 400 gon minus the "
-                "zenith angle; give both faces to fga.reduce_faces or in readings.csv, or state "
-                "face 2"
-            )
+        check_face(self, self.face)
+        check_zenith(self, self.value, self.face)
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,7 @@ class Direction(Sight):
     def _check(self) -> None:
         """Refuse other faces, besides what all observations refuse."""
         super()._check()
-        _check_face(self, self.face)
+        check_face(self, self.face)
 
 
 @dataclass(frozen=True)

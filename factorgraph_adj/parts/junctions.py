@@ -229,13 +229,16 @@ def _differences(
 
 def _listed(v: Variable, one: Shared) -> str:
     """Return the values of an unknown in the form of an input."""
-    values = UNKNOWNS[v.kind].given(one.given[None])[0, : len(one.components)]
-    return "(" + ", ".join(f"{x:.10g}" for x in values.tolist()) + ")"
+    values = one.stated or UNKNOWNS[v.kind].given(one.given[None])[0].tolist()
+    return "(" + ", ".join(f"{x:.10g}" for x in values[: len(one.components)]) + ")"
 
 
 def _same_values(v: Variable, one: Shared, other: Shared, which: Mask) -> bool:
     """Return whether two parts give some components (k,) of an unknown the same values."""
     kind = UNKNOWNS[v.kind]
+    if one.stated and other.stated:
+        a, b = (np.array(s.stated)[which] for s in (one, other))
+        return bool(np.all(np.abs(a - b) <= EQUAL))
     stored = np.flatnonzero(kind.in_stored_form(which[None])[0])
     a, b = one.given[stored], other.given[stored]
     metric = bool(kind.components) and all(

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import AdjustmentError, ApproximationError, InputError
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import DEFAULT, State, Unknowns, calibration_name, camera_of_calibration
-from ..models.variables import VariableKind
+from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import Network
 from ..solve.elimination import layers_of
 from ..solve.factor import Factor, Plan
@@ -149,6 +149,7 @@ class Loaded:
         out = []
         for kind, mine in self.keys.items():
             table, model = self.unknowns[kind], _MODELS.get(kind)
+            single = self.network.of_kind(kind) if UNKNOWNS[kind].single_turns else {}
             for number in np.flatnonzero(np.isin(mine, keys)).tolist():
                 k = int(table.size[number])
                 name = table.names[number]
@@ -160,6 +161,7 @@ class Loaded:
                         table.free[number, :k].copy(),
                         table.sigma[number, :k].copy(),
                         table.values[number].copy(),
+                        single[name].values if name in single else (),
                     )
                 )
         return out
@@ -351,9 +353,17 @@ def _of_calibration(network: Network, name: str) -> str:
     return f"{camera.lens} in {camera.unit}"
 
 
+def _of_frame(network: Network, name: str) -> str:
+    stated = network.frames[name]
+    x, y, z, level = stated.constants
+    place = f"point {stated.origin!r}" if stated.origin else f"({x:.10g}, {y:.10g}, {z:.10g})"
+    return f"the origin {place}{' and is level' if level else ''}"
+
+
 _MODELS: dict[VariableKind, Callable[[Network, str], str]] = {
     "pose": _of_photo,
     "calibration": _of_calibration,
+    "frame": _of_frame,
 }
 """What the values of a variable belong to, for kinds that do not say it all."""
 

@@ -66,6 +66,9 @@ class Shared:
     """Standard deviations of weighted components, infinite for others, (k,)."""
     given: Array
     """Given values in stored form, NaN where unknown."""
+    stated: tuple[float, ...] = ()
+    """Given values of the components, NaN where unknown, of a kind of which single rotations may be
+    held: the stored rotation is not known before all three are."""
 
 
 @dataclass(frozen=True)

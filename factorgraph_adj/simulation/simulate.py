@@ -134,7 +134,7 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
     measured.images = ImageTable()
     values: dict[str, list[float]] = {}
     for block in equations.blocks:
-        value = block.observed + errors[block.rows].reshape(block.observed.shape)
+        value = block.moved(errors[block.rows].reshape(block.observed.shape))
         if block.kind == "image":
             (_, photo), _, (_, point) = block.variables
             measured.images.append(photo, point, value, block.sigma)
@@ -300,7 +300,7 @@ def _observed_truly(equations: Equations, block: Block, state: State) -> Block:
     c = float(state["calibration"][:, 0].max()) if block.kind == "image" else 1.0
     for _ in range(MOST_ROUNDS if block.kind == "image" else 1):
         v = block.evaluate(frame, state, jacobians=False).residual
-        block = replace(block, observed=block.observed + v)
+        block = replace(block, observed=block.moved(v))
         if np.abs(v).max() < NEGLIGIBLE * c:
             break
     return block

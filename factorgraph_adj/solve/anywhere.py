@@ -13,6 +13,7 @@ import numpy as np
 
 from ..graph.blocks import Block
 from ..observations import observation_kind
+from .elimination import first_point
 from .solution import Solution
 
 WITHIN = 3.0
@@ -110,8 +111,12 @@ def narrow(solution: Solution) -> list[str]:
     """
     layers, state = solution.solver.layers, solution.state
     own = np.zeros((len(state["point"]), 3, 3))
+    by_cameras = layers.reduced.copy()
     for block in solution.equations.blocks:
         if block.lens is None:
+            target = first_point(block)
+            if target is not None and len(block.variables) > 1:
+                by_cameras[block.variables[target][1]] = False
             continue
         (_, photo), _, (_, point) = block.variables
         sight = state["point"][point] - state["pose"][photo, 9:]
@@ -121,7 +126,7 @@ def narrow(solution: Solution) -> list[str]:
                 across = float(i == j) - d[:, i] * d[:, j]
                 own[:, i, j] += np.bincount(point, weights=across, minlength=len(own))
     least = np.linalg.eigvalsh(own)[:, 0]
-    found = np.flatnonzero(layers.reduced & (least < NARROW))
+    found = np.flatnonzero(by_cameras & (least < NARROW))
     names = solution.equations.unknowns["point"].names
     return [names[i] for i in found.tolist()]
 

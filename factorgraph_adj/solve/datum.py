@@ -57,6 +57,9 @@ geocentric coordinates."""
 CONVERGING = 10.0
 """Times D/R, what azimuths tell of a shift along the Earth, by the convergence of meridians,
 relative to what they tell of a rotation, at most: tan φ up to latitudes of 84°."""
+SAGGING = 4.0
+"""Times D/R, what heights above a surface tell of a scale by the curvature of the surface, relative
+to what they tell of tilts, at most: the sagitta d²/2R of a distance d up to 8 D."""
 CURVED = 6.7e-3
 """Ratio of what the change of the vertical along an ellipsoid tells of a motion to what it would
 tell if it did not change likewise on a sphere: the square of the Earth's eccentricity."""
@@ -272,7 +275,8 @@ def unnoticed_ratio(equations: Equations, about: About, *, free: bool) -> float:
     places (control, GNSS positions, astronomic ones, weighted values) and a user's factors count
     from `UNNOTICED_IF_FREE` on, however weak they are beside the sights. So do azimuths, from
     `UNNOTICED_BY_AZIMUTHS` on, for the direction of the network; what they tell of its latitude,
-    by the convergence of meridians, does not count. Nor does what levelled frames with constant
+    by the convergence of meridians, does not count. Nor does what heights above surfaces tell of
+    scale by the curvature of these, see `SAGGING`, nor what levelled frames with constant
     origins tell of it: their horizons differ by their distances / R, and do not turn with it.
 
     Args:
@@ -283,14 +287,12 @@ def unnoticed_ratio(equations: Equations, about: About, *, free: bool) -> float:
     centre, size = about
     if not free:
         return UNNOTICED
-    frame = equations.network.frame
-    flat = isinstance(frame, LocalFrame) and not frame.curvature
-    if flat:
+    if _flat(equations):
         return UNNOTICED_IF_FREE
     stated = equations.network.frames.values()
     origins = [p.constants[:3] for p in stated if p.constants[3] and not p.origin]
     apart = [2.0 * float(np.linalg.norm(np.array(o) - centre)) for o in origins]
-    return max(UNNOTICED_IF_FREE, max([CURVED * size, *apart]) / frame.radius)
+    return max(UNNOTICED_IF_FREE, max([CURVED * size, *apart]) / equations.network.frame.radius)
 
 
 def _unnoticed(
@@ -314,18 +316,26 @@ def _unnoticed(
     _, s, vt = np.linalg.svd(weighted[:, real] / length[real], full_matrices=False)
     keep = s > 1e-9 * s[0]
     basis = (vt[keep].T / s[keep]) / length[real][:, None]
-    noticed = system.times(g[:, real] @ basis)
-    curved = threshold > UNNOTICED_IF_FREE
-    of_places, of_azimuths = _of_places(system)
-    sights = np.where(of_azimuths[:, None], 0.0, noticed) if curved else noticed
-    null = _null(sights, np.eye(basis.shape[1]), threshold)
-    if curved:
+    among = g[:, real] @ basis
+    noticed = system.times(among)
+    every = np.eye(basis.shape[1])
+    if threshold < UNNOTICED_IF_FREE or _flat(system.equations):
+        null = _null(noticed, every, threshold)
+    else:
+        rows = _Rows.of(system)
+        null = _null(np.where(rows.told_apart[:, None], 0.0, noticed), every, threshold)
         # What tells where the network is counts, however weak it is beside all else.
-        null = _null(noticed[of_places], null, UNNOTICED_IF_FREE)
-        told = noticed[of_azimuths] @ null
-        most = float(np.linalg.norm(told, 2)) if told.size else 0.0
-        converging = CONVERGING * size / system.equations.network.frame.radius * most
-        null = _null(noticed[of_azimuths], null, max(UNNOTICED_BY_AZIMUTHS, converging))
+        null = _null(noticed[rows.places], null, UNNOTICED_IF_FREE)
+        # What azimuths and heights would tell if their own unknowns stayed.
+        held = system.times(np.where(rows.own[:, None], 0.0, among)) if rows.own.any() else noticed
+        on_earth = size / system.equations.network.frame.radius
+        for which, factor, least in (
+            (rows.azimuths, CONVERGING, UNNOTICED_BY_AZIMUTHS),
+            (rows.surfaces, SAGGING, threshold),
+        ):
+            told = held[which] @ null
+            most = float(np.linalg.norm(told, 2)) if told.size else 0.0
+            null = _null(noticed[which], null, max(least, factor * on_earth * most))
     if null.shape[1] == 0:
         return None
     mixture = np.zeros((7, null.shape[1]))
@@ -349,19 +359,51 @@ def _null(noticed: Array, among: Array, threshold: float) -> Array:
     return np.asarray(among @ right[padded < threshold].T)
 
 
-def _of_places(system: LinearSystem) -> tuple[Mask, Mask]:
-    """Return which rows may tell where the network is, and which are azimuths; extra rows last.
+@dataclass(frozen=True)
+class _Rows:
+    """Rows that tell little or much of where a network on the curved Earth is; extra rows last."""
 
-    All but sights and weighted tilts may tell where it is.
-    """
-    places = np.ones(len(system.every_residual), dtype=bool)
-    azimuths = np.zeros_like(places)
-    for block in system.equations.blocks:
-        sights = block.fixes in ("nothing", "direction") and not block.prior
-        if sights or block.fixes == "horizon":
-            places[block.rows] = False
+    places: Mask
+    """Whether they may tell where it is: all but sights, heights and weighted tilts."""
+    azimuths: Mask
+    """Whether they are azimuths."""
+    surfaces: Mask
+    """Whether they are heights above level surfaces or surfaces of pressure."""
+    own: Mask
+    """Columns, (n_columns,), of the constants of azimuths and of the surfaces."""
+
+    @property
+    def told_apart(self) -> Mask:
+        """Rows whose limits follow from what they would tell if the own unknowns stayed."""
+        return self.azimuths | self.surfaces
+
+    @classmethod
+    def of(cls, system: LinearSystem) -> _Rows:
+        """Return the rows of a linearised network."""
+        places = np.ones(len(system.every_residual), dtype=bool)
+        azimuths, surfaces = np.zeros_like(places), np.zeros_like(places)
+        own = np.zeros(system.unknowns.n_columns, dtype=bool)
+        for block in system.equations.blocks:
+            sights = block.fixes in ("nothing", "direction") and not block.prior
+            if sights or block.fixes == "horizon":
+                places[block.rows] = False
+            if block.prior:
+                continue
             azimuths[block.rows] = block.fixes == "direction"
-    return places, azimuths
+            standing = [(k, i) for k, i in block.variables if UNKNOWNS[k].on_earth]
+            surfaces[block.rows] = bool(standing) and block.fixes == "nothing"
+            for kind, index in standing:
+                table = system.unknowns[kind]
+                offset = table.offset[np.unique(index)]
+                for j in range(table.free.shape[1]):
+                    own[offset[offset >= 0] + j] = True
+        return cls(places, azimuths, surfaces, own)
+
+
+def _flat(equations: Equations) -> bool:
+    """Return whether a network stands on a plane."""
+    frame = equations.network.frame
+    return isinstance(frame, LocalFrame) and not frame.curvature
 
 
 def _independent(motions: Array, length: Array) -> Mask:

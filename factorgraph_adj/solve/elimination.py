@@ -2,7 +2,8 @@
 
 Three layers, in the order of elimination:
 
-1. ``points``: object points that only cameras see (and their own coordinates), in numpy;
+1. ``points``: object points that only cameras see (and their own coordinates), in numpy; in dense
+   fronts also points that only cameras and instruments in frames of their own see;
 2. ``tree``: everything else on the terrestrial side, by GTSAM;
 3. poses and calibrations of the cameras of layer 1, in dense fronts, by LAPACK.
 
@@ -19,9 +20,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import Unknowns
-from ..models.variables import UNKNOWNS, VariableKind
+from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
 from ..types import Index, Mask
 
 if TYPE_CHECKING:
@@ -37,6 +39,9 @@ takes longer than all fronts."""
 MOST_SPREAD = 60
 """Largest number of variables at no point, such as distance meters, for which this is done: they
 are full columns of the reduced system."""
+FEW_PLACED = 8
+"""Largest number of frames, sizes and levels that are full columns too; more of them are nodes,
+whose width all nodes then have."""
 
 
 @dataclass
@@ -53,6 +58,8 @@ class Layers:
     """Variables of the second layer."""
     in_fronts: bool = False
     """Whether the terrestrial side is in the third layer too, and the second one is empty."""
+    nodes_alone: bool = False
+    """Whether frames, sizes and levels are nodes, and not columns that touch everything."""
     kept: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     """Columns that are not eliminated, because other parts of the network have them too, (m,)."""
     ordering: gtsam.Ordering | None = None
@@ -130,19 +137,60 @@ def layers_of(
     largest = min(LARGEST_TREE, LARGEST_TREE_BESIDE_CAMERAS) if cameras.any() else LARGEST_TREE
     # Rows beside the observations join what they touch as if it were a part of the tree.
     size = len(tree) + int(touched.sum()) // UNKNOWNS["pose"].size
-    large = size > largest and _spread(tree) <= MOST_SPREAD
+    placed = sum(is_placed(kind) for kind, _ in tree)
+    nodes_alone = placed > FEW_PLACED
+    large = size > largest and _spread(tree) - nodes_alone * placed <= MOST_SPREAD
     if kept is not None or (reduce_points and large):
+        if nodes_alone and reduce_points:
+            reduced = _seen_in_frames(equations, touched)
         every = np.ones(unknowns.n_columns, dtype=bool)
         first = table.offset[reduced]
         every[(first[:, None] + np.arange(3)).ravel()] = False
         if kept is None:
             kept = np.zeros(0, dtype=np.intp)
-        return Layers(unknowns, reduced, every, (), in_fronts=True, kept=kept)
+        return Layers(
+            unknowns, reduced, every, (), in_fronts=True, nodes_alone=nodes_alone, kept=kept
+        )
     return Layers(unknowns, reduced, cameras, tuple(tree))
 
 
+def _seen_in_frames(equations: Equations, touched: Mask) -> Mask:
+    """Return the points that only cameras and instruments in frames see, (number of points,).
+
+    No observation joins two of them: one at whose frame's origin a free point stands does not
+    count as one that an instrument alone sees.
+    """
+    table = equations.unknowns["point"]
+    seen = np.zeros(len(table.names), dtype=bool)
+    joined = table.offset < 0
+    for place, block in enumerate(equations.blocks):
+        points = [index for kind, index in block.variables if kind == "point"]
+        if not points:
+            continue
+        target, *others = points
+        clustered = equations.in_cluster.get(place)
+        if clustered is not None:
+            joined[target[clustered]] = True
+        if len(block.variables) == 1:
+            continue
+        if block.lens is None and "frame" not in block.named:
+            for index in points:
+                joined[index] = True
+            continue
+        seen[target] = True
+        for index in others:
+            joined[index] = True
+            joined[target[table.offset[index] >= 0]] = True
+    on = np.flatnonzero(table.offset >= 0)
+    joined[on[touched[table.offset[on]]]] = True
+    return np.asarray(seen & ~joined)
+
+
 def outside(equations: Equations, layers: Layers, place: int) -> Index:
-    """Return the observations of a block that are in no cluster and have no point of layer 1.
+    """Return the observations of a block that are in no cluster and touch the other layers.
+
+    Image points and coordinates of points of layer 1 are in no sum of the others; what joins such
+    a point with other unknowns is.
 
     Args:
         equations: the network.
@@ -153,10 +201,25 @@ def outside(equations: Equations, layers: Layers, place: int) -> Index:
     keep = np.ones(block.n, dtype=bool)
     if place in equations.in_cluster:
         keep[equations.in_cluster[place]] = False
-    for kind, index in block.variables:
-        if kind == "point":
-            keep &= ~layers.reduced[index]
+    if block.lens is not None or len(block.variables) == 1:
+        for kind, index in block.variables:
+            if kind == "point":
+                keep &= ~layers.reduced[index]
     return np.flatnonzero(keep)
+
+
+def first_point(block: Block) -> int | None:
+    """Return the place of the first point among the variables of a block; none: there is none.
+
+    It is the one that may be in the first layer.
+    """
+    return next((j for j, (kind, _) in enumerate(block.variables) if kind == "point"), None)
+
+
+def is_placed(kind: VariableKind) -> bool:
+    """Return whether unknowns of a kind, such as frames, may be nodes without a point."""
+    record = UNKNOWNS[kind]
+    return record.late == 1 and kind not in ENTITIES and not record.at_point
 
 
 def _spread(tree: Sequence[tuple[VariableKind, int]]) -> int:

@@ -1,4 +1,4 @@
-"""Inner iterations: each point that only cameras see follows a step of the cameras on its own.
+"""Inner iterations: each point of the first layer follows a step of the cameras on its own.
 
 One point near a camera, or far away, can spoil a step that is good for all other points, and
 damping would then slow the whole block down. With the cameras held, every point is a problem of
@@ -11,11 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import InputError
+from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.image import depth
-from ..types import Array
-from .elimination import Layers
+from ..types import Array, Mask
+from .elimination import Layers, first_point
 
 STEPS = 2
 """Number of inner steps of each point."""
@@ -34,15 +35,15 @@ def follow(equations: Equations, layers: Layers, before: State, moved: State) ->
     if not on.any():
         return moved
     free = equations.unknowns["point"].free.astype(float)
-    start = _costs(equations, moved)
+    start = _costs(equations, on, moved)
     state: State = {**moved, "point": before["point"].copy()}
-    cost = _costs(equations, state)
+    cost = _costs(equations, on, state)
     better = on & (start < cost)
     state["point"][better | ~on] = moved["point"][better | ~on]
     cost = np.where(better, start, cost)
     damping = np.full(len(cost), 1e-4)
     for _ in range(STEPS):
-        h, g = _normals(equations, state)
+        h, g = _normals(equations, on, state)
         g *= free
         diagonal = np.einsum("pii->pi", h)
         safe = np.maximum(diagonal, 1e-300)
@@ -53,7 +54,7 @@ def follow(equations: Equations, layers: Layers, before: State, moved: State) ->
         step = -np.linalg.solve(a, g[:, :, None])[:, :, 0]
         step[~on] = 0.0
         trial: State = {**state, "point": state["point"] + step}
-        after = _costs(equations, trial)
+        after = _costs(equations, on, trial)
         better = on & (after < cost)
         state["point"][better] = trial["point"][better]
         cost = np.where(better, after, cost)
@@ -61,14 +62,15 @@ def follow(equations: Equations, layers: Layers, before: State, moved: State) ->
     return state
 
 
-def _costs(equations: Equations, state: State) -> Array:
+def _costs(equations: Equations, on: Mask, state: State) -> Array:
     """Return vᵀPv of the rows of each point; infinite where the point lies behind a camera."""
     n = len(state["point"])
     out = np.zeros(n)
-    for place, block in enumerate(equations.blocks):
-        if not _of_points(equations, place):
+    for block in equations.blocks:
+        target = _of_points(block, on)
+        if target is None:
             continue
-        point = block.variables[-1][1]
+        point = block.variables[target][1]
         try:
             v = block.evaluate(equations.network.frame, state, jacobians=False).residual
         except InputError:
@@ -81,16 +83,17 @@ def _costs(equations: Equations, state: State) -> Array:
     return np.where(np.isnan(out), np.inf, out)
 
 
-def _normals(equations: Equations, state: State) -> tuple[Array, Array]:
+def _normals(equations: Equations, on: Mask, state: State) -> tuple[Array, Array]:
     """Return the normal matrices (n, 3, 3) and gradients (n, 3) of the points."""
     n = len(state["point"])
     h, g = np.zeros((n, 3, 3)), np.zeros((n, 3))
-    for place, block in enumerate(equations.blocks):
-        if not _of_points(equations, place):
+    for block in equations.blocks:
+        target = _of_points(block, on)
+        if target is None:
             continue
-        point = block.variables[-1][1]
+        point = block.variables[target][1]
         linear = block.evaluate(equations.network.frame, state)
-        w, a = block.whiten(linear.residual), block.whiten(linear.jacobians[-1])
+        w, a = block.whiten(linear.residual), block.whiten(linear.jacobians[target])
         for i in range(3):
             weights = np.sum(a[:, :, i] * w, axis=1)
             g[:, i] += np.bincount(point, weights=weights, minlength=n)
@@ -101,9 +104,7 @@ def _normals(equations: Equations, state: State) -> tuple[Array, Array]:
     return h, g
 
 
-def _of_points(equations: Equations, place: int) -> bool:
-    """Return whether each observation of a block has one point: images and coordinates."""
-    block = equations.blocks[place]
-    if block.kind == "image":
-        return True
-    return len(block.variables) == 1 and block.variables[0][0] == "point"
+def _of_points(block: Block, on: Mask) -> int | None:
+    """Return the place of the points of the first layer among the variables; none: it has none."""
+    target = first_point(block)
+    return target if target is not None and on[block.variables[target][1]].any() else None

@@ -33,6 +33,7 @@ from .point_cholesky import square
 from .ray_leverage import point_hats, ray_leverages
 from .reduction import RayCovariances, ReducedPoints, factorise_points
 from .selected_inverse import SelectedInverse
+from .spoke_leverage import spoke_hats, spoke_leverages
 from .tree import TreeFactors
 
 AT_ONCE = 8_000_000
@@ -114,6 +115,11 @@ def leverages(system: LinearSystem, factor: Factor, transform: STransform | None
             out.hat[found.rows] = found.hat
             out.others[found.rows] = found.others
             out.own[found.rows] = found.own
+        for sight in spoke_leverages(factor.points, reduced, factor.inverse):
+            out = blocks[sight.place]
+            out.hat[sight.rows] = sight.hat
+            out.others[sight.rows] = sight.others
+            out.own[sight.rows, :3] = sight.own  # its other points are held
         _from_points(factor.points, reduced, blocks)
     clusters = [_dense(columns, a, inverse, system) for columns, a in system.cluster_rows()]
     extra = [_dense(e.columns, e.a, inverse, system) for e in system.extra]
@@ -151,6 +157,8 @@ def point_leverages(
         sums = factor.points.sums
         alone, _ = factorise_points(sums, np.zeros(system.unknowns.n_columns))
         for place, rows, hat in point_hats(factor.points, alone):
+            blocks[place][rows] = hat
+        for place, rows, hat in spoke_hats(factor.points, alone):
             blocks[place][rows] = hat
         for place, number, rows, partials in sums.coordinates():
             u = alone.lower(partials.transpose(2, 1, 0), number)

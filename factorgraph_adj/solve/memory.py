@@ -75,7 +75,7 @@ def memory_of(plan: Plan, equations: Equations, state: State) -> Memory:
         equations: the network.
         state: any state; the fronts depend on where photos and points are.
     """
-    rays = pairs = width = 0
+    rays = pairs = width = spokes = 0
     columns = 8
     if equations.rays:
         rays = sum(c.block.n for c in equations.rays.values())
@@ -88,6 +88,8 @@ def memory_of(plan: Plan, equations: Equations, state: State) -> Memory:
         if plan.rays is not None:
             codes.append(plan.rays.pair_codes)
             points, pairs = plan.rays.n_points, len(plan.rays.left)
+            if plan.rays.spokes is not None:
+                spokes = len(plan.rays.spokes.points)
         if plan.rows is not None:
             codes.append(plan.rows.pair_codes)
         _, order = plan.nodes.structure(np.concatenate(codes), plan.nodes.positions(state))
@@ -95,7 +97,7 @@ def memory_of(plan: Plan, equations: Equations, state: State) -> Memory:
         sizes = [(width * len(f.own), width * f.size + side) for f in order]
         # Factors, and what waits for the parent at the same time: at most once more.
         fronts = 2 * sum(own * whole for own, whole in sizes) + max((w * w for _, w in sizes))
-    w = 3 * width * rays * NUMBER
+    w = 3 * width * (rays + spokes) * NUMBER
     of_rays = rays * (columns * NUMBER + LISTS) + (CHUNK if rays else 0)
     return Memory(
         partials=of_rays + rows * (ROW + PRODUCTS * width**2),

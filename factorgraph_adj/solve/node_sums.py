@@ -33,17 +33,58 @@ class Slot:
     """Place of the variable in the block, and the position of its components in the node, (m, k);
     −1: held."""
 
+    def some(self, part: slice) -> Slot:
+        """Return the nodes of some of the observations."""
+        return Slot(self.node[part], tuple((j, position[part]) for j, position in self.variables))
+
     def partials(self, arrays: tuple[Array, ...], width: int) -> Array:
         """Return the partials by all columns of the node, (m, d, width)."""
         d = next(a.shape[1] for a in arrays if len(a))
         out = np.zeros((len(self.node), d, width))
         rows = np.arange(len(self.node))
         for j, position in self.variables:
-            if len(arrays[j]):
-                for c in range(arrays[j].shape[2]):
-                    on = position[:, c] >= 0
-                    out[rows[on], :, position[on, c]] = arrays[j][on, :, c]
+            if not len(arrays[j]):
+                continue
+            for c in range(arrays[j].shape[2]):
+                low, high = int(position[:, c].min()), int(position[:, c].max())
+                if low == high:  # the usual case: all stand at the same position
+                    if low >= 0:
+                        out[:, :, low] = arrays[j][:, :, c]
+                    continue
+                on = position[:, c] >= 0
+                out[rows[on], :, position[on, c]] = arrays[j][on, :, c]
         return out
+
+
+def slots_of(
+    nodes: Nodes, variables: tuple[tuple[VariableKind, Index], ...]
+) -> tuple[tuple[Slot, ...], tuple[tuple[int, Index], ...]]:
+    """Return the nodes of observations, and the places of their variables in the border.
+
+    Args:
+        nodes: places of the unknowns.
+        variables: kind and numbers (m,) of each variable; those without a place are left out.
+    """
+    inner = nodes.n * nodes.width
+    slots: list[tuple[Index, list[tuple[int, Index]]]] = []
+    border: list[tuple[int, Index]] = []
+    for j, (kind, index) in enumerate(variables):
+        places = nodes.places(kind, index)
+        at_border = places >= inner
+        if at_border.any():
+            border.append((j, np.where(at_border, places - inner, -1)))
+        here = (places >= 0) & ~at_border
+        if not here.any():
+            continue
+        node = np.where(here, places // nodes.width, -1).max(axis=1)
+        position = np.where(here, places % nodes.width, -1)
+        for own, inside in slots:
+            if np.array_equal(own, node):
+                inside.append((j, position))
+                break
+        else:
+            slots.append((node, [(j, position)]))
+    return tuple(Slot(node, tuple(inside)) for node, inside in slots), tuple(border)
 
 
 @dataclass(frozen=True)
@@ -79,7 +120,7 @@ class BlockRows:
 
 
 class NodeRows:
-    """The observations outside the first layer; a network makes them once."""
+    """Observations of unknowns outside the first layer; a network makes them once."""
 
     def __init__(self, equations: Equations, nodes: Nodes) -> None:
         """Find the places of all variables."""
@@ -94,27 +135,8 @@ class NodeRows:
     def _block(
         self, place: int, rows: Index, variables: tuple[tuple[VariableKind, Index], ...]
     ) -> BlockRows:
-        nodes, inner = self.nodes, self.nodes.n * self.nodes.width
-        slots: list[tuple[Index, list[tuple[int, Index]]]] = []
-        border: list[tuple[int, Index]] = []
-        for j, (kind, index) in enumerate(variables):
-            places = nodes.places(kind, index)
-            at_border = places >= inner
-            if at_border.any():
-                border.append((j, np.where(at_border, places - inner, -1)))
-            here = (places >= 0) & ~at_border
-            if not here.any():
-                continue
-            node = np.where(here, places // nodes.width, -1).max(axis=1)
-            position = np.where(here, places % nodes.width, -1)
-            for own, inside in slots:
-                if np.array_equal(own, node):
-                    inside.append((j, position))
-                    break
-            else:
-                slots.append((node, [(j, position)]))
-        made = tuple(Slot(node, tuple(inside)) for node, inside in slots)
-        return BlockRows(place, rows, made, tuple(border), tuple(self._products(made)))
+        slots, border = slots_of(self.nodes, variables)
+        return BlockRows(place, rows, slots, border, tuple(self._products(slots)))
 
     def _products(self, slots: tuple[Slot, ...]) -> list[Product]:
         out = []
@@ -157,11 +179,13 @@ class NodeRows:
         of_slot = [slot.partials(arrays, w) for slot in block.slots]
         for product in block.products:
             s, t = product.slots
-            one, other = of_slot[s][product.rows], of_slot[t][product.rows]
+            one, other = of_slot[s], of_slot[t]
+            if len(product.rows) < len(one):
+                one, other = one[product.rows], other[product.rows]
             if s != t and product.swapped.any():
                 swap = product.swapped[:, None, None]
                 one, other = np.where(swap, other, one), np.where(swap, one, other)
-            squares = np.einsum("mdi,mdj->mij", one, other).reshape(len(one), w * w)
+            squares = (one.transpose(0, 2, 1) @ other).reshape(len(one), w * w)
             sums = (product.incidence @ squares).reshape(-1, w, w)
             first, second = np.divmod(product.codes, n)
             same = first == second

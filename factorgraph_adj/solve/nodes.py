@@ -3,8 +3,8 @@
 A photo with the calibration that no other photo has is a node. Where the terrestrial side is
 eliminated in dense fronts too (`Layers.in_fronts`), each of its points is a node, together with the
 orientation unknowns and the vertical at the point; further ones, and those at held points, are
-nodes of their own. What touches everything is the border: calibrations that several photos share,
-distance meters, refraction.
+nodes of their own, and so are frames, sizes and levels if there are more than a few. What touches
+everything is the border: calibrations that several photos share, distance meters, refraction.
 """
 
 from __future__ import annotations
@@ -12,13 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index, Mask
 from .datum import places_of
-from .elimination import Layers
+from .elimination import Layers, first_point, is_placed
 from .places import Places
 
 WIDEST = 8
@@ -47,9 +48,12 @@ class Nodes(Places):
         self._columns: list[Index] = []
         self._border: list[Index] = [np.zeros(0, dtype=np.intp)]
         self._stands: list[Index] = []
+        self._middles: list[csr_array] = []
         self._photos(equations)
         if layers.in_fronts:
             self._points(equations)
+            if layers.nodes_alone:
+                self._placed(equations)
         node, position, column = (
             np.concatenate([np.zeros(0, dtype=np.intp), *x])
             for x in (self._nodes, self._positions, self._columns)
@@ -141,6 +145,8 @@ class Nodes(Places):
                 self._at_points(other, on, places_of(equations, kind, on), node, filled)
                 filled = np.concatenate([filled, np.full(self.n - len(filled), WIDEST)])
                 continue
+            if self.layers.nodes_alone and is_placed(kind):
+                continue
             for number in on.tolist():
                 size = np.arange(other.size[number])
                 self._border.append(_free_columns(unknowns.free, int(other.offset[number]), size))
@@ -178,6 +184,21 @@ class Nodes(Places):
             column = table.offset[on[has]] + c
             self._put(at[has], start[has] + c, np.where(free[column], column, -1))
 
+    def _placed(self, equations: Equations) -> None:
+        """Give frames, sizes and levels nodes, which stand in the middle of their points."""
+        free = self.layers.unknowns.free
+        for kind, table in self.layers.unknowns.tables.items():
+            on = np.flatnonzero(table.offset >= 0)
+            on = on[self.layers.cameras[table.offset[on]]]
+            if not is_placed(kind) or not len(on):
+                continue
+            for i, number in enumerate(on.tolist()):
+                own = table.offset[number] + np.arange(table.size[number])
+                own = own[free[own]]
+                self._put(np.full(len(own), self.n + i), np.arange(len(own)), own)
+            self.n += len(on)
+            self._middles.append(_around(equations, kind, on))
+
     def places(self, kind: VariableKind, numbers: Index) -> Index:
         """Return the place of every component of some variables (m, k); −1: held, or none."""
         table = self.layers.unknowns[kind]
@@ -187,9 +208,34 @@ class Nodes(Places):
         return np.where(has, self.place_of[np.where(has, offset, 0)], -1)
 
     def positions(self, state: State) -> Array:
-        """Return the projection centres and points of the nodes, (n, 3) metres."""
+        """Return the projection centres and points of the nodes, (n, 3) metres.
+
+        A node without a point stands in the middle of those that its observations join.
+        """
         centres = state["pose"][self.photos, 9:]
-        return np.concatenate([centres, *(state["point"][p] for p in self._stands)])
+        points = state["point"]
+        middles = [
+            (incidence @ points) / np.maximum(incidence.sum(axis=1), 1.0)[:, None]
+            for incidence in self._middles
+        ]
+        return np.concatenate([centres, *(points[p] for p in self._stands), *middles])
+
+
+def _around(equations: Equations, kind: VariableKind, numbers: Index) -> csr_array:
+    """Return how often some variables of a kind meet each point, (k, number of points)."""
+    table = equations.unknowns[kind]
+    local = np.full(len(table.names), -1, dtype=np.intp)
+    local[numbers] = np.arange(len(numbers))
+    shape = (len(numbers), len(equations.unknowns["point"].names))
+    out = csr_array(shape)
+    for block in equations.blocks:
+        target = first_point(block)
+        for what, index in block.variables:
+            if what == kind and target is not None:
+                on = np.flatnonzero(local[index] >= 0)
+                places = (local[index[on]], block.variables[target][1][on])
+                out = out + csr_array((np.ones(len(on)), places), shape=shape)
+    return out
 
 
 def _free_columns(free: Mask, offset: int, components: Index) -> Index:

@@ -46,7 +46,7 @@ def ray_leverages(
         inverse: covariances of the cameras.
     """
     rays, system = points.rays, points.system
-    for part in rays.parts:
+    for part in rays.photo_parts:
         a = part.partials(system)
         m = a.shape[2]
         width = 6 if part.camera >= 0 else len(a)
@@ -107,7 +107,7 @@ def point_hats(
         points: the first layer.
         alone: factors of the normal matrices N of the points.
     """
-    for part in points.rays.parts:
+    for part in points.rays.photo_parts:
         u = alone.lower(part.partials(points.system)[OF_POINT], part.points)
         hat = np.empty((u.shape[2], 2, 2))
         for i in range(2):

@@ -9,6 +9,7 @@ from .linear import LinearSystem
 from .linear_rays import OF_POINT
 from .point_cholesky import ELEMENTS
 from .rays import Rays
+from .spokes import add_to_points
 
 
 class RaySums:
@@ -19,15 +20,16 @@ class RaySums:
         self.rays, self.system = rays, system
         n, p = rays.places.n, rays.n_points
         largest = max(
-            (len(system.equations.rays[x.place].lens_free) for x in rays.parts), default=0
+            (6 + len(system.equations.rays[x.place].lens_free) for x in rays.photo_parts), default=0
         )
-        self.nodes = np.zeros((n, 6 + largest, 6 + largest))
-        """AᵀA of each node with pose and parameters of the lens, (n, 6 + k, 6 + k)."""
+        self.nodes = np.zeros((n, largest, largest))
+        """AᵀA of each node with pose and parameters of the lens, (n, 6 + k, 6 + k); empty without
+        photos."""
         normal = np.zeros((p, 6))
         self.cross = np.zeros((p, 3, rays.side))
         """JᵀA of each point with the shared calibrations, (p, 3, border)."""
         flat = self.cross.reshape(p, -1)
-        for part in rays.parts:
+        for part in rays.photo_parts:
             a = part.partials(system)
             width = len(a)
             for node, start, stop in part.runs:
@@ -56,6 +58,8 @@ class RaySums:
                 flat[part.sums.points[:, None], columns] += found[:, 6:]
         self.points = np.ascontiguousarray(normal.T)
         """JᵀJ of each point, (6, p)."""
+        for rows in rays.spoke_rows:
+            add_to_points(rows, rows.arrays(system), self.points, self.cross)
         for _, number, _, j in self.coordinates():
             for place, (r, c) in enumerate(ELEMENTS):
                 value = np.sum(j[:, :, r] * j[:, :, c], axis=1)

@@ -1,6 +1,7 @@
-"""Index lists of the rays to object points that only cameras see; a network makes them once.
+"""Index lists of the rays to points of the first layer; a network makes them once.
 
-The photos are nodes of the reduced system, see `factorgraph_adj.solve.nodes`.
+The photos are nodes of the reduced system, see `factorgraph_adj.solve.nodes`. Spokes to other nodes
+follow the rays, see `factorgraph_adj.solve.spokes`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from ..types import Array, Index
 from .linear import LinearSystem
 from .linear_rays import LinearRays
 from .nodes import Nodes
+from .spokes import SpokeRows, Spokes, find_spokes
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,20 @@ class Rays:
         """Number of columns of a node, and of the border."""
         self.cameras = nodes.cameras
         """Calibrations that several photos share."""
-        points, self.node_of_ray = self._parts(equations)
-        """Node of every ray, (n_rays,)."""
+        points, of_ray = self._parts(equations)
+        spokes, spoke_rows, of_spoke = find_spokes(equations, nodes, self.n_rays)
+        self.spoke_rows: list[SpokeRows] = spoke_rows
+        """Observations that are no images and join points of the first layer with others."""
+        self.parts: list[RayPart | Spokes] = [*self.photo_parts]
+        """All parts, spokes last."""
+        if spokes is not None:
+            self.parts.append(spokes)
+            self.n_rays += len(spokes.points)
+            points = np.concatenate([points, spokes.points.astype(np.int32)])
+        self.spokes = spokes
+        """Spokes; none: there are none."""
+        self.node_of_ray = np.concatenate([of_ray, of_spoke.astype(np.int32)])
+        """Node of every ray and spoke, (n_rays,)."""
         self._pairs(points, self.node_of_ray)
         self.coordinate_places = [
             i
@@ -76,7 +90,7 @@ class Rays:
         local = np.cumsum(self.layers.reduced) - 1
         node_of = self.places.node["pose"]
         ones = np.ones(RAYS)
-        self.parts: list[RayPart] = []
+        self.photo_parts: list[RayPart] = []
         first = 0
         points, nodes = [np.zeros(0, dtype=np.int32)], [np.zeros(0, dtype=np.int32)]
         for place, chunks in equations.rays.items():
@@ -95,7 +109,7 @@ class Rays:
                     if before[stop] > before[start]
                 )
                 point = local[number[chunk.rows]][keep]
-                self.parts.append(
+                self.photo_parts.append(
                     RayPart(
                         place,
                         i,
@@ -112,7 +126,7 @@ class Rays:
                 nodes += [np.full(t - s, node, dtype=np.int32) for node, s, t in runs]
                 first += m
         self.n_rays = first
-        """Number of rays."""
+        """Number of rays and spokes."""
         return np.concatenate(points), np.concatenate(nodes)
 
     # -- pairs of nodes ---------------------------------------------------------------------------

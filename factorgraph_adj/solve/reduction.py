@@ -1,8 +1,9 @@
-"""Elimination of object points that only cameras see, vectorised over all of them.
+"""Elimination of the points of the first layer, vectorised over all of them.
 
 With H = Σ JₚᵀJₚ of a point, H = L Lᵀ, and W = L⁻¹ JₚᵀJ_c of each of its rays, the reduced
 normal matrix of the cameras is S = Σ J_cᵀJ_c − Σ WᵀW, the second sum over pairs of photos
-that share points. The index lists (`Rays`) are the same in all iterations.
+that share points. The index lists (`Rays`) are the same in all iterations. Spokes to the frames of
+instruments (`factorgraph_adj.solve.spokes`) have W as rays have.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from .fronts import BlockMatrix
 from .linear_rays import OF_POINT
 from .point_cholesky import DIAGONAL, ELEMENTS, PointCholesky, square
 from .ray_sums import RaySums
+from .spokes import add_to_spokes
 
 POOR = 1e-6
 """Relative pivot below which a point is factorised twice; a point at a distance of 1000 bases has
@@ -41,7 +43,7 @@ class ReducedPoints:
         """W of every ray, (n_rays, 3, width)."""
         self._own = np.zeros((rays.places.n, rays.width, rays.width + rays.side))
         flat = self.shared.reshape(rays.n_points, -1)
-        for part in rays.parts:
+        for part in rays.photo_parts:
             a = part.partials(self.system)
             half = self.cholesky.lower(a[OF_POINT], part.points)
             width = 6 if part.camera >= 0 else len(a)
@@ -49,8 +51,16 @@ class ReducedPoints:
             for axis in range(3):
                 product = half[axis] * a[:width]
                 np.add(product[:, 0], product[:, 1], out=w[axis, :width])
+            np.negative(w.transpose(2, 0, 1), out=self.w[part.rows])
+        if rays.spokes is not None:
+            of_spokes = self.w[rays.spokes.rows]
+            of_spokes[:] = 0.0
+            for sights in rays.spoke_rows:
+                arrays = sights.arrays(self.system)
+                u = self.cholesky.lower(arrays[sights.target].transpose(2, 1, 0), sights.points)
+                add_to_spokes(sights, arrays, u, of_spokes)
+        for part in rays.parts:
             rows = self.w[part.rows]
-            np.negative(w.transpose(2, 0, 1), out=rows)
             of_points = np.take(flat, part.points, axis=0).reshape(len(rows), 3, rays.side)
             for node, start, stop in part.runs:
                 one = rows[start:stop].reshape(-1, rays.width)
@@ -62,9 +72,7 @@ class ReducedPoints:
     def matrix(self, pattern: Pattern) -> BlockMatrix:
         """Return S in the blocks of a pattern, without regard to held places."""
         rays, w = self.rays, self.rays.width
-        n = rays.places.n
         nodes = self.sums.nodes
-        k = nodes.shape[1] - 6
         out = BlockMatrix(
             pattern,
             -self._own[:, :, :w],
@@ -72,8 +80,20 @@ class ReducedPoints:
             -self._own[:, :, w:],
             np.zeros((rays.side, rays.side)),
         )
+        if rays.photo_parts:
+            self._add_photos(out, nodes)
+        if rays.side:
+            flat = self.shared.reshape(-1, rays.side)
+            out.corner -= flat.T @ flat
+        self._subtract_pairs(out)
+        return out
+
+    def _add_photos(self, out: BlockMatrix, nodes: Array) -> None:
+        """Add AᵀA of the photos (n, 6 + k, 6 + k) to their blocks."""
+        rays, w = self.rays, self.rays.width
+        n, k = rays.places.n, nodes.shape[1] - 6
         shared = np.zeros(n, dtype=bool)
-        for part in rays.parts:
+        for part in rays.photo_parts:
             if part.camera < 0:
                 continue
             side = rays.cameras[part.camera].side
@@ -89,11 +109,6 @@ class ReducedPoints:
             size = min(w - 6, k)
             out.diagonal[alone, 6 : 6 + size, : 6 + size] += nodes[alone, 6 : 6 + size, : 6 + size]
             out.diagonal[alone, :6, 6 : 6 + size] += nodes[alone, :6, 6 : 6 + size]
-        if rays.side:
-            flat = self.shared.reshape(-1, rays.side)
-            out.corner -= flat.T @ flat
-        self._subtract_pairs(out)
-        return out
 
     def _subtract_pairs(self, out: BlockMatrix) -> None:
         """Subtract WᵀW of all pairs of nodes with common points."""
@@ -306,7 +321,7 @@ def _in_axes(
             )
         return u
 
-    for part in rays.parts:
+    for part in rays.photo_parts:
         on = np.flatnonzero(local[part.points] >= 0)
         if not len(on):
             continue
@@ -321,6 +336,16 @@ def _in_axes(
                     cross[:, axis, side.start + c] += np.bincount(
                         local[at], weights=value[axis], minlength=len(points)
                     )
+    for sights in rays.spoke_rows:
+        on = np.flatnonzero(local[sights.points] >= 0)
+        if not len(on):
+            continue
+        arrays, at = sights.arrays(system), sights.points[on]
+        u = add(arrays[sights.target][on].transpose(2, 1, 0), at)
+        for column, a in sights.border_columns(arrays):
+            value, places = np.einsum("adm,md->ma", u, a[on]), column[on]
+            has = np.flatnonzero(places >= 0)
+            np.add.at(cross, (local[at[has]], slice(None), places[has]), value[has])
     for _, number, _, j in sums.coordinates():
         on = np.flatnonzero(local[number] >= 0)
         if len(on):

@@ -104,7 +104,8 @@ def frame_problems(equations: Equations) -> Iterator[Problem]:
         common = sorted(p for p in places if elsewhere[p] or times[p] > 1)
         if not common and equations.network.datum == "free":
             continue  # the frame may be all that there is
-        need = 3 if unknown[f, :2].any() else 2 if unknown[f, [2, 6]].any() else 1
+        turns = int(unknown[f, :3].sum())
+        need = 3 if turns > 1 else 2 if turns or unknown[f, 6] else 1
         stated = equations.network.frames[table.names[f]]
         need -= not stated.origin and not unknown[f, 3:6].any()
         if len(common) < need:

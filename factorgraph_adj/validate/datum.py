@@ -102,14 +102,24 @@ def _hold(
     held: _Held,
 ) -> None:
     """Add the directions in which the observations of a block hold their parts."""
-    n = block.n
-    everything = np.ones((n, 3), dtype=bool)
+    everything = np.ones((block.n, 3), dtype=bool)
     if "axis" in block.constants:
         held.add(part, block.constants["axis"])
     elif block.fixes == "coordinates":
-        held.add_axes(part, np.isfinite(block.sigma))
+        held.add_axes(part, _observed_axes(block, unknowns))
     elif block.fixes == "place":
         held.add_axes(part, everything)
     for table, index, kind in tables:
         fixed = ~table.free[index][:, :3] if kind == "point" else ~table.free[index][:, 3:6]
         held.add_axes(part, fixed)
+
+
+def _observed_axes(block: Block, unknowns: Unknowns) -> Mask:
+    """Return the axes (n, 3) of coordinates that hold a part: not those with an unknown shift."""
+    observed = np.zeros((block.n, 3), dtype=bool)
+    observed[:, ["xyz".index(c) for c in block.components]] = True
+    for kind, index in block.variables:
+        if UNKNOWNS[kind].shifts:
+            table = unknowns[kind]
+            observed &= ~(table.free[index] & np.isinf(table.sigma[index]))[:, :3]
+    return observed

@@ -111,14 +111,14 @@ def one_wire(sensors: tuple[int, ...], *, sag: float | None = None) -> fga.Netwo
 
 def test_two_readings_leave_the_sag_open() -> None:
     """Two sensors read the chord, whatever its sag."""
-    with pytest.raises(fga.DatumError, match="(frame|size) 'W1' is not determined"):
+    with pytest.raises(fga.DatumError, match=r"(frame|size) 'W1' is not determined"):
         fga.adjust(one_wire((0, 6)))
     network = one_wire((0, 6))
     network.set_size("W1")
     p = network.frames["W1"]
     values = [v if h else np.nan for v, h in zip(p.values, p.fixed, strict=True)]
     network.frames["W1"] = replace(p, values=tuple(values))
-    with pytest.raises(fga.ApproximationError, match="4 readings .* its 5 unknowns .*size 'W1'"):
+    with pytest.raises(fga.ApproximationError, match=r"4 readings .* its 5 unknowns .*size 'W1'"):
         fga.adjust(network)
     assert fga.adjust(one_wire((0, 6), sag=WIRES["W1"][2])).redundancy == 0
     assert fga.adjust(one_wire((0, 3, 6))).redundancy == 1

@@ -21,7 +21,7 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.models.variables import VariableKind
-from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
 from tests.networks import alignment
@@ -219,6 +219,65 @@ def frames() -> fga.Network:
     return fga.adjust(three_frames()).as_network()
 
 
+def profile_heights() -> fga.Network:
+    """A statoscope on four photos, and a barometer whose scale is unknown at points."""
+    network = photos()()
+    network.set_profile("statoscope", free=("height", "height_t"))
+    network.set_profile("barometer", sigma={"scale": 0.01})
+    network.set_mount("arm", sigma={"z": 5 * MM})
+    for i, photo in enumerate(network.photos):
+        more = {"profile": "statoscope", "t": i - 1.5, "lever_arm": (0.1, 0.2, 0.3), "mount": "arm"}
+        network.add(o.ProfileHeight(None, 0.0, photo=photo, sigma=5 * MM, **more))
+    for point in network.points:
+        network.add(o.ProfileHeight(point, 0.0, profile="barometer", sigma=5 * MM))
+    return network
+
+
+def level_heights() -> fga.Network:
+    """Levelled heights and two water surfaces, one of them with a gauge."""
+    network = height_differences()
+    network.set_level("lake", 15.0)
+    network.set_level("river", 12.0, sigma=2 * MM)
+    for i, point in enumerate((*CONTROL, *NEW)):
+        network.add(o.LevelHeight(point, "lake", sigma=3 * MM))
+        network.add(o.LevelHeight(point, "river", sigma=2 * MM, slope=1e-3, along=40.0 * i))
+    return network
+
+
+def tilts_and_sights(kind: type[fga.Observation]) -> Callable[[], fga.Network]:
+    """Photos with an instrument on the camera, whose mount is found with them."""
+
+    def make() -> fga.Network:
+        network = photos()()
+        network.set_mount("instrument", free=("rx", "ry", "rz"), values={"rx": 1.2, "rz": -0.3})
+        body = (0.36, -0.48, 0.8)
+        covariance = ARCSEC**2 * np.array([[400.0, 90.0], [90.0, 225.0]])
+        for photo, f in network.photos.items():
+            more = {"mount": "instrument", "covariance": covariance}
+            network.add(o.PhotoTilt(photo, (0.0, 0.0), **more))
+            # A direction that was read with some error, which is part of the simulated value.
+            assert f.rotation is not None
+            by_mount = exp_rotation(np.array([1.2, 0.0, -0.3])).T @ TURN_ABOUT_X
+            seen = by_mount @ f.rotation.T @ body
+            for at in (seen, (0.6, 0.8, 0.0)) if kind is o.PhotoSight else ():
+                seen = tuple((np.array(at) / np.linalg.norm(at)).tolist())
+                network.add(o.PhotoSight(photo, body, seen, **more))
+        return network
+
+    return make
+
+
+def gyro_azimuths() -> fga.Network:
+    """Two gyrotheodolites, one of them tested before."""
+    network = field("z")
+    network.set_gyro("old", 0.4)
+    network.set_gyro("new", 0.001, sigma=10 * ARCSEC)
+    for i, (a, b) in enumerate(pairs()):
+        gyro = "new" if i % 2 else "old"
+        network.add(o.GyroAzimuth(a, b, 0.0, sigma=10 * ARCSEC, gyro=gyro, **SIGHT))
+    return network
+
+
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "slope_distance": slope_distances,
     "horizontal_distance": horizontal_distances,
@@ -247,6 +306,11 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     **dict.fromkeys(
         ("wire_reading_on_body", "frame_inclination", "frame_roll", "unit_vector"), alignment.body
     ),
+    "profile_height": profile_heights,
+    "level_height": level_heights,
+    "photo_tilt": tilts_and_sights(o.PhotoTilt),
+    "photo_sight": tilts_and_sights(o.PhotoSight),
+    "gyro_azimuth": gyro_azimuths,
     "correlated": correlated_directions,
     "mixed": mixed,
 }

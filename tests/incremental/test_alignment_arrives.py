@@ -39,9 +39,7 @@ def assert_same(inc: IncrementalAdjustment, expected: fga.Solution) -> None:
 
 @pytest.mark.parametrize("make", [tunnel, offsets, body])
 @pytest.mark.parametrize("which", [1, 4])
-def test_readings_arrive_in_any_order(
-    make: Callable[[], Network], which: int, tmp_path
-) -> None:
+def test_readings_arrive_in_any_order(make: Callable[[], Network], which: int, tmp_path) -> None:
     network = measured(make())
     begun, later = split(network, 7, which)
     inc = IncrementalAdjustment(begun, journal=tmp_path / "day.jsonl")

@@ -22,6 +22,7 @@ from factorgraph_adj.frames import GeocentricFrame, LocalFrame
 from factorgraph_adj.io import journal as module
 from factorgraph_adj.io import json_records as j
 from factorgraph_adj.io.context import ImageAxes, RecordContext
+from factorgraph_adj.io.fields import vectors_of
 from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.io.journal import Journal
 from factorgraph_adj.io.numbers import Units
@@ -29,6 +30,7 @@ from factorgraph_adj.io.write_project import write_project
 from factorgraph_adj.network.entities import Photo, Point
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
+from factorgraph_adj.observations.airborne import ABOUT, ANGLES
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.stochastic import COMBINATIONS, StandardDeviation
 from tests.networks.every_kind import FRAMES as EVERY_FRAME
@@ -72,29 +74,43 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     """Draw an observation of a kind; every attribute that it has may be filled."""
     cls = KINDS[kind].observation
     have = {f.name: f for f in fields(cls)}
-    if kind == "frame_coordinate":
+    either = {"point", "photo"} <= KINDS[kind].may_lack
+    if either:
         del have[str(rng.choice(["point", "photo"]))]
     free = iter(rng.permutation(["1", "B, 2", "#C", '"D" ü', " E ", "7.50"]).tolist())
-    names = ("station", "target", "target2", "point", "photo", "instrument", "refraction", "set")
-    out = {n: next(free) for n in names[:5] if n in have}
-    out |= {"frame": next(free), "point": out.get("point")} if "frame" in have else {}
-    out |= {n: str(rng.integers(9)) for n in names[5:] if n in have and rng.random() < 0.5}
+    names = ("station", "target", "target2", "point", "photo", "photo2")
+    out = {n: next(free) for n in names if n in have}
+    out |= {"point": out.get("point")} if either else {}
+    needed = (*KINDS[kind].texts, *KINDS[kind].frames)
+    out |= {n: next(free) for n in needed if n not in KINDS[kind].optional and n not in out}
+    texts = ["instrument", "refraction", "set", "drift"] + ["mount"] * ("photo" in out)
+    out |= {n: str(rng.integers(9)) for n in texts if n in have and rng.random() < 0.5}
+    choices = {"angle": ANGLES, "about": ABOUT}
+    out |= {n: str(rng.choice(valid)) for n, valid in choices.items() if n in have}
+    out |= {"time": number(rng)} if "time" in have else {}
+    if "shutter" in have and rng.random() < 0.5:
+        out |= {"shutter": "s", "velocity": tuple(number(rng) for _ in range(3))}
     out |= {n: number(rng) for n in have if n.endswith("_height") and rng.random() < 0.5}
     if "face" in have:
         out["face"] = int(rng.integers(1, 3))
-        error = "index_error" if kind == "zenith_angle" else "collimation_error"
+        error = "index_error" if "index_error" in have else "collimation_error"
         out |= {error: "#5"} if rng.random() < 0.5 else {}
     if "length_km" in have:
         out["length_km"] = abs(number(rng))
-    if "lever_arm" in have:
-        out["lever_arm"] = tuple(number(rng) for _ in range(3))
+    for name in vectors_of(kind):
+        vector = np.array([number(rng) for _ in range(3)])
+        unit = have[name].metadata.get("quantity") == "number"
+        if name != "lever_arm" or "photo" in out:
+            out[name] = tuple((vector / np.linalg.norm(vector) if unit else vector).tolist())
     if "x" in have:
         out |= {"x": number(rng), "y": number(rng)}
         out["sigma"] = (abs(number(rng)), abs(number(rng)))
     elif "covariance" in have:
         axes = "xyz"
         if "axes" in have:
-            choices = ["xyz", "z", "yx"] + (["enu", "un"] if KINDS[kind].by_axis else [])
+            three = KINDS[kind].defaults["axes"] == "xyz"
+            choices = ["xyz", "z", "yx"] if three else ["xy", "yx", "x", "y"]
+            choices += ["enu", "un"] if KINDS[kind].by_axis else []
             axes = out["axes"] = str(rng.choice(choices))
         size = 3 if set(axes) & set("enu") else len(axes)
         out["value"] = tuple(number(rng) for _ in range(size))
@@ -104,7 +120,7 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
             out["sigma"] = tuple(abs(number(rng)) for _ in axes)
     else:
         out["value"] = abs(number(rng))
-        if kind == "zenith_angle":
+        if "index_error" in have:
             out["value"] = out["value"] % math.pi + math.pi * (out["face"] - 1)
         out["sigma"] = abs(number(rng))
         if have["sigma"].type == "Sigma" and rng.random() < 0.5:

@@ -17,6 +17,7 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io import numbers
 from factorgraph_adj.io.context import ImageAxes, RecordContext
+from factorgraph_adj.io.fields import vectors_of
 from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.project import AdjustOptions, load_project, read_project
@@ -26,6 +27,7 @@ from factorgraph_adj.models import lens
 from factorgraph_adj.models.registry import LENSES
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS
+from factorgraph_adj.observations.airborne import ABOUT, ANGLES
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.stochastic import StandardDeviation
@@ -157,6 +159,7 @@ NAME = st.text(
 SIGMA = st.floats(min_value=1e-9, max_value=1e3)
 VALUE = st.floats(min_value=-1e7, max_value=1e7)
 PART = st.floats(min_value=0, max_value=10)
+UNIT_VECTORS = ((1.0, 0.0, 0.0), (0.36, -0.48, 0.8), (2 / 3, -1 / 3, -2 / 3))
 
 
 @st.composite
@@ -165,20 +168,32 @@ def any_observation(draw):
     kind = draw(st.sampled_from([k for k in KINDS if k != "image"]))
     cls = KINDS[kind].observation
     names = {f.name for f in fields(cls)}
-    if kind == "frame_coordinate":
+    either = {"point", "photo"} <= KINDS[kind].may_lack
+    if either:
         names -= {draw(st.sampled_from(["point", "photo"]))}
-    have = [n for n in ("station", "target", "target2", "point", "photo") if n in names]
+    have = [n for n in ("station", "target", "target2", "point", "photo", "photo2") if n in names]
     chosen = draw(st.lists(NAME, min_size=len(have), max_size=len(have), unique=True))
     arguments = dict(zip(have, chosen, strict=True))
-    if kind == "frame_coordinate":
-        arguments = {"point": None, "frame": draw(NAME)} | arguments
+    arguments = ({"point": None} if either else {}) | arguments
+    needed = (*KINDS[kind].texts, *KINDS[kind].frames)
+    arguments |= {n: draw(NAME) for n in needed if n not in KINDS[kind].optional}
+    needed = (n for n in vectors_of(kind) if n not in KINDS[kind].optional)
+    arguments |= {n: draw(st.sampled_from(UNIT_VECTORS)) for n in needed}
+    if "lever_arm" in names:
+        arguments["lever_arm"] = (draw(SIGMA), draw(VALUE), draw(VALUE))
+    if "angle" in names:
+        arguments["angle"] = draw(st.sampled_from(ANGLES))
+    if "about" in names:
+        arguments["about"] = draw(st.sampled_from(ABOUT))
     for height in ("instrument_height", "target_height", "target2_height"):
         if height in names:
             arguments[height] = draw(VALUE)
     if "covariance" in names:
-        axes = draw(st.sampled_from(["xyz", "z", "yx", "xz"])) if "axes" in names else "xyz"
+        axes = "xyz"
         if "axes" in names:
-            arguments["axes"] = axes
+            three = KINDS[kind].defaults["axes"] == "xyz"
+            some = ["xyz", "z", "yx", "xz"] if three else ["xy", "yx", "x", "y"]
+            axes = arguments["axes"] = draw(st.sampled_from(some))
         arguments["value"] = tuple(draw(VALUE) for _ in axes)
         if draw(st.booleans()):
             arguments["sigma"] = tuple(draw(SIGMA) for _ in axes)
@@ -186,9 +201,9 @@ def any_observation(draw):
             arguments["covariance"] = np.diag([draw(SIGMA) for _ in axes])
         return cls(**arguments)
     arguments["value"] = draw(VALUE)
-    if kind.endswith("_distance"):
+    if cls.nonnegative:
         arguments["value"] = abs(arguments["value"])
-    if kind == "zenith_angle":
+    if "index_error" in names:
         arguments["value"] = abs(arguments["value"]) % math.pi
     arguments["sigma"] = draw(SIGMA)
     if kind in ("slope_distance", "horizontal_distance") and draw(st.booleans()):
@@ -212,7 +227,11 @@ def test_a_record_survives_json_as_numbers(found):
     units = UNITS["SI"]
     fields_of = record(found, units=units)
     texts = {"kind", "id", "station", "target", "target2", "point", "photo", "axes", "set", "unit"}
-    texts |= {"frame"}
+    texts |= {
+        "angle",
+        "about",
+        *(n for k in KINDS.values() for n in (*k.frames, *k.texts, *k.named)),
+    }
     as_numbers = {k: v if k in texts or not v else float(v) for k, v in fields_of.items()}
     line = json.loads(json.dumps(as_numbers))
     assert_same(found, observation(line, context=RecordContext(units)))

@@ -5,9 +5,9 @@ What was found about LGC2, from its documents, code and results:
 - Angles are gon, their σ cc; σ of lengths are mm, parts per million mm/km, added to them.
 - A frame states translation, three rotations and a scale: X_parent = T + Rx(−ω) Ry(−φ) Rz(−κ) x,
   with the usual right-handed matrices: its rotations count clockwise. Free components follow.
-- The earth is a plane (``*OLOC``), a sphere (``*SPHE``, R = 6371 km, through Z = 2000.00079 m below
-  the point P0) or an ellipsoid with the paraboloid of 1985 as geoid (``*LEP``): X and Y are those of
-  the cartesian system, the third coordinate of a point outside of frames is a height H. A point
+- The earth is a plane (``*OLOC``), a sphere (``*SPHE``, R = 6371 km, through Z = 2000.00079 m
+  below the point P0) or an ellipsoid with the paraboloid of 1985 as geoid (``*LEP``): X and Y are
+  those of the cartesian system, the third coordinate outside of frames is a height H. A point
   ``*VXY`` keeps this height. ``*RS2K``, the geoid of 2000, is a grid that is not here: refused.
 - A ``*SCALE`` states σ, ppm, a correction (metres) that is added to the reading, its σ, and the σ
   of centring; it gives the offsets.
@@ -637,4 +637,3 @@ class _Builder:
             covariance = r @ np.diag(sigma**2) @ r.T
             value = tuple((r @ x + t).tolist())
             self.network.add(o.FrameCoordinate(frame, target, value, covariance=covariance))
-

@@ -32,6 +32,14 @@ def test_partials_of_image_coordinates_are_right_for_every_lens(lens: str, view:
     assert_partials_are_right(observed_as_computed(equations, state), state, steps)
 
 
+@pytest.mark.parametrize("turned", [0.0, 0.3, 2.0])
+@pytest.mark.parametrize("frame", [n for n, (f, _) in FRAMES.items() if not f.left_handed])
+def test_partials_of_a_photo_flight_are_right_in_every_frame(frame: str, turned: float) -> None:
+    """``turned``: by how much observed attitudes are wrong, radians."""
+    equations, steps = every_kind.flight_equations(frame, turned=turned)
+    assert_partials_are_right(equations, equations.unknowns.start(), steps)
+
+
 def test_every_registered_kind_and_lens_is_checked() -> None:
     assert set(OBSERVED) == {*KINDS} - {"image"}  # image coordinates are checked by lens
     assert {type(c.lens) for c in LENSES_USED.values()} == set(LENSES.values())

@@ -24,6 +24,7 @@ from factorgraph_adj.observations import (
 from factorgraph_adj.simulation.geocentric_block import simulate_geocentric_block
 from factorgraph_adj.solve.batch import adjust
 from tests.networks.small_block import small_block
+from tests.networks.three_frames import room, three_frames
 from tests.support.same import contents
 
 
@@ -217,3 +218,11 @@ def test_adjusting_without_is_adjusting_what_never_had_them():
     a, b = adjust(less), adjust(other)
     assert a.vtpv == b.vtpv
     np.testing.assert_array_equal(a.observations.residuals, b.observations.residuals)
+
+
+def test_without_the_point_at_the_origin_of_a_frame_what_was_measured_in_the_frame_goes_too():
+    network = three_frames()
+    left = without(network, [], points="T")
+    assert list(left.frames) == ["scan", "model"]
+    assert {o.frame for o in left.observations.values()} == {"scan", "model"}
+    assert adjust(left).redundancy == adjust(network).redundancy - 3 * len(room()) + 1 + 3

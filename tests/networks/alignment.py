@@ -1,4 +1,4 @@
-"""Alignment: two wires and a water tube along a tunnel, a body with sensors, offsets at a station."""
+"""Alignment: two wires and a water tube in a tunnel, a body with sensors, offsets at a station."""
 
 from __future__ import annotations
 
@@ -82,7 +82,9 @@ def _wire(
     if origin is not None:
         # A turn of the network about the vertical is one about all axes of a wire with a slope.
         values["ry"] = 0.0
-    network.add_frame(name, free=list(values), values=values, origin=origin or (0.0, 0.0, 0.0), level=True)
+    network.add_frame(
+        name, free=list(values), values=values, origin=origin or (0.0, 0.0, 0.0), level=True
+    )
     if origin is not None:
         network.add(o.FrameRoll(name, origin, 0.0, sigma=1e-4))
     network.set_size(name, sag)

@@ -7,7 +7,7 @@ model one in `LENSES_USED`; the tests that use these tables then check it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,18 +19,29 @@ from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.models import lens
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
 from factorgraph_adj.network.network import Network
+from factorgraph_adj.observations.airborne import ANGLES
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.types import Array
 
 ARCSEC = np.pi / 180 / 3600
 HEIGHTS = {"instrument_height": 1.53, "target_height": 1.21}
 SIGHT = {"sigma": 0.01, **HEIGHTS}
+BODY, SEEN = (0.36, -0.48, 0.8), (-0.6, 0.0, -0.8)
+"""Unit vectors towards a body in the horizon and in the axes of an instrument."""
 COVARIANCE = np.array([[4.0, 1.0, -0.5], [1.0, 3.0, 0.7], [-0.5, 0.7, 5.0]])
 
 WIRE: dict[str, Any] = {"sag": "sag", "length": 90.0}
 SORTS_OF_FRAMES = ("body", "tripod", "slanted", "leaning")
 """Frames with a constant origin, at the point i and level, there and not level, constant and level.
 """
+ARM = {"lever_arm": (0.2, 0.3, -0.4), "mount": "imu"}
+DRIFTED = {"drift": "strip", "time": 1.7}
+TURNED = {"drift": "platform", "time": -1.3}
+SHUTTER = {"shutter": "shutter", "velocity": (55.0, -20.0, 3.0), **DRIFTED}
+
+TURNS_AND_ARM = ("rx", "ry", "rz", "x", "y", "z")
+MOUNTED = dict(zip(TURNS_AND_ARM, (0.02, -0.03, 0.05, 0.1, -0.04, 0.07), strict=True))
+"""Mount of an instrument, rad and metres."""
 
 OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "slope_distance": lambda: [o.SlopeDistance("i", "j", 1.0, instrument="edm", **SIGHT)],
@@ -63,8 +74,30 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     ],
     "gnss_position": lambda: [o.GnssPosition("k", (0.0, 0.0, 0.0), covariance=COVARIANCE)],
     "photo_position": lambda: [
-        o.PhotoPosition("f", (0.0, 0.0, 0.0), covariance=COVARIANCE, lever_arm=(0.1, -0.4, 0.7))
+        o.PhotoPosition("f", (0.0, 0.0, 0.0), covariance=COVARIANCE, lever_arm=(0.1, -0.4, 0.7)),
+        o.PhotoPosition("f", (0.0, 0.0), axes="zx", sigma=(1.0, 2.0), **ARM, **DRIFTED),
+        o.PhotoPosition("f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), **SHUTTER),
     ],
+    "photo_attitude": lambda: [
+        o.PhotoAttitude("f", (0.0, 0.0, 0.0), covariance=COVARIANCE),
+        o.PhotoAttitude("f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), mount="imu", **TURNED),
+        o.PhotoAttitude("f", (0.0, 0.0, 0.0), covariance=COVARIANCE, about="angles", **TURNED),
+    ],
+    "navigation_attitude": lambda: [
+        o.NavigationAttitude("f", (0.0, 0.0, 0.0), covariance=COVARIANCE, mount="imu"),
+        o.NavigationAttitude("f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), mount="imu", **TURNED),
+        o.NavigationAttitude("f", (0.0,) * 3, covariance=COVARIANCE, about="angles", **TURNED),
+    ],
+    "photo_angle": lambda: [
+        *(o.PhotoAngle("f", 0.0, angle=a, sigma=0.01, mount="imu") for a in ANGLES),
+        o.PhotoAngle("f", 0.0, angle="heading", sigma=0.01),
+    ],
+    "photo_range": lambda: [
+        o.PhotoRange("i", "f", 0.0, sigma=0.1, instrument="edm", **ARM),
+        o.PhotoRange("i", "f", 0.0, sigma=0.1),
+    ],
+    "photo_base": lambda: [o.PhotoBase("f", "g", 0.0, sigma=0.1, instrument="edm", **ARM)],
+    "antenna_vector": lambda: [o.AntennaVector("f", (0.0, 0.0, 0.0), covariance=COVARIANCE, **ARM)],
     "frame_coordinate": lambda: [
         o.FrameCoordinate("body", "j", (0.0, 0.0, 0.0), covariance=COVARIANCE),
         o.FrameCoordinate("body", "k", (0.0, 0.0), axes="zx", sigma=(1.0, 2.0)),
@@ -89,11 +122,13 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.HydrostaticReading("j", "water", 0.1, mount="cup", sigma=0.01, undulation=0.02),
         o.HydrostaticReading("k", "water", 0.1, mount="cup", sigma=0.01, side=-1, expansion=0.01),
     ],
-    "wire_reading": lambda: [
-        o.WireReading(f, "j", (0.0, 0.0), mount="cup", sigma=(1.0, 2.0), **WIRE)
-        for f in SORTS_OF_FRAMES
-    ]
-    + [o.WireReading("body", "k", (0.0,), axes="z", sigma=(2.0,), **WIRE)],
+    "wire_reading": lambda: (
+        [
+            o.WireReading(f, "j", (0.0, 0.0), mount="cup", sigma=(1.0, 2.0), **WIRE)
+            for f in SORTS_OF_FRAMES
+        ]
+        + [o.WireReading("body", "k", (0.0,), axes="z", sigma=(2.0,), **WIRE)]
+    ),
     "wire_reading_on_body": lambda: [
         o.WireReadingOnBody(
             wire, "k", (0.0, 0.0), body=body, mount="cup", covariance=COVARIANCE[:2, :2], **WIRE
@@ -116,8 +151,40 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.UnitVector(f, "k", "j", (0.0, 0.0), mount="cup", covariance=COVARIANCE[:2, :2])
         for f in SORTS_OF_FRAMES
     ],
+    "frame_direction": lambda: [
+        o.FrameDirection("body", "j", 0.0, sigma=0.01),
+        o.FrameDirection("tripod", "j", 0.0, collimation_error="telescope", sigma=0.01),
+        o.FrameDirection("slanted", "k", 3, collimation_error="telescope", sigma=0.01, face=2),
+    ],
+    "frame_zenith": lambda: [
+        o.FrameZenith("body", "j", 1.0, sigma=0.01),
+        o.FrameZenith("tripod", "j", 1.0, index_error="circle", sigma=0.01),
+        o.FrameZenith("slanted", "k", 5.0, index_error="circle", sigma=0.01, face=2),
+    ],
+    "frame_distance": lambda: [
+        o.FrameDistance("body", "j", 1.0, sigma=0.01),
+        o.FrameDistance("tripod", "j", 1.0, instrument="edm", sigma=0.01),
+        o.FrameDistance("slanted", "k", 1.0, instrument="edm", sigma=0.01),
+    ],
+    "profile_height": lambda: [
+        o.ProfileHeight("j", 300.0, sigma=0.3, profile="flight", t=-1.7),
+        o.ProfileHeight("k", 300.0, sigma=0.3),
+        o.ProfileHeight(None, 20.0, photo="f", sigma=0.3, profile="flight", t=0.7, **ARM),
+    ],
+    "level_height": lambda: [
+        o.LevelHeight("j", "lake", sigma=0.1, slope=1e-3, along=200.0, geoid=0.03)
+    ],
+    "photo_tilt": lambda: [
+        o.PhotoTilt("f", (0.0, 0.0), covariance=COVARIANCE[:2, :2], mount="imu"),
+        o.PhotoTilt("f", (0.0,), axes="y", sigma=(0.1,)),
+    ],
+    "photo_sight": lambda: [
+        o.PhotoSight("f", BODY, SEEN, covariance=COVARIANCE[:2, :2], mount="imu"),
+        o.PhotoSight("f", BODY, SEEN, axes="y", sigma=(0.1,)),
+    ],
+    "gyro_azimuth": lambda: [o.GyroAzimuth("i", "j", 0.0, gyro="gyro", **SIGHT)],
 }
-"""Observations of each kind between the points i, j, k and of the photo f."""
+"""Observations of each kind between the points i, j, k and of the photos f and g."""
 
 _GRS80 = ellipsoid("GRS80")
 
@@ -209,11 +276,16 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     network.set_size("sag", 0.004)
     network.set_level("water", 0.4)
     add_frames(network, tuple((station + geometry.length).tolist()))
+    add_profile(network)
+    network.set_level("lake", 110.0)
+    network.set_gyro("gyro", 0.02)
     for kind, make in OBSERVED.items():
         local = isinstance(frame, LocalFrame)
-        if kind == "photo_position" or (kind.startswith("astronomic") and local):
+        if kind.startswith("astronomic") and local:
             continue
         for observation in make():
+            if observation.photos():
+                continue  # see `flight_equations`
             if local and isinstance(observation, o.ControlPoint) and observation.axes == "un":
                 observation = o.ControlPoint("j", (1.0, 2.0, 3.0), axes="un", sigma=(0.1, 0.2))
             network.add(observation)
@@ -230,17 +302,89 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
         "index_error": (1e-3,),
         # Of a steep sight the reading changes by c/sin z.
         "collimation_error": (1e-3 * geometry.reach / geometry.length,),
-        "frame": (1e-3,) * 3 + (1e-2 * geometry.length,) * 3 + (1e-3,),
         "mount": (1e-3,) * 3 + (1e-2 * geometry.length,) * 3,
         "size": (1e-3,),
-        "level": (1e-2,),
+        # Directions in a frame change more where a target stands near its z axis.
+        "frame": (1e-3,) * 3 + (4e-3 * geometry.length,) * 3 + (1e-3,),
+        "level": (1.0,),
+        "profile": (1.0, 1.0, 1.0, 1e-3),
+        "gyro": (0.01,),
     }
     return equations, _steps(equations, steps)
 
 
-TURNS_AND_ARM = ("rx", "ry", "rz", "x", "y", "z")
-MOUNTED = dict(zip(TURNS_AND_ARM, (0.02, -0.03, 0.05, 0.1, -0.04, 0.07), strict=True))
-"""Mount of an instrument, rad and metres."""
+def flight_equations(frame_name: str, *, turned: float = 0.0) -> tuple[Equations, Array]:
+    """Return equations of every kind of a photo flight, and a step for each column.
+
+    Args:
+        frame_name: name of a right-handed frame.
+        turned: angle by which observed attitudes are wrong, radians.
+    """
+    frame, station = FRAMES[frame_name]
+    network = Network(frame_name, frame=frame)
+    basis = frame.basis(station[None], np.zeros((1, 2)))
+    enu = basis.enu[0]
+    network.add_camera("camera", lens.NoDistortion(), {"c": 28.4})
+    network.add_point("i", station)
+    for name, offset, angles in (("f", (40, 30, 900), (0.2, -0.4, 1.9)), ("g", (90, 35, 905), A2)):
+        rotation = enu.T @ world_R_camera(*angles)
+        network.add_photo(name, "camera", position=station + enu.T @ offset, rotation=rotation)
+    add_flight(network)
+    add_profile(network)
+    network.set_distance_meter("edm", scale=3e-5, zero=0.02, free=("scale", "zero"))
+    for make in OBSERVED.values():
+        for x in (x for x in make() if x.photos()):
+            if isinstance(x, o.PhotoSight):  # far from opposite, where angles change fast
+                x = replace(x, body=tuple((enu.T @ x.body).tolist()))
+            network.add(x)
+    equations = compile_network(network)
+    equations = observed_at(equations, turned)
+    # Near a pole the horizon turns fast.
+    far = min(1.0, 0.01 * float(basis.cos_latitude[0]) * frame.radius)
+    steps = {
+        "point": (1.0,),
+        "pose": (1e-2,) * 3 + (min(0.4, far),) * 3,
+        "edm": (1e-3, 1e-2),
+        "mount": (1e-2,) * 3 + (0.1,) * 3,
+        "drift": (0.1,),
+        "attitude_drift": (1e-2,),
+        "shutter": (1e-2,),
+        "profile": (1.0, 1.0, 1.0, 1e-3),
+    }
+    return equations, _steps(equations, steps)
+
+
+A2 = (0.1, 0.05, 1.7)
+"""ω, φ, κ of a second photo."""
+
+
+def add_flight(network: Network) -> None:
+    """State the mount, drifts and shutter of `OBSERVED`, everything free."""
+    turns, offsets = ("rx", "ry", "rz"), ("x", "y", "z")
+    network.set_mount(
+        "imu",
+        free=(*turns, *offsets),
+        values=dict(zip((*turns, *offsets), (0.3, -0.5, 0.9, 0.4, -0.2, 1.1), strict=True)),
+    )
+    powers = tuple(a + p for p in ("", "_t", "_tt") for a in offsets)
+    network.set_drift("strip", free=powers, values={"x": 0.3, "y_t": -0.2, "z_tt": 0.1})
+    rates = (*turns, *(a + "_t" for a in turns))
+    network.set_attitude_drift("platform", free=rates, values={"rx": 0.02, "ry_t": 0.03, "rz": 0.1})
+    network.set_shutter("shutter", error=0.01)
+
+
+def observed_at(equations: Equations, turned: float) -> Equations:
+    """Return the equations with readings as computed; those of attitudes are turned by an angle."""
+    frame, state = equations.network.frame, equations.unknowns.start()
+    blocks = []
+    for block in equations.blocks:
+        v = block.evaluate(frame, state, jacobians=False).residual
+        block = replace(block, observed=block.moved(v))
+        if block.composed is not None:
+            by = turned * np.array([0.48, -0.6, 0.64])
+            block = replace(block, observed=block.moved(np.tile(by, (block.n, 1))))
+        blocks.append(block)
+    return replace(equations, blocks=tuple(blocks))
 
 
 def add_frames(network: Network, origin: tuple[float, float, float]) -> None:
@@ -252,6 +396,13 @@ def add_frames(network: Network, origin: tuple[float, float, float]) -> None:
         network.add_frame("tripod", free=every, values=values, origin="i", level=True)
         network.add_frame("slanted", free=every, values=values, origin="i")
         network.add_frame("leaning", free=every, values=values, origin=origin, level=True)
+
+
+def add_profile(network: Network) -> None:
+    """Add a height profile of which everything is free."""
+    every = ("height", "height_t", "height_tt", "scale")
+    values = dict(zip(every, (3.0, -0.4, 0.2, 0.01), strict=True))
+    network.set_profile("flight", free=every, values=values)
 
 
 def _steps(equations: Equations, by_kind: dict[str, tuple[float, ...]]) -> Array:
@@ -346,7 +497,6 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         network.add_point(f"P{n}", centre + rotation @ (view.depth * ray))
         seen.append((x + camera.values["x0"], y + camera.values["y0"]))
     network.add_image_points("f", list(network.points), np.array(seen), sigma=0.005)
-    network.add(*OBSERVED["photo_position"]())
     add_frames(network, (25.0, -10.0, 5.0))
     network.add(o.FrameCoordinate("body", None, (0.0, 0.0, 0.0), photo="f", covariance=COVARIANCE))
     equations = compile_network(network)

@@ -77,6 +77,17 @@ def everything(frame_name: str) -> Network:
     n.add_frame("model, 1", free=("rx", "ry", "rz", "x", "y", "z"), sigma={"ln_scale": 1e-5 / 3})
     n.add_frame("tripod", free=["rz"], sigma={"rx": 1e-5, "ry": 2e-5}, origin="A", level=True)
     n.add_frame("wall", free=["rz", "x"], values={"rz": -1 / 3, "z": 0.1}, origin=(1 / 3, 2, 3e6))
+    n.set_mount("imu, 1", free=["rx", "z"], values={"ry": 1 / 3}, sigma={"x": 1 / 3})
+    n.set_drift("strip", free=["x", "z_t"], sigma={"y_tt": 1e-3 / 3})
+    n.set_attitude_drift("strip", free=["rx"], values={"rz_t": 1e-3 / 7}, sigma={"ry": 1e-4})
+    n.set_shutter("shutter", error=1 / 300, sigma=0.01)
+    n.set_mount("clino", free=("rx", "ry"), values={"rz": 1 / 3}, sigma={"x": 0.01})
+    n.set_level("lake, 1", 371.1 + 1 / 3, sigma=0.02)
+    n.set_level("pond")
+    n.set_profile("7", values={"height_t": 1 / 3}, sigma={"height": 3.0, "scale": 0.01 / 3})
+    n.set_profile("8", free=("height", "height_tt"))
+    n.set_gyro("gyro 1", sigma=1e-5, value=1 / 3e3)
+    n.set_gyro("gyro 2")
     per_part = StandardDeviation(0.002, ppm=2.0, centring_target=0.001)
     turned = StandardDeviation(1e-5, centring_instrument=0.001, centring_target=0.002)
     n.add(
@@ -102,7 +113,49 @@ def everything(frame_name: str) -> Network:
         o.FrameCoordinate("model, 1", None, (1, 1 / 3), axes="zx", photo="f1", sigma=(0.1, 0.2)),
         o.FrameCoordinate("tripod", '"D"', (1, 2, 1 / 3), sigma=(1e-3, 2e-3, 3e-3)),
         o.FrameCoordinate("wall", "#C", (1 / 3,), axes="x", sigma=(1e-3,)),
+        o.FrameDirection("tripod", '"D"', 1 / 3, sigma=1e-5 / 3),
+        o.FrameZenith("tripod", "#C", 1 / 3, sigma=1e-5, face=1),
+        o.FrameDistance("model, 1", "A", 31 / 3, sigma=per_part, instrument="EDM"),
         o.PhotoPosition("f1", (1, 2, 3.0), sigma=(0.01, 0.02, 0.03), lever_arm=(0.1, 0, -0.2)),
+        o.PhotoPosition(
+            *("f2", (1 / 3, 2.0)),
+            axes="zx",
+            sigma=(0.01, 0.02),
+            mount="imu, 1",
+            drift="strip",
+            time=-1 / 3,
+            shutter="shutter",
+            velocity=(60.1, 0.0, -1 / 3),
+        ),
+        o.PhotoAttitude("f1", (0.1, 0.2, 1 / 3), sigma=(1e-5, 2e-5, 3e-5), about="angles"),
+        o.NavigationAttitude(
+            *("f2", (0.1, 0.2, 1 / 3)),
+            covariance=np.diag([1e-10, 2e-10, 3e-10]) + 1e-11,
+            mount="imu, 1",
+            drift="strip",
+            time=1 / 7,
+        ),
+        o.PhotoAngle("f1", -1 / 3, angle="pitch", sigma=1e-4 / 3, mount="imu, 1"),
+        o.PhotoRange("A", "f1", 33.3, sigma=0.1, instrument="EDM", lever_arm=(0.1, 0, 1 / 3)),
+        o.PhotoBase("f1", "f2", 1 / 3, sigma=0.1, mount="imu, 1"),
+        o.AntennaVector("f1", (1, 2, 1 / 3), sigma=(0.01, 0.01, 0.02), lever_arm=(1, 2, 0.1)),
+    )
+    seen = np.array((1 / 3, -2, -5)) / np.linalg.norm((1 / 3, -2, -5))
+    n.add(
+        o.ProfileHeight("A", 312.1, sigma=0.3),
+        o.ProfileHeight(None, 2512.1, photo="f1", sigma=0.3, profile="7", t=-1 / 3),
+        o.ProfileHeight(
+            None, 1.0, photo="f2", sigma=0.3, profile="8", mount="clino", lever_arm=(0.1, 0, 1 / 3)
+        ),
+        o.LevelHeight("A", "lake, 1", sigma=0.1),
+        o.LevelHeight("#C", "pond", -1.1, sigma=0.1, slope=1e-3 / 3, along=-31.0, geoid=0.01 / 3),
+        o.PhotoTilt("f1", (0.1, -1 / 3), sigma=(1e-3, 2e-3), mount="clino"),
+        o.PhotoTilt("f2", (0.1,), axes="y", sigma=(1e-3,)),
+        o.PhotoTilt("f2", (0.1, 0.2), covariance=np.array([[2e-6, 1e-7], [1e-7, 1e-6]])),
+        o.PhotoSight("f1", (0.36, -0.48, 0.8), tuple(seen.tolist()), sigma=(1e-3, 1e-3)),
+        o.PhotoSight("f1", (1, 0, 0), (0, 0, -1), (1e-9 / 3,), axes="x", sigma=(1e-3,)),
+        o.GyroAzimuth("A", '"D"', 6.1, sigma=turned, gyro="gyro 1", target_height=1.3),
+        o.GyroAzimuth("A", "#C", 1 / 3, sigma=1e-5),
     )
     if not local:
         n.add(

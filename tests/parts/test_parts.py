@@ -12,7 +12,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.models.variables import UNKNOWNS, VariableKind
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import HeightDifference, SlopeDistance
+from factorgraph_adj.observations import FrameCoordinate, HeightDifference, SlopeDistance
 from factorgraph_adj.parts import loaded
 from factorgraph_adj.parts.cut import Regions, cut_network
 from factorgraph_adj.parts.folder import Folder
@@ -23,6 +23,7 @@ from factorgraph_adj.types import Array
 from tests.benchmarks.grids import simulate_grid, simulate_mixed
 from tests.loaders.dynadjust import read_dynaml
 from tests.networks import shapes, simulated
+from tests.networks.frames import network_of_frames
 from tests.networks.small_block import small_block
 from tests.support.places import data_dir
 
@@ -482,3 +483,38 @@ def test_a_point_of_one_part_leaves_the_plane_of_its_stations(tmp_path):
         at = found.point(f"P{half}")
         assert abs(at[2] - 10.0) == pytest.approx(12.0, abs=0.01)
     assert "second places         not looked for" in parts_protocol(found)
+
+
+@pytest.mark.parametrize("regions", [2, 3, lambda name: "even" if int(name[1:]) % 2 else "odd"])
+def test_frames_in_several_parts(regions, tmp_path):
+    """Their turns are found: of a held tilt and an unknown turn no rotation is known before."""
+    sorts = ("model", "levelled tripod", "scan", "plan", "nearly levelled scan")
+    network = network_of_frames(5, sorts)
+    network.datum = "given"
+    for name in ("P0", "P1", "P2"):
+        network.points[name] = replace(network.points[name], fixed=(True,) * 3)
+    equal_to_the_whole(network, regions, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"origin": "T"}, r"frame 'f': it has the origin point 'S' in one and .* point 'T' in"),
+        ({"level": True}, r"frame 'f': it has the origin point 'S' in one and .* and is level in"),
+        ({"origin": (1, 2, 3)}, r"frame 'f': it has the origin point 'S' .*the origin \(1, 2, 3\)"),
+        ({"values": {"z": 0.1}}, r"frame 'f': it is held at different values .*nan.*0\.1"),
+    ],
+)
+def test_frames_that_parts_state_differently_are_refused(stated, message):
+    networks = []
+    for own in ({}, stated):
+        network = Network("half")
+        for name, at in (("A", (0, 0, 0)), ("B", (20, 0, 2)), ("C", (18, 15, 0))):
+            network.add_point(name, at, fixed="xyz")
+            network.add_point({"A": "S", "B": "T", "C": "U"}[name], at)
+        network.add_frame("f", **{"free": ["rz"], "origin": "S", **own})
+        for name in "ABC":
+            network.add(FrameCoordinate("f", name, (0.0, 0.0, 0.0), sigma=(0.01,) * 3))
+        networks.append(network)
+    with pytest.raises(fga.InputError, match=message):
+        fga.adjust_parts([part_of("south", networks[0]), part_of("north", networks[1])])

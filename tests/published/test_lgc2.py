@@ -192,7 +192,7 @@ def test_wires_are_as_they_were_made(case: int) -> None:
 def test_wires_with_turned_sensors_and_free_bodies_have_the_same_sag(case: int) -> None:
     s = adjusted(text("testWPSR.h", f"ECWI_OLOC_{case}"))
     assert s.unknown("size", "sag of WPSRight").values[0] == pytest.approx(1.0, abs=TENTH_MICRON)
-    at, along = chord(s, "WPSRight")
+    _, along = chord(s, "WPSRight")
     back = np.sign(along[1])
     assert np.arctan2(back * along[0], back * along[1]) == pytest.approx(_TURN, abs=1e-7 * GON)
 

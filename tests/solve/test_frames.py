@@ -10,6 +10,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.observations import FrameCoordinate
+from factorgraph_adj.rotation import exp_rotation
 from tests.networks.every_kind import FRAMES
 from tests.networks.frames import SORTS, network_of_frames
 from tests.support.dense import Dense, DenseReliability
@@ -185,3 +186,31 @@ def test_frames_without_control_are_refused_unless_the_network_is_free():
     network.datum = "given"
     with pytest.raises(fga.DatumError, match=r"7 datum defects|7 defects"):
         fga.adjust(network)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_frame_that_turns_about_one_of_its_axes(axis):
+    """Its held rotations keep their values, and the turn is found from a few places."""
+    names = ("rx", "ry", "rz")
+    held = {n: 0.2 for n in names if n != names[axis]}
+    tilt = exp_rotation(np.array([[held.get(n, 0.0) for n in names]]))[0]
+    rotation = tilt @ exp_rotation(np.eye(3)[[axis]] * 0.7)[0]
+    network = fga.Network("a turntable")
+    network.add_frame("f", free=(names[axis], "x", "y", "z"), values=held)
+    rng = np.random.default_rng(axis)
+    for i, x in enumerate(rng.uniform(-5.0, 5.0, (5, 3))):
+        network.add_point(f"P{i}", x, fixed="xyz")
+        q = rotation.T @ x + 1e-3 * rng.normal(size=3)
+        network.add(FrameCoordinate("f", f"P{i}", tuple(q.tolist()), sigma=(1e-3,) * 3))
+    solution = fga.adjust(network)
+    assert (solution.redundancy, solution.sigma0) == (11, pytest.approx(1.0, abs=0.7))
+    found = exp_rotation(np.array([solution.unknown("frame", "f").values[:3]]))[0]
+    np.testing.assert_allclose(found[:, axis], tilt[:, axis], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("free", [("rx", "rz"), ("ry", "rz")])
+def test_a_tilt_cannot_be_held_alone(free):
+    """Turns about two axes turn about the third, so that it would end elsewhere by each way."""
+    network = fga.Network("two turns")
+    with pytest.raises(fga.InputError, match=r"frame 'f'.*two of the rotations rx, ry, rz, or"):
+        network.add_frame("f", free=(*free, "x", "y", "z"))

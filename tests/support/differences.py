@@ -67,9 +67,7 @@ def observed_as_computed(equations: Equations, state: State) -> Equations:
     blocks = []
     for block in equations.blocks:
         v = block.evaluate(frame, state, jacobians=False).residual
-        blocks.append(
-            block if block.lens is not None else replace(block, observed=block.observed + v)
-        )
+        blocks.append(block if block.lens is not None else replace(block, observed=block.moved(v)))
     return replace(equations, blocks=tuple(blocks))
 
 

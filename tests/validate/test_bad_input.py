@@ -12,7 +12,7 @@ from factorgraph_adj.frames import GeocentricFrame
 from factorgraph_adj.io.project import load_project, read_project
 from factorgraph_adj.io.records import observation
 from factorgraph_adj.network.network import Network
-from factorgraph_adj.observations import Direction, GnssVector, SlopeDistance
+from factorgraph_adj.observations import BUILT_IN, Direction, GnssVector, SlopeDistance
 from factorgraph_adj.validate.check import check
 from tests.networks.projects import IMAGES, OBSERVATIONS, PHOTOS, POINTS, PROJECT, write
 
@@ -23,11 +23,7 @@ TEXTS = {
     "images": IMAGES,
     "observations": OBSERVATIONS,
 }
-KINDS = (
-    "slope_distance, horizontal_distance, vertical_angle, zenith_angle, direction, "
-    "horizontal_angle, azimuth, height_difference, astronomic_latitude, astronomic_longitude, "
-    "gnss_vector, gnss_position, control, photo_position, image, frame_coordinate"
-)
+KINDS = ", ".join(BUILT_IN)
 LENGTHS = "m, dm, cm, mm, um, km"
 ANGLES = "rad, mrad, gon, mgon, cc, deg, arcmin, arcsec"
 

@@ -12,6 +12,8 @@ from factorgraph_adj.graph.equations import compile_rows
 from factorgraph_adj.rotation import exp_rotation
 from factorgraph_adj.validate.check import check
 from factorgraph_adj.validate.preliminary.similar import System, common
+from tests.networks.every_kind import FRAMES
+from tests.networks.frames import network_of_frames
 from tests.networks.three_frames import HELD, SIGMA, room, three_frames, true_coordinates
 
 
@@ -267,3 +269,16 @@ def test_held_points_that_frames_see_hold_the_datum() -> None:
     }
     del network.frames["model"]
     assert [p for p in check(network) if "datum" in str(p)] == []
+
+
+@pytest.mark.parametrize("frame_name", FRAMES)
+def test_plans_are_compared_with_given_coordinates_in_their_horizon(frame_name) -> None:
+    """Of the X and Y of a geocentric frame a plan says nothing."""
+    network = network_of_frames(3, ("plan", "levelled scan"), frame_name=frame_name)
+    network.datum = "given"
+    for name, point in network.points.items():
+        network.points[name] = replace(point, fixed=(True,) * 3)
+    assert not told(network)
+    x, y = value(network, "plan", "P2")
+    (found,) = told(changed(network, "plan", "P2", value=(x + 0.1, y)))
+    assert found.startswith("point 'P2' in frame 'plan' does not fit")

@@ -16,6 +16,7 @@ from factorgraph_adj.observations import (
     ZenithAngle,
 )
 from tests.networks.building_site import site
+from tests.networks.three_frames import STATION, room, three_frames
 
 STATIONS = {"A": (0, 0, 10), "B": (50, 0, 10), "C": (20, 60, 10), "D": (70, 40, 10)}
 """Four stations of one height."""
@@ -122,3 +123,13 @@ def test_nothing_is_told_of_building_sites() -> None:
         network, readings, _ = site(seed)
         network.add(*readings)
         assert not told(network)
+
+
+def test_frames_at_a_point_without_given_rotation_say_nothing_of_other_points() -> None:
+    """All points have coordinates, the station and its direction are not known yet."""
+    network = three_frames()
+    for name, x in room().items():
+        network.points[name] = replace(network.points[name], coordinates=tuple(x.tolist()))
+    network.points["T"] = replace(network.points["T"], coordinates=tuple(STATION.tolist()))
+    assert fga.adjust(network).converged
+    assert not told(network)

@@ -40,14 +40,14 @@ GIVEN = "the given coordinates"
 
 def in_frames(equations: Equations) -> Iterator[Finding]:
     """Iterate over doubts about places in frames."""
-    systems = _systems(equations)
+    given = _given(equations)
+    systems = _systems(equations, given)
     if not systems:
         return
-    given = _given(equations)
     yield from _far_origins(equations, systems, given)
     if equations.network.frame.left_handed:
         yield from _not_level(equations)
-        given = replace(given, x=_to_the_horizon(equations, given.x))
+        given = replace(given, horizon=_horizon(equations, np.zeros(3)))
     mirrored, findings = _mirrored([*systems.values(), given])
     yield from findings
     clean = [s for s in systems.values() if s.name not in mirrored]
@@ -78,7 +78,7 @@ class Wrong:
 # -- what was measured ----------------------------------------------------------------------------
 
 
-def _systems(equations: Equations) -> dict[int, System]:
+def _systems(equations: Equations, given: System) -> dict[int, System]:
     """Return the places of each frame by its number; photos follow the points."""
     n_points = len(equations.unknowns["point"].names)
     table = equations.unknowns["frame"]
@@ -95,6 +95,7 @@ def _systems(equations: Equations) -> dict[int, System]:
     if not parts:
         return {}
     frame, key, q, sigma = (np.concatenate(c) for c in zip(*parts, strict=True))
+    level = [bool(p.constants[-1]) for p in equations.network.frames.values()]
     out = {}
     for f in np.unique(frame).tolist():
         rows = np.flatnonzero((frame == f) & np.isfinite(q[:, :2]).all(axis=1))
@@ -103,8 +104,28 @@ def _systems(equations: Equations) -> dict[int, System]:
         scale = np.nan if table.free[f, 6] else float(table.values[f, 12])
         upright = not table.free[f, :2].any()
         name = f"frame {table.names[f]!r}"
-        out[f] = System(name, keys, q[rows], sigma[rows], upright, scale)
+        at = _origin(equations, f, keys, given) if level[f] else None
+        horizon = None if at is None else _horizon(equations, at)
+        out[f] = System(name, keys, q[rows], sigma[rows], upright, scale, horizon)
     return out
+
+
+def _origin(equations: Equations, f: int, keys: Index, given: System) -> Array | None:
+    """Return the origin of a frame; if it is not known the middle of its places, if they are."""
+    stated = equations.network.frames[equations.unknowns["frame"].names[f]]
+    if not stated.origin:
+        return np.array(stated.constants[:3])
+    points = equations.unknowns["point"]
+    at = points.values[points.number[stated.origin]]
+    if np.isfinite(at).all():
+        return np.asarray(at)
+    places = given.x[np.isin(given.keys, keys)]
+    return np.asarray(places.mean(axis=0)) if len(places) else None
+
+
+def _horizon(equations: Equations, at: Array) -> Array:
+    """Return east, north and up (3, 3) at a place (3,)."""
+    return np.asarray(equations.network.frame.basis(at[None], np.zeros((1, 2))).enu[0])
 
 
 def _given(equations: Equations) -> System:
@@ -130,14 +151,21 @@ def _pairs(systems: list[System], *, rough: bool = False) -> list[Pair]:
             by_place.setdefault(key, []).append(number)
     counts = Counter(p for numbers in by_place.values() for p in combinations(numbers, 2))
     enough = [p for p, n in counts.most_common(PAIRS) if n >= 2]
-    found = (common(systems[i], systems[j], rough=rough) for i, j in enough)
+    found = (
+        common(systems[i], _to_the_horizon(systems[i], systems[j]), rough=rough) for i, j in enough
+    )
     return [pair for pair in found if pair is not None]
 
 
-def _to_the_horizon(equations: Equations, x: Array) -> Array:
-    """Return coordinates in a left-handed local frame as east, north, up."""
-    basis = equations.network.frame.basis(np.zeros((1, 3)), np.zeros((1, 2)))
-    return np.asarray(x @ basis.enu[0].T)
+def _to_the_horizon(first: System, second: System) -> System:
+    """Return the second system; the given coordinates as they are in the horizon of the first.
+
+    Compared with a frame that is not level, left-handed coordinates are in a horizon too.
+    """
+    if second.name != GIVEN:
+        return second
+    horizon = second.horizon if first.horizon is None else first.horizon
+    return second if horizon is None else replace(second, x=second.x @ horizon.T)
 
 
 # -- origins and axes -----------------------------------------------------------------------------

@@ -43,6 +43,8 @@ class System:
     """Whether its z axis is upright, so that its plan can be compared alone."""
     fixed_scale: float
     """ln of the metres per unit; NaN if it is unknown."""
+    horizon: Array | None = None
+    """Horizon (east, north, up) from which its axes are turned, (3, 3); none: it is not level."""
 
 
 @dataclass(frozen=True, eq=False)

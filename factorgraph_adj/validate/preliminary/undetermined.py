@@ -22,6 +22,7 @@ from ...graph.blocks import Block
 from ...graph.equations import Equations
 from ...graph.variables import State
 from ...models.base import wrap
+from ...models.variables import UNKNOWNS
 from ...observations import KINDS
 from ...types import Array, Mask
 from .finding import TIMES, Finding
@@ -154,7 +155,10 @@ class _Observed:
             points = [(j, i) for j, (kind, i) in enumerate(block.variables) if kind == "point"]
             fine = np.ones(block.n, dtype=bool)
             for kind, index in block.variables:
-                fine &= there[index] if kind == "point" else kind != "pose"
+                if kind == "point":
+                    fine &= there[index]
+                elif UNKNOWNS[kind].rotates:  # without its rotation nothing can be computed
+                    fine &= np.isfinite(given[kind][index]).all(axis=1) & (kind != "pose")
             for _, index in points:
                 whole[index[~fine]] = False
                 weighted[index] |= block.prior
