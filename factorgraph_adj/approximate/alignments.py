@@ -100,8 +100,7 @@ class _Fit:
         given = np.array(stated.values, dtype=float)
         self._given = given
         self._missing = np.flatnonzero(np.isnan(given))
-        # Of a wire the chord counts, y: turns about x and z must not add up to a roll about it.
-        self._chord = {0, 2} <= set(self._missing.tolist()) and given[1] == 0
+        self._runs = {0, 2} <= set(self._missing.tolist())
         self._blocks, sizes = [], set()
         for block in blocks:
             ready = np.ones(block.n, dtype=bool)
@@ -131,7 +130,7 @@ class _Fit:
         ends = [m for start in self._starts() if (m := self._descend(start)) is not None]
         if not ends:
             return "no approximate value: its readings contradict each other; give values"
-        if self._chord:  # a sagging wire is as well one that runs the other way
+        if self._runs:  # a sagging wire is as well one that runs the other way
             ahead = [m for m in ends if self._places(m.state)[:, 1].mean() > 0]
             ends = ahead or ends
         ends.sort(key=lambda m: m.cost)
@@ -218,8 +217,6 @@ class _Fit:
         out["frame"], out["size"] = state["frame"].copy(), state["size"].copy()
         row: Index = np.array([self._frame])
         out["frame"][row] = UNKNOWNS["frame"].retract(state["frame"][row], whole)
-        if self._chord:
-            out["frame"][self._frame, :12] = _without_roll(out["frame"][self._frame, :12])
         out["size"][self._sizes, 0] += step[len(self._missing) :]
         return out
 
@@ -270,15 +267,3 @@ class _Fit:
         a, b = (x.state["frame"][self._frame] for x in (best, m))
         places = [s[:ROTATION].reshape(3, 3) @ s[9:12] for s in (a, b)]
         return bool(np.abs(places[0] - places[1]).max() > APART)
-
-
-def _without_roll(stored: Array) -> Array:
-    """Return R and c (12,) of the same chord, y, with an x axis that is level."""
-    rotation = stored[:ROTATION].reshape(3, 3)
-    y = rotation[:, 1]
-    x = np.cross(y, [0.0, 0.0, 1.0])
-    size = float(np.linalg.norm(x))
-    if size < 1e-6:
-        return stored
-    level = np.stack([x / size, y, np.cross(x / size, y)], axis=1)
-    return np.concatenate([level.ravel(), level.T @ rotation @ stored[ROTATION:12]])

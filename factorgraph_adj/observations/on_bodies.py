@@ -16,8 +16,9 @@ class WireReading(Observation):
     """Where a stretched wire passes a sensor, metres: x across the wire, z upwards.
 
     The sensor is set up level and across the wire, unless its mount states or leaves free a roll.
-    The frame of the wire has its y axis along the chord; free are rz (bearing), rx (slope), x and
-    z. See `factorgraph_adj.models.wires`.
+    The frame of the wire has its y axis along the chord; free are rx (slope), ry, rz (bearing), x
+    and z. A roll of the frame about the wire, ry, has no effect: a `FrameRoll` of 0 takes it away.
+    See `factorgraph_adj.models.wires`.
     """
 
     kind: ClassVar[str] = "wire_reading"

@@ -16,16 +16,17 @@ from tests.networks.alignment import body, measured, offsets
 TABLES = {
     "project.toml": 'name = "tunnel"\n[units]\nlength = "m"\nangle = "gon"\n',
     "points.csv": "name,x,y,z,fixed\nA,0,0,0,xyz\nB,0,30,0.01,xyz\nC,0.1,60,0,xyz\n",
-    "frames.csv": "name,free,origin_x,origin_y,origin_z,level\nW,rz rx x z,0,0,0.1,yes\n",
+    "frames.csv": "name,free,origin_x,origin_y,origin_z,level\nW,rx ry rz x z,0,0,0.1,yes\n",
     "sizes.csv": "name,value_m,fixed\nsag,0.012,yes\n",
     "levels.csv": "name,value_m\ntube,\n",
     "observations.csv": (
-        "kind,frame,point,x,z,value,sag,length,level,side,sigma_mm\n"
-        "wire_reading,W,A,0.01,0.1,,sag,60,,,0.01\n"
-        "wire_reading,W,B,0.02,0.08,,sag,60,,,0.01\n"
-        "wire_reading,W,C,-0.08,0.1,,sag,60,,,0.01\n"
-        "hydrostatic_reading,,A,,,0.11,,,tube,1,0.005\n"
-        "hydrostatic_reading,,B,,,0.10,,,tube,,0.005\n"
+        "kind,frame,point,x,z,value,sag,length,level,side,sigma_mm,sigma_mgon\n"
+        "wire_reading,W,A,0.01,0.1,,sag,60,,,0.01,\n"
+        "wire_reading,W,B,0.02,0.08,,sag,60,,,0.01,\n"
+        "wire_reading,W,C,-0.08,0.1,,sag,60,,,0.01,\n"
+        "hydrostatic_reading,,A,,,0.11,,,tube,1,0.005,\n"
+        "hydrostatic_reading,,B,,,0.10,,,tube,,0.005,\n"
+        "frame_roll,W,A,,,0,,,,,,1\n"
     ),
 }
 
@@ -43,9 +44,9 @@ def write(folder, name: str = "", old: str = "", new: str = ""):
 def test_the_project_is_read_and_adjusted(tmp_path) -> None:
     network = load_project(write(tmp_path)).network
     kinds = {x.kind for x in network.observations.values()}
-    assert kinds == {"wire_reading", "hydrostatic_reading"}
+    assert kinds == {"wire_reading", "hydrostatic_reading", "frame_roll"}
     s = fga.adjust(network)
-    assert s.redundancy == 6 + 2 - 4 - 1
+    assert s.redundancy == 6 + 2 + 1 - 5 - 1
     assert s.unknown("level", "tube").values[0] == pytest.approx(0.11, abs=1e-3)
 
 

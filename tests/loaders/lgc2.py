@@ -564,7 +564,8 @@ class _Builder:
             math.hypot(a, b, float(of_wire)) * MM for a, b in ((x, centring_x), (z, centring_z))
         )
         a, b = (self._on_wire(anchor, lines) for anchor in (first, second))
-        self.network.add_frame(wire, free=("rz", "rx", "x", "z"), origin=a.tolist())
+        self.network.add_frame(wire, free=("rx", "ry", "rz", "x", "z"), origin=a.tolist())
+        self.network.add(o.FrameRoll(wire, first, 0.0, sigma=1e-4))  # its roll has no effect
         held = "SAGFIX" in options
         self.network.set_size(f"sag of {wire}", float(sag) if held else None, fixed=held)
         length = float(np.linalg.norm(b - a))

@@ -78,15 +78,10 @@ def _wire(
     network: fga.Network, name: str, across: float, height: float, sag: float, origin: str | None
 ) -> None:
     """Add a wire, from a place or from a point, with which it moves in a free network."""
-    values = {"rz": -0.001, "rx": 0.0005, "x": across, "z": height}
-    if origin is not None:
-        # A turn of the network about the vertical is one about all axes of a wire with a slope.
-        values["ry"] = 0.0
-    network.add_frame(
-        name, free=list(values), values=values, origin=origin or (0.0, 0.0, 0.0), level=True
-    )
-    if origin is not None:
-        network.add(o.FrameRoll(name, origin, 0.0, sigma=1e-4))
+    values = {"rz": -0.001, "rx": 0.0005, "ry": 0.0, "x": across, "z": height}
+    at = origin or (0.0, 0.0, 0.0)
+    network.add_frame(name, free=list(values), values=values, origin=at, level=True)
+    network.add(o.FrameRoll(name, "S0", 0.0, sigma=1e-4))  # its roll has no effect
     network.set_size(name, sag)
 
 
