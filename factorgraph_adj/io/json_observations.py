@@ -86,7 +86,8 @@ def _single_fields(item: Observation, id: str | None, unit: str) -> Fields:
         raise InputError(problems)
     # ``unit`` is that of the value; angles beside it are read in gon.
     angles = [n for n, quantity in numbers_of(kind).items() if quantity == "angle" and n in out]
-    out |= {n: float(numbers.write(getattr(item, n), "gon")) for n in angles}
+    # Text keeps all digits, a number in gon would be rounded.
+    out |= {n: numbers.write(getattr(item, n), "gon") for n in angles}
     if not isinstance(item, ImagePoint):
         out["unit"] = "rad" if is_angle(item.kind) else "m"
     return out

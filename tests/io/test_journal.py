@@ -91,6 +91,9 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     if "shutter" in have and rng.random() < 0.5:
         out |= {"shutter": "s", "velocity": tuple(number(rng) for _ in range(3))}
     out |= {n: number(rng) for n in have if n.endswith("_height") and rng.random() < 0.5}
+    needed = [n for n in KINDS[kind].constants if n not in KINDS[kind].optional]
+    out |= {n: abs(number(rng)) % 3.0 + 0.01 for n in needed if n not in out}
+    out |= {n: next(free) for n in ("start", "end") if n in have}
     if "face" in have:
         out["face"] = int(rng.integers(1, 3))
         error = "index_error" if "index_error" in have else "collimation_error"
