@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from .io.solution_file import load_solution
     from .io.write_project import write_project
     from .models.registry import register_lens
-    from .models.variables import UnknownKind, register_unknown
+    from .models.unknown import UnknownKind
+    from .models.variables import register_unknown
     from .network.entities import Camera, Parameter, Photo, Point
     from .network.network import Network
     from .network.selection import without
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
     from .observations.in_frames import FrameCoordinate
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
     from .observations.registry import ObservationKind, register_observation
+    from .observations.relative import RelativePosition, RelativeRotation
+    from .observations.strips import StripCoordinate
     from .observations.terrestrial import (
         AstronomicLatitude,
         AstronomicLongitude,
@@ -83,6 +86,8 @@ if TYPE_CHECKING:
     from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
+    from .triangulation.models import as_models
+    from .triangulation.relative import relative_model
     from .validate.preliminary.finding import Finding
     from .validate.preliminary.search import preliminary
     from .version import __version__
@@ -136,10 +141,13 @@ __all__ = [
     "Point",
     "ProfileHeight",
     "Provenance",
+    "RelativePosition",
+    "RelativeRotation",
     "ReportOptions",
     "SlopeDistance",
     "Solution",
     "StandardDeviation",
+    "StripCoordinate",
     "TopocentricFrame",
     "UnknownKind",
     "VerticalAngle",
@@ -148,6 +156,7 @@ __all__ = [
     "adjust",
     "adjust_parts",
     "adjusted_lines",
+    "as_models",
     "build_graph",
     "causes",
     "check_points",
@@ -172,6 +181,7 @@ __all__ = [
     "register_lens",
     "register_observation",
     "register_unknown",
+    "relative_model",
     "reliability",
     "robust_adjust",
     "s_transform",
@@ -230,18 +240,22 @@ _MODULES = {
     "Point": "network.entities",
     "ProfileHeight": "observations.vertical",
     "Provenance": "report.options",
+    "RelativePosition": "observations.relative",
+    "RelativeRotation": "observations.relative",
     "ReportOptions": "report.options",
     "SlopeDistance": "observations.terrestrial",
     "Solution": "solve.solution",
     "StandardDeviation": "stochastic",
+    "StripCoordinate": "observations.strips",
     "TopocentricFrame": "frames",
-    "UnknownKind": "models.variables",
+    "UnknownKind": "models.unknown",
     "VerticalAngle": "observations.terrestrial",
     "ZenithAngle": "observations.terrestrial",
     "__version__": "version",
     "adjust": "parts.network",
     "adjust_parts": "parts.adjust",
     "adjusted_lines": "quality.lines",
+    "as_models": "triangulation.models",
     "build_graph": "graph.build",
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",
@@ -266,6 +280,7 @@ _MODULES = {
     "register_lens": "models.registry",
     "register_observation": "observations.registry",
     "register_unknown": "models.variables",
+    "relative_model": "triangulation.relative",
     "reliability": "quality.reliability",
     "robust_adjust": "quality.robust",
     "s_transform": "quality.datum_change",

@@ -26,15 +26,22 @@ SHOWN = {
     "gallery_stretched_wire": "rejected: wire 3",
     "gallery_7_monte_carlo": "150 distances instead of 35: 0.403 ± 0.043 mm less",
     "gallery_9_parts": "Σr of office 2: 72.12 of 153 observations",
+    "gallery_independent_models": "pairs, film unknown 710 345 1.50 5.3 9.6 17.6",
     "gallery_two_faces": "set aside: zenith_angle S C, error 8.1 mgon, w -7.5 doubts that are "
     "left: 0",
+    "gallery_trackers": "frame_direction in T2: σ × 3.50 ± 0.47",
+    "gallery_statoscope_and_lake": "set aside: profile_height 22 (id statoscope 22), error 5.5 m, "
+    "w -16.0",
     "gallery_8_gtsam": "P σx, mm 1.192026 1.192026 -1.4e-12",
 }
 """A line of the output of each script of the gallery."""
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 ALONE = (
+    "camera_rig",
     "gallery_8_gtsam",
     "gallery_9_parts",
+    "gallery_trackers",
+    "gallery_statoscope_and_lake",
     "gallery_two_faces",
     "industry_block",
     "make_industry_block",

@@ -50,6 +50,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("solve",),
     ("quality",),
     ("validate",),
+    ("triangulation",),
     ("io",),
     ("parts",),
     ("incremental",),

@@ -11,6 +11,7 @@ from .in_frames import InFrames
 from .intersection import doubtful
 from .progress import Progress
 from .rays import ImageRays, posed
+from .relative_poses import RelativePoses
 from .resection import FITS, MANY, misses, resect
 from .spheres import positions_in_space
 from .survey import Sighted
@@ -33,6 +34,7 @@ def not_reached(
     progress: Progress,
     rays: ImageRays,
     frames: InFrames,
+    relative: RelativePoses,
     *,
     free: bool,
 ) -> list[Problem]:
@@ -50,7 +52,7 @@ def not_reached(
     for p in missing.tolist():
         reasons.setdefault(("point", joined.why(p)), []).append(names[p])
     for f in photos.tolist():
-        why = _why_no_pose(progress, rays, f)
+        why = _why_no_pose(progress, rays, relative, f)
         reasons.setdefault(("photo", why), []).append(equations.unknowns["pose"].names[f])
     for f in lost.tolist():
         why = _why_no_frame(progress, frames, f)
@@ -68,6 +70,7 @@ def _unoriented(progress: Progress) -> Index:
     """Return the sets that have directions but no orientation."""
     used = np.zeros(len(progress.orientation), dtype=bool)
     used[progress.survey.directions.third] = True
+    used[len(used) - len(progress.survey.gyro) :] = False
     return np.flatnonzero(used & np.isnan(progress.orientation))
 
 
@@ -87,7 +90,34 @@ def _why_no_frame(progress: Progress, frames: InFrames, frame: int) -> str:
     )
 
 
-def _why_no_pose(progress: Progress, rays: ImageRays, photo: int) -> str:
+def _why_no_pose(progress: Progress, rays: ImageRays, relative: RelativePoses, photo: int) -> str:
+    joined = np.flatnonzero((relative.first == photo) | (relative.second == photo))
+    if len(joined):
+        return _why_not_along(progress, rays, relative, photo, joined)
+    return _why_not_resected(progress, rays, photo)
+
+
+def _why_not_along(
+    progress: Progress, rays: ImageRays, relative: RelativePoses, photo: int, joined: Index
+) -> str:
+    """Return why a photo with relative poses was not reached along any of them."""
+    n = len(joined)
+    loose = np.isnan(progress.mount[relative.mount[joined]]).any(axis=1)
+    far = np.where(relative.first[joined] == photo, relative.second[joined], relative.first[joined])
+    apart = ~posed(progress)[far]
+    why = "all photos that its relative poses lead to are not reached either"
+    if not apart.all():
+        why = (
+            "its mount is unknown, as no photo on it was found by its own image points"
+            if loose.any()
+            else f"its {n} relative pose{'s' * (n > 1)} lack the rotation or the position"
+        )
+    if not np.any(rays.photo == photo):
+        return f"it has no image points, and {why}"
+    return f"{_why_not_resected(progress, rays, photo)}; {why}"
+
+
+def _why_not_resected(progress: Progress, rays: ImageRays, photo: int) -> str:
     seen = rays.point[rays.photo == photo]
     n = int(np.count_nonzero(progress.complete[seen]))
     if n >= 4:
@@ -195,6 +225,8 @@ class _Joined:
 
     def _why_no_height(self, p: int) -> str:
         s = self._progress.survey
+        if p in s.above.point:
+            return "the height of the surface above which it was measured is not known"
         known_height: Mask = np.isfinite(self._progress.plan[:, 2])
         joined = False
         for sighted in (s.steps, s.zeniths, s.slopes, s.vectors):

@@ -89,7 +89,7 @@ def intersect_sights(progress: Progress, seen: InFrames, *, parallax: float) -> 
         parallax: smallest strength of an intersection, radians, see `nearest_to_rays`.
     """
     sights = seen.sights
-    known: Mask = np.isfinite(progress.frame).all(axis=1)
+    known: Mask = np.all(np.isfinite(progress.frame), axis=1)
     origins = origins_of(progress, seen)
     known &= np.isfinite(origins).all(axis=1)
     rows = np.flatnonzero(known[sights.frame] & ~progress.complete[sights.point])
@@ -170,7 +170,7 @@ def resect_in_space(x: Array, unit: Array) -> tuple[Array, Array] | None:
 def _open(progress: Progress, seen: InFrames) -> list[tuple[int, Index]]:
     """Return the frames that are not known, and their sights to known points."""
     sights = seen.sights
-    missing = np.isnan(progress.frame).any(axis=1)
+    missing: Mask = np.any(np.isnan(progress.frame), axis=1)
     if not len(sights.frame) or not missing.any():
         return []
     rows = np.flatnonzero(missing[sights.frame] & progress.complete[sights.point])

@@ -13,6 +13,7 @@ from ..models.frame_sights import place_of_sight
 from ..models.terrestrial import direction_in_face_one, zenith_in_face_one
 from ..models.variables import UNKNOWNS
 from ..observations import KINDS
+from ..stochastic import StandardDeviation
 from ..types import Array, Index, Mask
 
 SIGHTED = ("direction", "zenith", "distance")
@@ -47,6 +48,15 @@ class Sights:
     def q(self) -> Array:
         """Places in the frames, unit of the frame; NaN where not all three are known, (n, 3)."""
         return place_of_sight(*self.value.T)
+
+    @property
+    def spread(self) -> Array:
+        """Root mean square of the standard deviations of ``q`` along its three axes, (n,)."""
+        _, zenith, distance = self.value.T
+        across = self.sigma * np.stack(
+            [np.abs(distance * np.sin(zenith)), distance, np.ones(len(zenith))], axis=1
+        )
+        return np.asarray(np.sqrt(np.mean(across**2, axis=1)))
 
 
 @dataclass(frozen=True)
@@ -97,7 +107,7 @@ def read_frames(equations: Equations) -> InFrames:
 def read_sights(equations: Equations) -> Sights:
     """Return the sights of a network in frames; of repeated ones the first."""
     n_points = max(len(equations.unknowns["point"].names), 1)
-    found: list[tuple[Index, Index, Array, Array]] = []
+    found: list[_Told] = []
     for block in equations.blocks:
         what = _told(block)
         if block.prior or what not in SIGHTED:
@@ -105,18 +115,69 @@ def read_sights(equations: Equations) -> Sights:
         (_, frame), (_, point) = block.variables[:2]
         value = _in_face_one(equations, block, what)
         code, first = np.unique(frame * n_points + point, return_index=True)
-        column = np.full(len(code), SIGHTED.index(what))
-        found.append((code, column, value[first], block.sigma[first, 0]))
+        found.append(_Told(block, SIGHTED.index(what), code, first, value[first]))
     if not found:
         nothing = np.zeros(0, dtype=np.intp)
         return Sights(nothing, nothing, np.zeros((0, 3)), np.zeros((0, 3)))
-    code, column, value, sigma = (np.concatenate(c) for c in zip(*found, strict=True))
-    every, row = np.unique(code, return_inverse=True)
+    every = np.unique(np.concatenate([t.code for t in found]))
     values, sigmas = np.full((2, len(every), 3), np.nan)
-    values[row[::-1], column[::-1]] = value[::-1]  # the first of several blocks comes last
-    sigmas[row[::-1], column[::-1]] = sigma[::-1]
+    for told in reversed(found):  # the first of several blocks is written last
+        values[np.searchsorted(every, told.code), told.column] = told.value
+    q = place_of_sight(*values.T)
+    for told in reversed(found):
+        row = np.searchsorted(every, told.code)
+        sigmas[row, told.column] = _sigmas(equations, told, q[row])
     frame, point = np.divmod(every, n_points)
     return Sights(frame.astype(np.intp), point.astype(np.intp), values, sigmas)
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What a block of sights tells, each place once."""
+
+    block: Block
+    column: int
+    """Column of `Sights.value`."""
+    code: Index
+    """Frame and point as one number, (m,)."""
+    rows: Index
+    """Numbers of the observations, (m,)."""
+    value: Array
+    """Values in face 1, (m,)."""
+
+
+@dataclass(frozen=True)
+class _Sighted:
+    """Lengths on which the variances of sights depend, from the sights themselves."""
+
+    observed: Array
+    """Observed values, (m,)."""
+    q: Array
+    """Targets in their frames, (m, 3)."""
+
+    def sight(self, target: str = "target") -> Array:
+        """Return the lines from the instruments, (m, 3)."""
+        return self.q
+
+    def number(self, attribute: str) -> Array:
+        """Return no number: sights have none."""
+        return np.full(len(self.q), np.nan)
+
+
+def _sigmas(equations: Equations, told: _Told, q: Array) -> Array:
+    """Return the standard deviations of sights to targets q (m, 3), NaN where q is not known."""
+    block = told.block
+    out = np.array(block.sigma[told.rows, 0])
+    weight = KINDS[block.kind].weight
+    observations = equations.network.observations
+    stated = [observations[block.ids[i]].sigma for i in told.rows.tolist()]  # type: ignore[attr-defined]
+    parts = np.array([isinstance(s, StandardDeviation) for s in stated], dtype=bool)
+    if weight is None or not parts.any():
+        return out
+    rows = np.flatnonzero(parts)
+    geometry = _Sighted(told.value[rows], q[rows])
+    out[rows] = np.sqrt(weight.variance([stated[i] for i in rows.tolist()], geometry))
+    return out
 
 
 def _told(block: Block) -> str:

@@ -22,11 +22,16 @@ class Progress:
     plan: Array
     """East, north, height, metres, (n, 3)."""
     orientation: Array
-    """Orientation unknowns, radians, (m,)."""
+    """Orientation unknowns, and behind them the constants of gyrotheodolites at each of their
+    stations, radians, (m,)."""
     pose: Array
     """Poses of photos, (f, 12)."""
     frame: Array
     """Frames, (k, 17)."""
+    mount: Array
+    """Mounts, (m, 12)."""
+    surface: Array
+    """Heights of level surfaces and surfaces of pressure, metres, (l,)."""
 
     def copy(self) -> Progress:
         """Return an independent copy, for a trial."""
@@ -36,6 +41,8 @@ class Progress:
             orientation=self.orientation.copy(),
             pose=self.pose.copy(),
             frame=self.frame.copy(),
+            mount=self.mount.copy(),
+            surface=self.surface.copy(),
         )
 
     @property

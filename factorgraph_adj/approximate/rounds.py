@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..network.network import DatumChoice
 from ..observations import AstronomicLatitude, AstronomicLongitude
+from ..types import Array
 from .additive import solve_additive
 from .alignments import align, aligned
 from .diagnosis import not_reached
@@ -24,10 +26,19 @@ from .orientation import orient, orient_by_model
 from .polar import polar
 from .progress import Progress
 from .rays import GOOD_PARALLAX, LEAST_PARALLAX, ImageRays, intersect_rays, read_rays
+from .relative_poses import (
+    RelativePoses,
+    along_relative_poses,
+    mounts_of_photos,
+    open_mounts,
+    read_relative_poses,
+    start_anywhere,
+)
 from .resection import resections
 from .single_ray import far_points, ray_and_more
 from .spheres import spheres, start_in_space
 from .sub_frames import place_frames, places_in_frames
+from .surfaces import above_surfaces, share_gyros, start_surface
 from .survey import read_survey
 from .vectors import given_positions, known_coordinates, vectors
 
@@ -59,18 +70,22 @@ def approximate(equations: Equations, *, datum: DatumChoice | None = None) -> St
 def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[State, list[Problem]]:
     """Return start values as `approximate`, NaN if not found, and the problems of those."""
     state = equations.unknowns.start()
-    if not any(np.isnan(values).any() for values in state.values()):
+    relative = read_relative_poses(equations)
+    looked_for = bool(relative.wanted.any())
+    if not looked_for and not any(np.isnan(values).any() for values in state.values()):
         return state, []
     state["vertical"] = np.nan_to_num(state["vertical"])
-    if any(np.isnan(state[kind]).any() for kind in ("point", "pose", "frame")):
-        progress, rays, frames = _begin(equations, state)
+    if looked_for or any(np.isnan(state[kind]).any() for kind in ("point", "pose", "frame")):
+        progress, seen = _begin(equations, state, relative)
         free = (datum or equations.network.datum) == "free"
         forgetful = progress.copy()
-        _search(progress, rays, frames, free=free)
-        progress = _without_contradiction(equations, progress, forgetful, rays, frames, free=free)
+        _search(progress, seen, free=free)
+        progress = _without_contradiction(equations, progress, forgetful, seen, free=free)
         _take_over(progress, state)
         progress.frame[list(aligned(equations))] = 0.0  # they follow from the points
-        problems = not_reached(equations, progress, rays, frames, free=free)
+        problems = not_reached(
+            equations, progress, seen.rays, seen.frames, seen.relative, free=free
+        )
         if problems:
             return state, problems
     problems = align(equations, state)
@@ -80,7 +95,21 @@ def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[St
     return state, solve_additive(equations, state)
 
 
-def _begin(equations: Equations, state: State) -> tuple[Progress, ImageRays, InFrames]:
+@dataclass(frozen=True)
+class _Seen:
+    """Observations, in arrays, of which the steps of the search make values."""
+
+    rays: ImageRays
+    """Image rays."""
+    frames: InFrames
+    """Places that are observed in frames."""
+    relative: RelativePoses
+    """Relative poses of photos."""
+    mounts: Array
+    """Mounts as they were stated, (m, 12)."""
+
+
+def _begin(equations: Equations, state: State, relative: RelativePoses) -> tuple[Progress, _Seen]:
     frame = equations.network.frame
     latitude, longitude = (
         float(
@@ -93,20 +122,25 @@ def _begin(equations: Equations, state: State) -> tuple[Progress, ImageRays, InF
     )
     given = np.concatenate([state["point"], given_positions(equations.network)])
     horizon = Horizon(frame, place_of(frame, given, latitude, longitude))
+    survey = read_survey(equations, horizon.curvature)
     progress = Progress(
-        read_survey(equations, horizon.curvature),
+        survey,
         horizon,
         horizon.to_plan(state["point"]),
-        state["orientation"][:, 0].copy(),
+        np.concatenate([state["orientation"][:, 0], state["gyro"][survey.gyro, 0]]),
         state["pose"].copy(),
         state["frame"].copy(),
+        open_mounts(state["mount"], relative.wanted),
+        survey.above.height.copy(),
     )
     known_coordinates(equations, progress)
-    return progress, read_rays(equations), read_frames(equations)
+    seen = _Seen(read_rays(equations), read_frames(equations), relative, state["mount"].copy())
+    return progress, seen
 
 
-def _search(progress: Progress, rays: ImageRays, frames: InFrames, *, free: bool) -> None:
+def _search(progress: Progress, seen: _Seen, *, free: bool) -> None:
     """Repeat the most certain step that finds a value, until no step finds any."""
+    rays, frames, relative = seen.rays, seen.frames, seen.relative
     steps: tuple[Callable[[], bool], ...] = (
         lambda: _sure_steps(progress),
         lambda: place_frames(progress, frames) | places_in_frames(progress, frames),
@@ -115,6 +149,8 @@ def _search(progress: Progress, rays: ImageRays, frames: InFrames, *, free: bool
         lambda: intersect_rays(progress, rays, parallax=GOOD_PARALLAX, wanted=~progress.complete),
         lambda: resect_frames(progress, frames),
         lambda: resections(progress, rays, least=6),
+        lambda: mounts_of_photos(progress, relative, seen.mounts),
+        lambda: along_relative_poses(progress, relative),
         lambda: intersect(progress, crossing=GOOD_CROSSING),
         lambda: resections(progress, rays, least=4),
         lambda: intersect(progress, crossing=LEAST_CROSSING),
@@ -129,6 +165,8 @@ def _search(progress: Progress, rays: ImageRays, frames: InFrames, *, free: bool
         lambda: free and resolve_doubt(progress, mirror=True),
         lambda: free and start_in_space(progress),
         lambda: free and start_heights(progress, height_differences(progress)[0]),
+        lambda: free and start_anywhere(progress, relative),
+        lambda: free and start_surface(progress),
     )
     while any(step() for step in steps):
         pass
@@ -138,8 +176,7 @@ def _without_contradiction(
     equations: Equations,
     first: Progress,
     second: Progress,
-    rays: ImageRays,
-    frames: InFrames,
+    seen: _Seen,
     *,
     free: bool,
 ) -> Progress:
@@ -153,8 +190,7 @@ def _without_contradiction(
         equations: the equations.
         first: result of the search with all given values.
         second: the given values; is filled.
-        rays: the image rays.
-        frames: the places that are observed in frames.
+        seen: observations of which the steps make values.
         free: whether the datum is free.
     """
     misfit = observed_misfits(first)
@@ -165,11 +201,11 @@ def _without_contradiction(
     given = second.plan.copy()
     second.plan = second.horizon.to_plan(np.where(rough, np.nan, table.values))
     known_coordinates(equations, second)
-    _search(second, rays, frames, free=False)
+    _search(second, seen, free=False)
     every = np.arange(len(given))
     second.set_plan(every, given[:, :2])
     second.set_height(every, given[:, 2])
-    _search(second, rays, frames, free=free)
+    _search(second, seen, free=free)
     better = np.nansum(observed_misfits(second)) < np.nansum(misfit)
     return second if better and second.complete.sum() >= first.complete.sum() else first
 
@@ -177,7 +213,14 @@ def _without_contradiction(
 def _sure_steps(progress: Progress) -> bool:
     """Fill orientations, polar points, heights and ends of vectors; return whether any was."""
     led_on = False
-    while orient(progress) | polar(progress) | heights(progress) | vectors(progress):
+    while (
+        orient(progress)
+        | share_gyros(progress)
+        | polar(progress)
+        | heights(progress)
+        | above_surfaces(progress)
+        | vectors(progress)
+    ):
         led_on = True
     return led_on
 
@@ -190,3 +233,4 @@ def _take_over(progress: Progress, state: State) -> None:
     state["point"][rows] = np.where(missing[rows], found, state["point"][rows])
     state["pose"] = np.where(np.isnan(state["pose"]), progress.pose, state["pose"])
     state["frame"] = np.where(np.isnan(state["frame"]), progress.frame, state["frame"])
+    state["mount"] = np.where(np.isnan(progress.mount), state["mount"], progress.mount)

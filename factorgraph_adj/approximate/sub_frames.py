@@ -25,7 +25,7 @@ FLAT = 1e-3
 def place_frames(progress: Progress, seen: InFrames) -> bool:
     """Fill frames from the places that are known in them; return whether any was filled."""
     filled = False
-    missing = np.isnan(progress.frame).any(axis=1)
+    missing: Mask = np.any(np.isnan(progress.frame), axis=1)
     if not missing.any():
         return False
     rows = np.flatnonzero(missing[seen.frame])

@@ -12,6 +12,7 @@ from ..graph.equations import Equations
 from ..models.base import wrap
 from ..models.terrestrial import direction_in_face_one, zenith_in_face_one
 from ..types import Array, Index
+from .above import AboveSurfaces, read_surfaces
 
 
 def group_median(group: Index, value: Array, size: int) -> Array:
@@ -136,7 +137,10 @@ class Survey:
     n_points: int
     """Number of points."""
     directions: Sighted
-    """Horizontal directions; third: the orientation."""
+    """Horizontal directions and azimuths of gyrotheodolites; third: the orientation."""
+    gyro: Index
+    """Number of the gyrotheodolite of each orientation behind those of sets of directions: one for
+    each of its stations, (k,)."""
     azimuths: Sighted
     """Azimuths."""
     angles: Sighted
@@ -153,6 +157,8 @@ class Survey:
     """GNSS vectors."""
     edges: Edges
     """Lengths and height differences by pairs of points."""
+    above: AboveSurfaces
+    """Heights above level surfaces and surfaces of pressure."""
 
     def edge(self, i: Index, j: Index) -> tuple[Index, Index]:
         """Return for pairs (n,) the rows that have an edge, and the edges' numbers."""
@@ -197,9 +203,16 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
     )
     slopes, levels = lengths("slope_distance"), lengths("horizontal_distance")
     steps = _join(by_kind.get("height_difference", []))
+    sets = len(equations.unknowns["orientation"].names)
+    directions, gyro = _with_gyros(
+        _join(by_kind.get("direction", []), 4, value=_direction),
+        _join(by_kind.get("gyro_azimuth", []), 4),
+        sets,
+    )
     return Survey(
         n,
-        _join(by_kind.get("direction", []), 4, value=_direction),
+        directions,
+        gyro,
         _join(by_kind.get("azimuth", [])),
         _join(by_kind.get("horizontal_angle", []), 4),
         zeniths,
@@ -208,7 +221,33 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
         steps,
         _join(by_kind.get("gnss_vector", []), value=_vector),
         _edges(n, slopes, levels, zeniths, steps, curvature),
+        read_surfaces(equations),
     )
+
+
+def _with_gyros(directions: Sighted, gyros: Sighted, sets: int) -> tuple[Sighted, Index]:
+    """Join azimuths of gyrotheodolites to directions, as one more set at each station.
+
+    Args:
+        directions: horizontal directions.
+        gyros: azimuths; third: the gyrotheodolite.
+        sets: number of sets of directions.
+
+    Returns:
+        All of them, and the gyrotheodolite of each additional set.
+    """
+    pairs, place = np.unique(
+        np.stack([gyros.station, gyros.third], axis=1), axis=0, return_inverse=True
+    )
+    third = np.concatenate([directions.third, sets + place.ravel()]).astype(np.intp)
+    joined = Sighted(
+        np.concatenate([directions.station, gyros.station]),
+        np.concatenate([directions.target, gyros.target]),
+        np.concatenate([directions.value, gyros.value]),
+        np.concatenate([directions.rise, gyros.rise]),
+        third,
+    )
+    return joined, np.asarray(pairs[:, 1], dtype=np.intp)
 
 
 def _edges(

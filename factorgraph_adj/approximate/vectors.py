@@ -1,4 +1,4 @@
-"""Points from known coordinates and GNSS vectors; photos from known positions."""
+"""Points from known coordinates, strips and GNSS vectors; photos from known positions."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 
 from ..graph.equations import Equations
 from ..network.network import Network
-from ..observations import ControlPoint, PhotoPosition
+from ..observations import ControlPoint, PhotoPosition, StripCoordinate
 from ..types import Array
 from .progress import Progress
 from .survey import group_median
 
 
 def known_coordinates(equations: Equations, progress: Progress) -> None:
-    """Fill coordinates from control points, GNSS positions and photo positions."""
+    """Fill coordinates from control points, GNSS positions, photo positions, and then strips."""
     network, unknowns = equations.network, equations.unknowns
     horizon = progress.horizon
     for o in network.observations.values():
@@ -38,6 +38,13 @@ def known_coordinates(equations: Equations, progress: Progress) -> None:
             known = horizon.to_plan(xyz)
         progress.set_plan(row, known[:, :2])
         progress.set_height(row, known[:, 2])
+    for o in network.observations.values():
+        if isinstance(o, StripCoordinate):
+            xyz = np.full((1, 3), np.nan)
+            xyz[0, ["xyz".index(a) for a in o.axes]] = o.value
+            row, known = np.array([unknowns["point"].number[o.point]]), horizon.to_plan(xyz)
+            progress.set_plan(row, known[:, :2])
+            progress.set_height(row, known[:, 2])
 
 
 def given_positions(network: Network) -> Array:

@@ -120,7 +120,8 @@ def _plain_blocks(
     for each in np.unique(differ, axis=0):
         rows = np.flatnonzero((differ == each).all(axis=1))
         widths = dict(zip(unequal, each.tolist(), strict=False))
-        some = Group(*([x[i] for i in rows.tolist()] for x in (group.ids, group.observations)))
+        at = rows.tolist()
+        some = Group([group.ids[i] for i in at], [group.observations[i] for i in at])
         yield _plain_block(kind, some, [n[rows] for n in index], widths)
 
 

@@ -22,7 +22,7 @@ from ..approximate import reach
 from ..errors import AdjustmentError, DatumError, InputError, Problem
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_network, compile_rows
-from ..models.variables import UNKNOWNS
+from ..models.variables import UNKNOWNS, parameter_kinds
 from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
 from ..quality.snooping import snoop
@@ -285,7 +285,12 @@ def _placed(local: Network) -> bool:
         any(p.sigma is not None or any(p.fixed) for p in local.points.values())
         or any(f.sigma_position is not None or any(f.fixed[3:]) for f in local.photos.values())
         or any(isinstance(o, ControlPoint | PhotoPosition) for o in local.observations.values())
+        or any(all(p.fixed) for kind in _FRAMES for p in local.of_kind(kind).values())
     )
+
+
+_FRAMES = tuple(k.name for k in parameter_kinds() if k.rotates and k.connects)
+"""Kinds of parameters that place what is measured in them, once they are known."""
 
 
 def _without_blunders(solution: Solution, alpha: float) -> Solution:

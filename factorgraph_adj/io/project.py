@@ -165,6 +165,7 @@ def load_project(
             read(table)
         elif name in found_tables:
             reader.unreadable.add(name.removesuffix("s"))
+    reader.carriers()
     images = {f.name: axes[f.camera] for f in network.photos.values() if f.camera in axes}
     context = RecordContext(units, sigma, images, axes)
     observations = ObservationsReader(network, context, problems, reader.unreadable, readings)

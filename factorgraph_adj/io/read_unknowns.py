@@ -14,6 +14,7 @@ from ..frames import LocalFrame, TopocentricFrame
 from ..models.variables import UnknownKind
 from ..network.entities import Key, Photo
 from ..network.network import Network
+from ..network.rigs import RIGID, member_of_rig
 from ..types import Array
 from ..units import ANGLE, LENGTH
 from .fields import unknown_field
@@ -44,6 +45,8 @@ POINT_COLUMNS = (
     *("name", "x", "y", "z", *GEOGRAPHIC, "fixed", "datum"),
     *(*_SIGMA_XYZ, *CHECK),
 )
+CARRIER_COLUMNS = ("carrier", "mount", *_with_units(("play",), (*LENGTH, *ANGLE)))
+"""Columns of photos.csv that put a photo on a carrier; they become observations."""
 PHOTO_COLUMNS = (
     *("name", "camera", "x", "y", "z", *ANGLES, *ROTATION, "fixed"),
     *(*_SIGMA_XYZ, *_with_units(("sigma_attitude",), ANGLE)),
@@ -109,6 +112,8 @@ class UnknownsReader:
         """Entities (point, photo) whose names are unknown because their table cannot be read."""
         self.cameras_named = True
         """Whether the names of all cameras could be read."""
+        self._carried: list[tuple[Row, str]] = []
+        """Rows of photos that sit on a carrier, and their names."""
         self.sources: dict[tuple[str, str], str] = {}
         """File and line by entity (point, photo) and name."""
 
@@ -216,8 +221,10 @@ class UnknownsReader:
         if "name" not in table.columns:
             self.unreadable.add("photo")
         strangers: dict[str, list[Row]] = {}
-        for row, name in self._named(table, PHOTO_COLUMNS, "photo"):
+        for row, name in self._named(table, (*PHOTO_COLUMNS, *CARRIER_COLUMNS), "photo"):
             self.photo(row, name, strangers)
+            if any(c in row for c in CARRIER_COLUMNS):
+                self._carried.append((row, name))
         for camera, rows in strangers.items() if self.cameras_named else ():
             names = known(self.network.cameras, meant=camera)
             also = known([row.where for row in rows[1:]])
@@ -266,6 +273,32 @@ class UnknownsReader:
         if name not in self.network.photos:
             self.network.photos[name] = Photo(name, camera or "", fixed=tuple(fixed))
             self.complete &= camera in self.network.cameras
+
+    def carriers(self) -> None:
+        """Put photos on their carriers, once all photos and mounts are read."""
+        network = self.network
+        for row, name in self._carried:
+            before = len(self.problems)
+            carrier = row.text("carrier", required=True)
+            mount = row.text("mount", required=True)
+            turn = row.quantity("play", ANGLE, positive=True)
+            shift = row.quantity("play", LENGTH, positive=True)
+            if len(self.problems) > before or carrier is None or mount is None:
+                continue
+            play = (turn or RIGID[0], shift or RIGID[1])
+            try:
+                ties = member_of_rig(
+                    name,
+                    carrier,
+                    mount,
+                    play=play,
+                    photos=network.photos,
+                    mounts=network.mounts,
+                    source=row.where,
+                )
+                network.add(*ties)
+            except InputError as error:
+                row.wrong_all(error)
 
     def _all_or_none(self, row: Row, names: tuple[str, ...], unit: str) -> tuple[float, ...] | None:
         if not any(n in row for n in names):

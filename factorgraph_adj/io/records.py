@@ -139,6 +139,7 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     if any(n not in arguments for n in needed):
         return None
     arguments |= {n: None for n in names if n not in arguments}
+    arguments |= {n: (1.0, 0.0, 0.0) for n in vectors_of(kind) if n not in record_of_kind.optional}
     size = len(components_of(kind))
     if kind == "image":
         arguments |= {"x": 0.0, "y": 0.0}
@@ -148,7 +149,10 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
         required = (n for n in numbers_of(kind) if n not in record_of_kind.optional)
         arguments |= dict.fromkeys(required, 1.0)
     arguments["sigma"] = (1.0,) * size if size else 1.0
-    make: Callable[..., Observation] = KINDS[kind].observation
+    make: Callable[..., Observation] = record_of_kind.observation
+    arguments |= dict.fromkeys(
+        sorted(record_of_kind.attributes - record_of_kind.optional - {*arguments}), 0.0
+    )
     return make(**arguments, source=source or None)
 
 

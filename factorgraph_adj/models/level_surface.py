@@ -28,7 +28,7 @@ def profile_height(
     profile: Array,
     *,
     observed: Array,
-    t: Array,
+    time: Array,
     lever_arm: Array,
 ) -> Linearised:
     """Compute (1 + s) (h − a − b t − c t²) − observed, metres, (n, 1); FRAMES F9.1, F9.3.
@@ -40,7 +40,7 @@ def profile_height(
         mount: stored mounts, (n, 12), whose arm adds to ``lever_arm``.
         profile: a (m), b (m per unit of t), c (m per unit of t²), s, (n, 4).
         observed: readings, metres, (n, 1).
-        t: place along the profile, in any unit, (n,).
+        time: place t along the profile, in any unit, (n,).
         lever_arm: instrument − projection centre, (n, 3), metres in photogrammetric axes of the
             camera: x right, y up, z backwards.
     """
@@ -53,7 +53,7 @@ def profile_height(
         turned = antennas(pose, mount, lever_arm)
         place = pose[:, 9:] + turned.arm
     h, up = heights(frame, place)
-    powers = np.stack([np.ones(n), t, t * t], axis=1)
+    powers = np.stack([np.ones(n), time, time * time], axis=1)
     above = h - np.sum(profile[:, :3] * powers, axis=1)
     scale = 1.0 + profile[:, 3:]
     by_place = (scale * up)[:, None, :]

@@ -35,6 +35,8 @@ class Motions:
     """Deflection (ξ, η) of the vertical at each point, (n_points, 2) radians."""
     deflections_free: Mask
     """Whether the deflection at a point is unknown, (n_points,)."""
+    held: Mask | None = None
+    """Held components of the unknowns whose motions are asked for, (n, k); None: all are free."""
 
     def of_places(self, x: Array) -> Array:
         """Return how places x (n, 3) move, (n, 3, 7)."""
@@ -122,12 +124,15 @@ def of_frames(motions: Motions, values: Array, at: Index) -> Array:
     of the object at O; with the origin at a point, δc = 0. E is the identity or the horizon at O;
     ε is how the horizon at a point turns as the point moves. That at a constant stays.
 
+    In a frame whose scale is held, directions and zenith angles stay in a change of scale where the
+    instrument moves with the object: δc is μ c more. All else that is measured in it notices that.
+
     Args:
         motions: the seven motions.
         values: stored frames, (n, 17).
         at: number of the point at the origin of each frame, −1: none, (n,).
     """
-    rotation, _, ln_scale, origin, level = split_frame(values)
+    rotation, offset, ln_scale, origin, level = split_frame(values)
     at_point = at >= 0
     origin = np.where(at_point[:, None], motions.points[at], origin)
     deflections = np.where(at_point[:, None], motions.deflections[at], 0.0)
@@ -143,6 +148,8 @@ def of_frames(motions: Motions, values: Array, at: Index) -> Array:
     moved = np.exp(-ln_scale)[:, None, None] * (to_frame @ motions.of_places(origin))
     out[:, 3:6] = np.where(at_point[:, None, None], 0.0, moved)
     out[:, 6, 6] = 1.0 / motions.size
+    if motions.held is not None:
+        out[:, 3:6, 6] += np.where(motions.held[:, 6:7], offset, 0.0) / motions.size
     return out
 
 
@@ -213,6 +220,17 @@ def of_levels(motions: Motions, values: Array, at: Index) -> Array:
     out = np.zeros((len(values), 1, 7))
     out[:, 0, :3] = up
     out[:, 0, 6] = (values[:, 0] - height) / motions.size
+    return out
+
+
+def of_polynomials(motions: Motions, values: Array, at: Index) -> Array:
+    """Return the motions of strip polynomials, whose constants follow a shift of the object.
+
+    The other motions change coordinates of strips that a polynomial does not know of.
+    """
+    out = np.zeros((len(values), values.shape[1], 7))
+    constants = min(3, values.shape[1])
+    out[:, :constants, :3] = np.eye(3)[:constants]
     return out
 
 

@@ -30,6 +30,7 @@ from ..frames import Basis, Frame
 from ..rotation import skew
 from ..types import Array
 from .base import Linearised
+from .deformation import deformed
 from .sight import turned_by_angles
 
 COMPONENTS = 7
@@ -172,11 +173,13 @@ def frame_coordinate(
     pose: Array | None,
     origin: Array | None,
     vertical: Array | None,
+    deformation: Array,
     *,
     observed: Array,
+    base: Array,
     axes: tuple[int, ...] = (0, 1, 2),
 ) -> Linearised:
-    """Compute q − observed, unit of the frame, of the observed axes, (n, d); FRAMES F1.
+    """Compute q' − observed, unit of the frame, of the observed axes, (n, d); FRAMES F1, F2.3.
 
     Args:
         frame: frame of the network.
@@ -185,17 +188,27 @@ def frame_coordinate(
         pose: stored poses, (n, 12); None: the place is a point.
         origin: O where it is a point, (n, 3).
         vertical: deflections at O, (n, 2).
+        deformation: parameters of `factorgraph_adj.models.deformation`, (n, 17).
         observed: (n, d).
+        base: length to which the deformation refers, unit of the frame, (n,).
         axes: numbers of the observed axes.
     """
     assert (point is None) != (pose is None)
     place = pose[:, 9:] if point is None else point  # type: ignore[index]
     there = in_frame(frame, stored, place, origin, vertical)
+    bent = deformed(there.q, deformation, base)
     rows = list(axes)
-    by_pose = np.concatenate([np.zeros_like(there.by_place), there.by_place], axis=2)
-    every = (there.by_frame, there.by_place, by_pose, there.by_origin, there.by_vertical)
-    given = (stored, point, pose, origin, vertical)
+    by_place = bent.by_q @ there.by_place
+    every = (
+        bent.by_q @ there.by_frame,
+        by_place,
+        np.concatenate([np.zeros_like(by_place), by_place], axis=2),
+        bent.by_q @ there.by_origin,
+        bent.by_q @ there.by_vertical,
+        bent.by_parameters,
+    )
+    given = (stored, point, pose, origin, vertical, deformation)
     return Linearised(
-        there.q[:, rows] - observed,
+        bent.q[:, rows] - observed,
         tuple(j[:, rows] for j, value in zip(every, given, strict=True) if value is not None),
     )

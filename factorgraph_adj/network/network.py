@@ -34,6 +34,7 @@ from .entities import (
     Photo,
     Point,
 )
+from .rigs import RIGID, member_of_rig
 from .stated import StatedUnknowns, refuse_duplicate, required
 
 DatumChoice: TypeAlias = Literal["given", "free"]
@@ -170,8 +171,11 @@ class Network(StatedUnknowns, Shown):
         fixed: bool | Sequence[bool] = False,
         sigma_position: float | Sequence[float] | None = None,
         sigma_attitude: float | None = None,
+        carrier: str | None = None,
+        mount: str | None = None,
+        play: tuple[float, float] = RIGID,
     ) -> None:
-        """Add a photo.
+        """Add a photo, alone or as a member of a rig.
 
         Args:
             name: its name.
@@ -183,6 +187,13 @@ class Network(StatedUnknowns, Shown):
                 rotations, then X, Y, Z).
             sigma_position: standard deviation of a weighted centre, metres.
             sigma_attitude: standard deviation of a weighted attitude, radians.
+            carrier: name of the photo that carries it: the reference camera of its rig at the same
+                moment, or any photo, with or without image points, that stands for the carrier. The
+                member gets a pose of its own, and two observations of value zero tie it to the
+                carrier: a `RelativeRotation` and a `RelativePosition`.
+            mount: its mount on the carrier, see `set_mount`; needed with a carrier.
+            play: standard deviations of its rotation (radians) and position (metres) on the mount;
+                by default it is rigid.
         """
         where = f"photo {name!r}"
         refuse_duplicate(name, self.photos, "photo")
@@ -190,6 +201,19 @@ class Network(StatedUnknowns, Shown):
         if self.frame.left_handed:
             raise InputError(
                 Problem("photos need a right-handed frame: choose axes en, nw, ws or se", where)
+            )
+        if (carrier is None) != (mount is None):
+            raise InputError(Problem("carrier and mount are given together, or neither", where))
+        ties: tuple[Observation, ...] = ()
+        if carrier is not None and mount is not None:
+            ties = member_of_rig(
+                name,
+                carrier,
+                mount,
+                play=play,
+                photos=self.photos,
+                mounts=self.mounts,
+                observations=self.observations,
             )
         self.photos[name] = checked_photo(
             name,
@@ -202,6 +226,7 @@ class Network(StatedUnknowns, Shown):
             sigma_attitude=sigma_attitude,
         )
         self.photo_number[name] = len(self.photo_number)
+        self.add(*ties)
 
     # -- observations -------------------------------------------------------------------------
 

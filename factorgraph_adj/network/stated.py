@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..errors import InputError, Problem, known
+from ..models.strip import HIGHEST
 from ..models.variables import VariableKind, unknown_kind
 from .checked import checked_frame
 from .entities import (
@@ -326,6 +327,59 @@ class StatedUnknowns:
         """
         self._set_one("level", name, value, sigma, fixed)
 
+    def set_polynomial(
+        self,
+        name: str,
+        *,
+        plan: int | None = 2,
+        height: Iterable[str] = ("z", "z_x", "z_y", "z_xx"),
+        values: Mapping[str, float] | None = None,
+        sigma: Mapping[str, float] | None = None,
+    ) -> None:
+        """State the polynomial by which a strip bends, see `factorgraph_adj.models.strip`.
+
+        Args:
+            name: name of the strip.
+            plan: degree in plan, up to 4: a0, b0 to an, bn are free; None: none of them.
+            height: free terms of the height, such as ``z_xxy`` for along² across.
+            values: values of coefficients by name, metres; others are 0.
+            sigma: standard deviations of weighted coefficients by name.
+
+        Raises:
+            InputError: a degree that is too high, an unknown term, numbers that are not finite.
+        """
+        given, weights = dict(values or {}), dict(sigma or {})
+        if plan is not None and not 0 <= plan <= HIGHEST:
+            what = f"plan must be a degree from 0 to {HIGHEST} or none, not {plan}"
+            raise InputError(Problem(what, f"strip polynomial {name!r}"))
+        degrees = range(0 if plan is None else plan + 1)
+        terms = [*(f"{c}{j}" for j in degrees for c in "ab"), *height]
+        free = [n for n in terms if n not in weights]
+        self._set_parts("polynomial", name, free, given, weights, first=True)
+
+    def set_model_deformation(
+        self,
+        name: str,
+        *,
+        free: Iterable[str] = (),
+        values: Mapping[str, float] | None = None,
+        sigma: Mapping[str, float] | None = None,
+    ) -> None:
+        """State a deformation that models share, see `factorgraph_adj.models.deformation`.
+
+        Args:
+            name: its name, to which observations refer.
+            free: components to estimate without a prior; those that are neither free nor weighted
+                are held.
+            values: values of components by name, unit of the frames; others are 0.
+            sigma: standard deviations of weighted components by name: with the value 0 they say how
+                large a deformation may be.
+
+        Raises:
+            InputError: as `set_mount`.
+        """
+        self._set_parts("model_deformation", name, free, values or {}, sigma or {})
+
     def set_profile(
         self,
         name: str,
@@ -390,8 +444,13 @@ class StatedUnknowns:
         free: Iterable[str],
         values: Mapping[str, float],
         sigma: Mapping[str, float],
+        *,
+        first: bool = False,
     ) -> None:
-        """State an unknown whose components are held unless they are free or weighted."""
+        """State an unknown whose components are held unless they are free or weighted.
+
+        With ``first`` it has only the first components, up to the last one that is named.
+        """
         record, wanted = unknown_kind(kind), list(free)
         where, names = f"{record.noun} {name!r}", record.names()
         unknown = [n for n in (*wanted, *values, *sigma) if n not in names]
@@ -401,6 +460,9 @@ class StatedUnknowns:
         both = [n for n in wanted if n in sigma]
         if both:
             raise InputError(Problem(f"{', '.join(both)}: either free or sigma, not both", where))
+        if first:
+            named = [names.index(n) for n in (*wanted, *values, *sigma)]
+            names = names[: 1 + max(named, default=0)]
         held = [n for n in names if n not in wanted and n not in sigma]
         given = [float(values.get(n, 0.0)) for n in names]
         self.set_unknown(kind, name, given, fixed=held, sigma=sigma)
@@ -427,6 +489,10 @@ class StatedUnknowns:
     """Unknown lengths by name."""
     levels = OfKind("level")
     """Heights of level surfaces by name."""
+    polynomials = OfKind("polynomial")
+    """Coefficients by strip."""
+    model_deformations = OfKind("model_deformation")
+    """Deformations that groups of models share, by name."""
     profiles = OfKind("profile")
     """Height profiles of statoscopes, barometers and profile recorders by name."""
     gyros = OfKind("gyro")

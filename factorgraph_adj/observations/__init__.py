@@ -38,6 +38,8 @@ from .offsets import (
 from .on_bodies import FrameInclination, FrameRoll, UnitVector, WireReading, WireReadingOnBody
 from .positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
 from .registry import KINDS, ObservationKind, Unit, observation_kind, register_observation
+from .relative import RelativePosition, RelativeRotation
+from .strips import StripCoordinate
 from .terrestrial import (
     AstronomicLatitude,
     AstronomicLongitude,
@@ -98,11 +100,14 @@ __all__ = [
     "Point",
     "ProfileHeight",
     "RadialOffset",
+    "RelativePosition",
+    "RelativeRotation",
     "Sight",
     "SightOffset",
     "SightPlaneOffset",
     "SlopeDistance",
     "StandardDeviation",
+    "StripCoordinate",
     "Unit",
     "UnitVector",
     "VerticalAngle",

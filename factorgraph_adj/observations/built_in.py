@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..models import position, sub_frame, terrestrial
-from . import records_flight, records_vertical
+from . import records_flight, records_models, records_rigs, records_vertical
 from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector
@@ -126,11 +126,19 @@ _BUILT_IN: Sequence[ObservationKind] = (
     ObservationKind(ControlPoint, _POINT, None, linear=True, fixes="coordinates", by_axis=True),
     records_flight.POSITION,
     ObservationKind(ImagePoint, _RAY, None, unit="image"),
-    ObservationKind(FrameCoordinate, _IN_FRAME, sub_frame.frame_coordinate, tells="coordinates"),
+    ObservationKind(
+        FrameCoordinate,
+        (*_IN_FRAME, ("model_deformation", "deformation")),
+        sub_frame.frame_coordinate,
+        ("base",),
+        tells="coordinates",
+    ),
     *_INSTRUMENTS,
     *records_flight.RECORDS,
+    *records_models.RECORDS,
     *records_vertical.RECORDS,
     *_METROLOGY,
+    *records_rigs.RECORDS,
 )
 for _kind in _BUILT_IN:
     register_observation(_kind)

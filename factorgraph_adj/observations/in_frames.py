@@ -37,6 +37,10 @@ class FrameCoordinate(Observation):
     """Standard deviations of the axes, unit of the frame; None if ``covariance`` is given."""
     covariance: Array | None = None
     """Covariance of the axes, its unit squared; None if ``sigma`` is given."""
+    deformation: str | None = None
+    """Deformation of the model, which a group of models shares; None: there is none."""
+    base: float = 1.0
+    """Length to which the deformation refers, such as the base of the model, unit of the frame."""
     id: str | None = None
     """Name of the observation."""
     source: str | None = None
@@ -49,6 +53,8 @@ class FrameCoordinate(Observation):
             self._fail("give either a point or a photo")
         if not self.frame:
             self._fail("frame must name a frame")
+        if not self.base > 0:
+            self._fail(f"base must be greater than zero, not {self.base}")
         if (
             not self.axes
             or not set(self.axes) <= set("xyz")

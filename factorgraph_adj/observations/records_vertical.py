@@ -18,7 +18,7 @@ RECORDS: Sequence[ObservationKind] = (
         ProfileHeight,
         (("point", "point"), *_CARRIED, ("profile", "profile")),
         level_surface.profile_height,
-        ("t", "lever_arm"),
+        ("time", "lever_arm"),
     ),
     ObservationKind(
         LevelHeight,

@@ -15,6 +15,8 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
+import numpy as np
+
 from ..errors import InputError, Problem, known
 from ..models.base import Linearised
 from ..models.variables import ENTITIES, UNKNOWNS
@@ -26,6 +28,19 @@ _NAME = re.compile(r"[a-z][a-z0-9]*")
 
 Unit: TypeAlias = Literal["m", "rad", "image", "mixed"]
 """Unit of observed values: metres, radians, image units, or a unit for each component (mixed)."""
+
+
+@dataclass(frozen=True)
+class Follower:
+    """A variable of a kind that an observation may place: the member of a rig, by its carrier."""
+
+    place: int
+    """Place of the variable among the variables of the kind."""
+    carrier: int
+    """Place of the variable of the same kind that it follows."""
+    placed: Callable[..., Array]
+    """(residuals v (n, d), *stored values, observed=…) → stored values (n, s) of the variable with
+    which the model gives v."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +77,13 @@ class ObservationKind:
     """What it tells of its point in its frame of its own, for approximate values and for checks."""
     by_axis: bool = False
     """Whether an observation has one row for each of its known coordinates, ``axes``."""
-
     choices: tuple[str, ...] = ()
     """Attributes of text that choose among forms of the observation, such as an angle."""
     moved: Callable[..., Array] | None = None
     """(observed (n, d), change (n, d), constants…) → the readings whose residuals are larger by
     −change; None: the sum. Readings of rotations do not add."""
+    follower: Follower | None = None
+    """Variable that steps keep with its carrier, however small the standard deviations are."""
 
     @property
     def name(self) -> str:
@@ -128,6 +144,13 @@ class ObservationKind:
     def defaults(self) -> dict[str, Any]:
         """Plain defaults of attributes, by name."""
         return {f.name: f.default for f in fields(self.observation) if f.default is not MISSING}
+
+    def with_errors(self, o: Any, readings: Array, errors: Array) -> Array:
+        """Return the readings (d,) of an observation with errors (d,)."""
+        if self.moved is None:
+            return readings + errors
+        constants = {c: np.array([getattr(o, c)], dtype=float) for c in self.constants}
+        return np.asarray(self.moved(readings[None], errors[None], **constants)[0])
 
     @property
     def curved(self) -> bool:

@@ -31,9 +31,9 @@ class ProfileHeight(Observation):
     """Standard deviation, metres."""
     profile: str | None = None
     """The profile; None: the readings are heights."""
-    t: float = field(default=0.0, metadata={"quantity": "number"})
-    """Place along the profile, such as kilometres from its middle; the unit is that of the
-    profile's slope."""
+    time: float = field(default=0.0, metadata={"quantity": "number"})
+    """Place t along the profile: kilometres from its middle, or a time; the profile's slope counts
+    by this unit."""
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Vector a from the projection centre to the instrument, metres, in photogrammetric axes of
     the camera: x right, y up, z backwards. The arm of ``mount`` is added."""

@@ -20,6 +20,7 @@ from ..errors import AdjustmentError, ApproximationError, DatumError, InputError
 from ..graph.variables import State
 from ..quality.reliability import reliability
 from ..solve.both_ways import better_place, standing_free
+from ..solve.carried import carried
 from ..solve.datum import find_defects
 from ..solve.extra import NOTHING_MORE
 from ..solve.memory import available
@@ -150,6 +151,7 @@ def move(part: Loaded, at: At, junctions: Array, to: int) -> Moved:
     downhill, damped = float(-e.normal.gradient @ dx), float(dx @ (e.added * dx))
     equations, state = e.normal.solver.equations, part.state(at.state)
     plain = part.unknowns.retract(state, dx)
+    plain = carried(equations, state, plain, dx, fixed=part.kept)
     moved = before_the_cameras(equations, state, plain)
     if moved is None or not _same_junctions(part, plain, moved):
         return Moved(np.inf, downhill, damped)

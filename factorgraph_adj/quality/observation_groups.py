@@ -19,10 +19,12 @@ from ..solve.observation_table import ObservationRecord
 from ..solve.solution import Solution
 from ..types import Array, Index
 
-Rule: TypeAlias = Literal["kind", "camera", "photo", "instrument"]
+Rule: TypeAlias = Literal["kind", "camera", "photo", "instrument", "frame"]
 """Rule for groups. "kind" groups all observations by kind; "camera" and "photo" group image
 coordinates by camera or photo; "instrument" groups observations by the instrument that they name
-and image coordinates by camera. All other observations are grouped by kind."""
+and image coordinates by camera; "frame" groups observations in frames by kind and frame, which
+gives each scanner or tracker a component for directions, zenith angles and distances. All other
+observations are grouped by kind."""
 Groups: TypeAlias = Rule | Mapping[str, Sequence[str]] | Callable[[ObservationRecord], str | None]
 """A rule, a mapping from group to ids, or a function from a scalar observation to its group."""
 
@@ -107,6 +109,12 @@ def _numbered(names: Sequence[str | None]) -> ObservationGroups:
 
 def _by_rule(network: Network, block: Block, rule: str) -> Sequence[str]:
     """Return the group of each observation of a block, (n,)."""
+    if rule == "frame":
+        if "frame" not in block.named:
+            return [block.kind] * block.n
+        frames = list(network.frames)
+        number = block.variables[block.named.index("frame")][1]
+        return [f"{block.kind} in {frames[i]}" for i in number.tolist()]
     if block.kind == "image" and rule != "kind":
         photos = list(network.photos.values())
         of_photo = [f"photo {f.name}" if rule == "photo" else f"camera {f.camera}" for f in photos]

@@ -179,8 +179,9 @@ def estimate_variance_components(
         network: the network.
         groups: ``kind``; ``camera`` or ``photo`` (image coordinates by camera or photo, all else
             by kind); ``instrument`` (distances by the instrument they name, image coordinates
-            by camera, all else by kind); a mapping from names of groups to ids; or a function
-            that returns the group of an `ObservationRecord`, or None.
+            by camera, all else by kind); ``frame`` (observations in frames by kind and frame, all
+            else by kind); a mapping from names of groups to ids; or a function that returns the
+            group of an `ObservationRecord`, or None.
         datum: as for `adjust`.
         tolerance: bound on the last change of every component, relative to its own σ.
         max_iterations: maximum number of adjustments; then the result has ``converged`` false.

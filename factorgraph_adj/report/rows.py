@@ -106,6 +106,8 @@ class Row:
     sign: float = 1.0
     """Factor of test values and errors that are computed in the axes of the network: −1 for y and
     y0 of a camera whose files have y down, else 1."""
+    turned: float | None = None
+    """Adjusted value of a rotation, whose v is a turn; None: observed + v."""
 
     @property
     def kind_name(self) -> str:
@@ -134,7 +136,9 @@ class Row:
 
     @property
     def adjusted(self) -> float:
-        """Observed + v; a direction or azimuth lies in [0, 2π)."""
+        """Observed + v; a direction or azimuth lies in [0, 2π); a rotation is turned by v."""
+        if self.turned is not None:
+            return self.turned
         value = self.observed + self.residual
         return float(within(np.asarray(value))) if self.circular else value
 
@@ -278,6 +282,7 @@ class ReportRows:
                     of_photo = next(iter(observation.photos()), "")
                     source = getattr(observation, "source", None) or ""
             scale = self.scale(block, photo)
+            turned = self._turned(block, i)
             for c in range(d):
                 row = first + i * d + c
                 component = block.component(i, c)
@@ -299,7 +304,15 @@ class ReportRows:
                     of_frame,
                     of_photo,
                     sign,
+                    None if turned is None else float(turned[c]),
                 )
+
+    def _turned(self, block: Block, i: int) -> Array | None:
+        """Return the adjusted values of observation i if its errors are not added."""
+        if block.composed is None:
+            return None
+        v = self._residuals[block.first_row + i * block.dimension + np.arange(block.dimension)]
+        return np.asarray(block.select(np.array([i])).moved(v[None])[0])
 
     def _camera(self, calibration: int) -> Camera:
         """Return the camera of a calibration, by number."""

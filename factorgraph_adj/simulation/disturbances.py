@@ -286,8 +286,10 @@ def _shifted(network: Network, o: Observation, component: str, size: float) -> O
         value = np.zeros(len(axes))  # the reading of this kind is its displacement
     else:
         value = np.atleast_1d(np.array(getattr(o, "value"), dtype=float))  # noqa: B009
-    value[axes.index(component) if component else 0] += size
-    return o.with_reading(value.tolist(), network.frame)
+    error = np.zeros_like(value)
+    error[axes.index(component) if component else 0] = size
+    moved = o.record.with_errors(o, value, error)
+    return o.with_reading(moved.tolist(), network.frame)
 
 
 def _sigmas(network: Network) -> dict[Reading, float]:

@@ -25,7 +25,7 @@ from ..network.entities import Point
 from ..network.network import Network
 from ..observations import ControlPoint
 from .disturbances import Errors, add_gross_errors, drop, read, readings_of, true_plan
-from .generate import additions, aerial, close_range, published, terrestrial
+from .generate import additions, aerial, close_range, models, published, terrestrial
 from .generate.control import Control
 from .generate.part import Part, Scene
 from .parameters import BAD, Parameters, changed, convert, number, path_of
@@ -34,7 +34,7 @@ from .write_parameters import to_toml
 
 INDEX = re.compile(r"\[(\d+)\]")
 """Pattern of an index in a path in Python notation, such as ``[0]``."""
-MODULES_OF_PARTS = (aerial, close_range, terrestrial, additions, published)
+MODULES_OF_PARTS = (aerial, close_range, terrestrial, additions, models, published)
 """Modules that define the kinds of parts; their import registers the kinds."""
 
 

@@ -33,6 +33,7 @@ from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import parameter_name
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
+from .stiff import eased
 
 MOTIONS = (
     "shift in x",
@@ -88,7 +89,8 @@ def generators(equations: Equations, state: State, about: About | None = None) -
         record = UNKNOWNS[kind]
         on = np.flatnonzero(table.offset >= 0)
         if record.motions is not None and len(on):
-            moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
+            these = replace(motions, held=~table.free[on])
+            moved = record.motions(these, state[kind][on], places_of(equations, kind, on))
             for j in range(moved.shape[1]):
                 has = j < table.size[on]
                 g[table.offset[on[has]] + j] = moved[has, j]
@@ -251,7 +253,13 @@ def find_defects(
         for i in np.flatnonzero(table.offset >= 0):
             geometric[table.offset[i] : table.offset[i] + table.size[i]] = True
     label = np.where(observed & unknowns.free, label, -1)
-    shared = ~geometric & unknowns.free
+    connecting = np.concatenate(
+        [
+            np.full(int(table.size[table.offset >= 0].sum()), UNKNOWNS[kind].connects)
+            for kind, table in unknowns.tables.items()
+        ]
+    )
+    shared = ~geometric & ~connecting & unknowns.free
     out = []
     ratio = unnoticed_ratio(system.equations, about, free=free)
     found = np.unique(label[geometric & (label >= 0)])
@@ -307,6 +315,7 @@ def _unnoticed(
         threshold: limit of what is noticed, see `unnoticed_ratio`.
         size: mean distance of the points from their centre, metres.
     """
+    diagonal, ease = eased(system, diagonal)
     weighted = np.sqrt(diagonal)[:, None] * g
     length = np.linalg.norm(weighted, axis=0)
     real = _independent(weighted, length)
@@ -317,7 +326,7 @@ def _unnoticed(
     keep = s > 1e-9 * s[0]
     basis = (vt[keep].T / s[keep]) / length[real][:, None]
     among = g[:, real] @ basis
-    noticed = system.times(among)
+    noticed = ease[:, None] * system.times(among)
     every = np.eye(basis.shape[1])
     if threshold < UNNOTICED_IF_FREE or _flat(system.equations):
         null = _null(noticed, every, threshold)
@@ -327,7 +336,9 @@ def _unnoticed(
         # What tells where the network is counts, however weak it is beside all else.
         null = _null(noticed[rows.places], null, UNNOTICED_IF_FREE)
         # What azimuths and heights would tell if their own unknowns stayed.
-        held = system.times(np.where(rows.own[:, None], 0.0, among)) if rows.own.any() else noticed
+        held = noticed
+        if rows.own.any():
+            held = ease[:, None] * system.times(np.where(rows.own[:, None], 0.0, among))
         on_earth = size / system.equations.network.frame.radius
         for which, factor, least in (
             (rows.azimuths, CONVERGING, UNNOTICED_BY_AZIMUTHS),

@@ -36,6 +36,9 @@ GTSAM's QR keeps twice the digits; in large networks its cost for each variable 
 LARGEST_TREE_BESIDE_CAMERAS = 30
 """The same number beside photos: GTSAM's QR leaves a dense matrix over their unknowns, whose making
 takes longer than all fronts."""
+MOST_JOINED = 30
+"""Largest number of photos that an unknown at no point, such as the mount of a rig, may join in
+GTSAM's elimination, which leaves a dense matrix over them."""
 MOST_SPREAD = 60
 """Largest number of variables at no point, such as distance meters, for which this is done: they
 are full columns of the reduced system."""
@@ -139,7 +142,8 @@ def layers_of(
     size = len(tree) + int(touched.sum()) // UNKNOWNS["pose"].size
     placed = sum(is_placed(kind) for kind, _ in tree)
     nodes_alone = placed > FEW_PLACED
-    large = size > largest and _spread(tree) - nodes_alone * placed <= MOST_SPREAD
+    large = size > largest or _joined(equations, cameras, tree) > MOST_JOINED
+    large &= _spread(tree) - nodes_alone * placed <= MOST_SPREAD
     if kept is not None or (reduce_points and large):
         if nodes_alone and reduce_points:
             reduced = _seen_in_frames(equations, touched)
@@ -208,6 +212,35 @@ def outside(equations: Equations, layers: Layers, place: int) -> Index:
     return np.flatnonzero(keep)
 
 
+def _joined(equations: Equations, cameras: Mask, tree: Sequence[tuple[VariableKind, int]]) -> int:
+    """Return the largest number of photos that one unknown of a tree at no point joins."""
+    offset = equations.unknowns["pose"].offset
+    photos = (offset >= 0) & cameras[np.maximum(offset, 0)]
+    inside: dict[VariableKind, list[int]] = {}
+    for kind, number in tree:
+        if _stands_nowhere(kind):
+            inside.setdefault(kind, []).append(number)
+    most = 0
+    for kind, numbers in inside.items():
+        pairs = [np.zeros((0, 2), dtype=np.intp)]
+        for block in equations.blocks:
+            own = [index for what, index in block.variables if what == kind]
+            of_photos = [index for what, index in block.variables if what == "pose"]
+            pairs += [
+                np.stack([a, b], axis=1)[photos[b] & np.isin(a, numbers)]
+                for a in own
+                for b in of_photos
+            ]
+        every = np.unique(np.concatenate(pairs), axis=0)
+        most = max(most, int(np.bincount(every[:, 0]).max(initial=0)))
+    return most
+
+
+def _stands_nowhere(kind: VariableKind) -> bool:
+    """Return whether unknowns of a kind stand neither at a point nor in a photo."""
+    return kind not in ("point", "pose", "calibration") and not UNKNOWNS[kind].at_point
+
+
 def first_point(block: Block) -> int | None:
     """Return the place of the first point among the variables of a block; none: there is none.
 
@@ -224,5 +257,4 @@ def is_placed(kind: VariableKind) -> bool:
 
 def _spread(tree: Sequence[tuple[VariableKind, int]]) -> int:
     """Return how many variables of a tree stand neither at a point nor in a photo."""
-    placed = ("point", "pose", "calibration")
-    return sum(kind not in placed and not UNKNOWNS[kind].at_point for kind, _ in tree)
+    return sum(_stands_nowhere(kind) for kind, _ in tree)

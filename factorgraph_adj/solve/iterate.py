@@ -17,6 +17,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..graph.variables import State
+from .carried import carried
 from .damping import Damping
 from .determine import (
     astray,
@@ -219,7 +220,7 @@ def step_from(
     Damping may lead to a state at which the undamped normal equations are regular; otherwise the
     end of the iteration raises an error that names the undetermined unknowns.
     """
-    damped = normal.diagonal * damping
+    damped = normal.eased * damping
     if damping == 0.0:
         run.smallest_pivot = 0.0
     try:
@@ -240,6 +241,7 @@ def _try(run: Run, step: Step, before: float) -> Attempt[State]:
     """Try a step; where vᵀPv decreases little, points follow the cameras on their own."""
     equations, layers = run.equations, run.solver.layers
     plain = equations.unknowns.retract(run.state, step.movement)
+    plain = carried(equations, run.state, plain, step.movement)
     moved: State | None = plain
     if step.bound > ITERATION.passing:
         moved = before_the_cameras(equations, run.state, plain)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from .factor import Factor, Plan
 from .linear import ExtraRows, LinearSystem
 from .ray_sums import RaySums
 from .singular import SingularError
+from .stiff import eased_diagonal
 from .tree import TreeFactors
 from .trust import SAMPLES, TRUSTED, held_well, refusal, sample, uncertainty
 
@@ -93,6 +95,11 @@ class NormalEquations:
         self._kept: tuple[Array, bool, Factor] | None = None
         self.smallest_pivot = 0.0
         """Smallest pivot of the last factorisation, relative to its diagonal element."""
+
+    @cached_property
+    def eased(self) -> Array:
+        """Diagonal of N without the stiffness of rigid mounts, see `stiff`, (n_columns,)."""
+        return eased_diagonal(self.system, self.diagonal)
 
     @property
     def resolution(self) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import DatumError
+from ..errors import known as known_names
 from ..graph.variables import State, Unknowns
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index
@@ -16,6 +17,7 @@ from .elimination import layers_of
 from .factor import Factor, Plan
 from .linear import LinearSystem
 from .singular import SingularError
+from .stiff import eased_diagonal
 from .tree import TreeFactors
 
 NULL = 1e-7
@@ -49,8 +51,16 @@ UNDETERMINED = "is not determined"
 """What `loose` says of variables in the null space."""
 APART = "is not joined to the free network"
 """What `loose` says of variables that do not move with the free network."""
+MOVED_ALONG = 1e-6
+"""Share of a parameter in undetermined combinations above which it is named beside them."""
 LISTED = 12
 """Largest number of unknowns that a message names."""
+
+
+def _scale(system: LinearSystem, diagonal: Array) -> Array:
+    """Return √diag N without the stiffness of rigid mounts, 1 where it is zero, (n_columns,)."""
+    eased = eased_diagonal(system, diagonal)
+    return np.where(diagonal > 0, np.sqrt(np.maximum(eased, 0.0)), 1.0)
 
 
 def null_space(system: LinearSystem, diagonal: Array) -> Array:
@@ -62,7 +72,7 @@ def null_space(system: LinearSystem, diagonal: Array) -> Array:
     unknowns = system.unknowns
     empty = unknowns.free & (diagonal <= 0)
     live = unknowns.free & ~empty
-    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
+    scale = _scale(system, diagonal)
     large = len(diagonal) > LARGE
     touched = np.zeros(len(diagonal), dtype=bool)
     for e in system.extra:
@@ -113,7 +123,7 @@ def unnoticed(
     Returns:
         Orthonormal combinations z (n_columns, d), scaled by √diagonal.
     """
-    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)[:, None]
+    scale = _scale(system, diagonal)[:, None]
     live = factor.free
     z = np.zeros((len(diagonal), min(PROBES, int(live.sum()))))
     z[live] = np.random.default_rng(1).standard_normal((int(live.sum()), z.shape[1]))
@@ -168,7 +178,7 @@ def undetermined(
     except SingularError:  # only the datum defects are known
         z = np.zeros((len(diagonal), 0))
     unknowns = system.unknowns
-    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)[:, None]
+    scale = _scale(system, diagonal)[:, None]
     lines, names = [], []
     concerned: list[tuple[str, str]] = []
     motions = _motions(scale, defects)
@@ -192,6 +202,11 @@ def undetermined(
             )
         if len(shares) > LISTED:
             lines.append(f"… and {len(shares) - LISTED} more")
+        along = _moved_along(unknowns, z, concerned)
+        if along:
+            lines.append(f"with them moves {known_names(along, most=LISTED)}")
+    own = dict.fromkeys(UNKNOWNS[kind].remedy for kind, _ in concerned)
+    lines += [what for what in own if what]
     if n_datum:
         lines.append(remedy)
     total = n_datum + z.shape[1]
@@ -242,6 +257,27 @@ def _shares(unknowns: Unknowns, z: Array) -> list[tuple[VariableKind, int, float
     return [item for item in out if item[2] > least]
 
 
+def _moved_along(
+    unknowns: Unknowns, z: Array, concerned: Sequence[tuple[VariableKind, str]]
+) -> list[str]:
+    """Return the parameters that z moves, with their weakest component, beside those concerned.
+
+    Their observations may be few and coarse, so that their share in z is small; yet it is they who
+    leave it open, such as the slope of a height profile the tilt of a strip.
+    """
+    leverage = np.sum(z * z, axis=1)
+    out = []
+    for kind, number in unknowns.active():
+        record, name = UNKNOWNS[kind], unknowns[kind].names[number]
+        own = leverage[unknowns.columns(kind, number)]
+        if not (record.additional or record.on_earth) or (kind, name) in concerned:
+            continue
+        if own.sum() > MOVED_ALONG:
+            component = unknowns.component_names(kind, number)[int(np.argmax(own))]
+            out.append(f"{record.noun} {name!r} ({component})")
+    return out
+
+
 def _support(system: LinearSystem, kind: str, number: int, diagonal: Array) -> str:
     """Return the numbers of observations of a variable by kind, in words."""
     counts: dict[str, int] = {}
@@ -273,7 +309,7 @@ def loose(
     unknowns, diagonal = system.unknowns, system.diagonal()
     z = _whole_null_space(system, diagonal)
     if free and z.shape[1]:
-        scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0)), 1.0)
+        scale = _scale(system, diagonal)
         defects = find_defects(system, state, diagonal, free=True)
         if len(defects) < 2 and not _beside(z, _motions(scale[:, None], defects)).shape[1]:
             return {}
@@ -309,7 +345,7 @@ def _whole_null_space(system: LinearSystem, diagonal: Array) -> Array:
     if not len(free):
         return np.zeros((n, 0))
     unit = np.zeros((n, len(free)))
-    scale = np.where(diagonal > 0, np.sqrt(np.maximum(diagonal, 0.0)), 1.0)
+    scale = _scale(system, diagonal)
     unit[free, np.arange(len(free))] = 1.0 / scale[free]
     _, s, vt = np.linalg.svd(system.times(unit), full_matrices=True)
     values = np.zeros(len(free))

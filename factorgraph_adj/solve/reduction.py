@@ -43,15 +43,15 @@ class ReducedPoints:
         """W of every ray, (n_rays, 3, width)."""
         self._own = np.zeros((rays.places.n, rays.width, rays.width + rays.side))
         flat = self.shared.reshape(rays.n_points, -1)
-        for part in rays.photo_parts:
-            a = part.partials(self.system)
-            half = self.cholesky.lower(a[OF_POINT], part.points)
-            width = 6 if part.camera >= 0 else len(a)
+        for photos in rays.photo_parts:
+            a = photos.partials(self.system)
+            half = self.cholesky.lower(a[OF_POINT], photos.points)
+            width = 6 if photos.camera >= 0 else len(a)
             w = np.zeros((3, rays.width, a.shape[2]))
             for axis in range(3):
                 product = half[axis] * a[:width]
                 np.add(product[:, 0], product[:, 1], out=w[axis, :width])
-            np.negative(w.transpose(2, 0, 1), out=self.w[part.rows])
+            np.negative(w.transpose(2, 0, 1), out=self.w[photos.rows])
         if rays.spokes is not None:
             of_spokes = self.w[rays.spokes.rows]
             of_spokes[:] = 0.0
@@ -345,7 +345,8 @@ def _in_axes(
         for column, a in sights.border_columns(arrays):
             value, places = np.einsum("adm,md->ma", u, a[on]), column[on]
             has = np.flatnonzero(places >= 0)
-            np.add.at(cross, (local[at[has]], slice(None), places[has]), value[has])
+            for axis in range(3):
+                np.add.at(cross[:, axis], (local[at[has]], places[has]), value[has, axis])
     for _, number, _, j in sums.coordinates():
         on = np.flatnonzero(local[number] >= 0)
         if len(on):

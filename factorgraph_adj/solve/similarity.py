@@ -9,17 +9,19 @@ import numpy as np
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.sub_frame import split_frame
+from ..models.variables import ROTATION
 from ..rotation import exp_rotation
-from ..types import Array
+from ..types import Array, Index
 from .datum import Defect, in_part, places_of
 
 
 def transform(equations: Equations, state: State, defect: Defect, amounts: Array) -> State:
     """Move the part of a defect by a finite similarity transformation.
 
-    Points and projection centres: X ← c + e^s R (X − c) + t; attitudes turn with R. Orientation
-    unknowns, verticals and scales of distance meters follow linearly; the next step of the
-    adjustment corrects their second-order terms, and those of motions that do not commute.
+    Points and projection centres: X ← c + e^s R (X − c) + t; attitudes turn with R, and arms of
+    mounts grow by e^s. Orientation unknowns, verticals and scales of distance meters follow
+    linearly; the next step of the adjustment corrects their second-order terms, and those of
+    motions that do not commute.
 
     Args:
         equations: the network.
@@ -52,7 +54,16 @@ def transform(equations: Equations, state: State, defect: Defect, amounts: Array
     origins = places_of(equations, "frame", numbers)
     alone = numbers[(origins < 0) & (split_frame(state["frame"][numbers]).level == 0)]
     frames[alone] = _moved_frames(state["frame"][alone], rotation, motion[6] / size, place)
-    return {**moved, "point": points, "pose": poses, "frame": frames}
+    mounts, numbers = moved["mount"].copy(), _with_arms(equations, defect)
+    mounts[numbers, ROTATION:] = factor * state["mount"][numbers, ROTATION:]
+    return {**moved, "point": points, "pose": poses, "frame": frames, "mount": mounts}
+
+
+def _with_arms(equations: Equations, defect: Defect) -> Index:
+    """Return the mounts whose arms a defect scales: rigid ones allow no error of second order."""
+    table = equations.unknowns["mount"]
+    free = in_part(table, defect.inside) & table.free[:, 3:].all(axis=1)
+    return np.flatnonzero(free)
 
 
 def _moved_frames(

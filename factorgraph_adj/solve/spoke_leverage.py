@@ -100,12 +100,12 @@ def _around(
         return a, sigma, m
     place = np.concatenate(places, axis=1)
     size = place.shape[1]
-    i, j = np.triu_indices(size)
-    has = (place[:, i] >= 0) & (place[:, j] >= 0)
+    one, other = np.triu_indices(size)
+    has = (place[:, one] >= 0) & (place[:, other] >= 0)
     sigma = np.zeros((len(at), size, size))
     elements = np.zeros(has.shape)
-    elements[has] = inverse.at(place[:, i][has], place[:, j][has])
-    sigma[:, i, j] = sigma[:, j, i] = elements
+    elements[has] = inverse.at(place[:, one][has], place[:, other][has])
+    sigma[:, one, other] = sigma[:, other, one] = elements
     return a, sigma, m
 
 

@@ -164,7 +164,8 @@ def add_to_points(rows: SpokeRows, arrays: tuple[Array, ...], out: Array, cross:
     for at, a in rows.border_columns(arrays):
         value = np.einsum("mda,md->ma", j, a)
         on = np.flatnonzero(at >= 0)
-        np.add.at(cross, (rows.points[on], slice(None), at[on]), value[on])
+        for axis in range(3):
+            np.add.at(cross[:, axis], (rows.points[on], at[on]), value[on, axis])
 
 
 def add_to_spokes(rows: SpokeRows, arrays: tuple[Array, ...], u: Array, w: Array) -> None:

@@ -11,6 +11,7 @@ from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import Unknowns, Variables
 from ..models.variables import UNKNOWNS
+from ..network.network import Network
 from ..solve.datum import parts
 from ..types import Array, Index, Mask
 
@@ -109,9 +110,25 @@ def _hold(
         held.add_axes(part, _observed_axes(block, unknowns))
     elif block.fixes == "place":
         held.add_axes(part, everything)
+    elif block.fixes == "nothing":
+        for kind, index in block.variables:
+            if UNKNOWNS[kind].on_earth:
+                table = unknowns[kind]
+                known = ~table.free[index, 0] | np.isfinite(table.sigma[index, 0])
+                held.add(np.where(known, part, -1), np.tile(_up(unknowns.network), (block.n, 1)))
     for table, index, kind in tables:
         fixed = ~table.free[index][:, :3] if kind == "point" else ~table.free[index][:, 3:6]
         held.add_axes(part, fixed)
+
+
+def _up(network: Network) -> Array:
+    """Return the direction of the vertical, (3,), in the middle of the given coordinates."""
+    given = np.array([p.coordinates for p in network.points.values()], dtype=float)
+    complete = given[np.isfinite(given).all(axis=1)]
+    middle = complete.mean(axis=0) if len(complete) else np.zeros(3)
+    if not np.any(middle):
+        return np.array([0.0, 0.0, 1.0])
+    return np.asarray(network.frame.basis(middle[None], np.zeros((1, 2))).enu[0, 2])
 
 
 def _observed_axes(block: Block, unknowns: Unknowns) -> Mask:

@@ -25,6 +25,11 @@ from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
 from tests.networks import alignment
+from tests.networks.bent_strips import bent_strips
+from tests.networks.deformed_models import deformed_block
+from tests.networks.instruments import room_of
+from tests.networks.odometry import odometry
+from tests.networks.rigs import rig
 from tests.networks.small_block import CENTRES, FOCAL, SIGMA_MM, box
 from tests.networks.small_block import plan as mixed
 from tests.networks.three_frames import three_frames
@@ -219,6 +224,11 @@ def frames() -> fga.Network:
     return fga.adjust(three_frames()).as_network()
 
 
+def rigs() -> fga.Network:
+    """A rig of three cameras with free mounts, not quite rigid."""
+    return rig(4, members=("left", "right"), held_points=32, play=(2e-4, 1e-3))
+
+
 def profile_heights() -> fga.Network:
     """A statoscope on four photos, and a barometer whose scale is unknown at points."""
     network = photos()()
@@ -226,7 +236,12 @@ def profile_heights() -> fga.Network:
     network.set_profile("barometer", sigma={"scale": 0.01})
     network.set_mount("arm", sigma={"z": 5 * MM})
     for i, photo in enumerate(network.photos):
-        more = {"profile": "statoscope", "t": i - 1.5, "lever_arm": (0.1, 0.2, 0.3), "mount": "arm"}
+        more = {
+            "profile": "statoscope",
+            "time": i - 1.5,
+            "lever_arm": (0.1, 0.2, 0.3),
+            "mount": "arm",
+        }
         network.add(o.ProfileHeight(None, 0.0, photo=photo, sigma=5 * MM, **more))
     for point in network.points:
         network.add(o.ProfileHeight(point, 0.0, profile="barometer", sigma=5 * MM))
@@ -278,6 +293,15 @@ def gyro_azimuths() -> fga.Network:
     return network
 
 
+def instruments(*which: str, constants: bool = False) -> Callable[[], fga.Network]:
+    """Instruments in a room, each in a frame of its own."""
+
+    def make() -> fga.Network:
+        return fga.adjust(room_of(3, which, points=6, held=4, constants=constants)).as_network()
+
+    return make
+
+
 NETWORKS: dict[str, Callable[[], fga.Network]] = {
     "slope_distance": slope_distances,
     "horizontal_distance": horizontal_distances,
@@ -306,11 +330,18 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     **dict.fromkeys(
         ("wire_reading_on_body", "frame_inclination", "frame_roll", "unit_vector"), alignment.body
     ),
+    "relative_rotation": rigs,
+    "relative_position": lambda: odometry(6, scale=0.05),
+    "frame_coordinate, deformed": deformed_block,
+    "strip_coordinate": bent_strips,
     "profile_height": profile_heights,
     "level_height": level_heights,
     "photo_tilt": tilts_and_sights(o.PhotoTilt),
     "photo_sight": tilts_and_sights(o.PhotoSight),
     "gyro_azimuth": gyro_azimuths,
+    "frame_direction": instruments("theodolite", "levelled theodolite"),
+    "frame_zenith": instruments("theodolite", "on a pillar, tilted", "tracker"),
+    "frame_distance": instruments("levelled scanner", "tracker", constants=True),
     "correlated": correlated_directions,
     "mixed": mixed,
 }

@@ -39,10 +39,12 @@ def test_frame_coordinates_arrive_and_end_where_the_batch_adjustment_does(tmp_pa
         line = json.loads(json.dumps(record(o)))
         inc.add(observation(line))
     assert_same(inc, adjust(three_frames()))
+    inc.settle()
     before = inc.solution().unknown("frame", "model").values
     del inc
     again = IncrementalAdjustment.resume(tmp_path / "day.jsonl")
     assert_same(again, adjust(three_frames()))
+    again.settle()
     assert np.allclose(again.solution().unknown("frame", "model").values, before, rtol=0, atol=1e-7)
 
 
@@ -54,3 +56,13 @@ def test_a_gross_frame_coordinate_that_arrives_is_rejected_under_its_name() -> N
     x, y, z = first.value
     inc.add(replace(first, value=(x + 0.1, y, z), id="wrong"))
     assert [v.id for v in inc.rejected] == ["wrong"]
+
+
+def test_a_point_enters_with_one_coordinate_in_a_known_frame() -> None:
+    """Nothing else says where it is, and nothing else need: the frame is known."""
+    network, later = begun()
+    inc = IncrementalAdjustment(network)
+    first = next(o for o in later if o.frame == "scan")
+    inc.add(first)
+    assert not inc.waiting
+    assert inc.solution().standard_deviations(str(first.point)).max() < 0.01

@@ -98,12 +98,16 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
         out["face"] = int(rng.integers(1, 3))
         error = "index_error" if "index_error" in have else "collimation_error"
         out |= {error: "#5"} if rng.random() < 0.5 else {}
+    if "strip" in have:
+        out |= {"strip": next(free), "along": number(rng), "across": number(rng)}
+    if "deformation" in have and rng.random() < 0.5:
+        out |= {"deformation": next(free), "base": abs(number(rng))}
     if "length_km" in have:
         out["length_km"] = abs(number(rng))
     for name in vectors_of(kind):
         vector = np.array([number(rng) for _ in range(3)])
         unit = have[name].metadata.get("quantity") == "number"
-        if name != "lever_arm" or "photo" in out:
+        if name not in KINDS[kind].optional or (name == "lever_arm" and "photo" in out):
             out[name] = tuple((vector / np.linalg.norm(vector) if unit else vector).tolist())
     if "x" in have:
         out |= {"x": number(rng), "y": number(rng)}
@@ -120,6 +124,8 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
         size = 3 if set(axes) & set("enu") else len(axes)
         small = 1e-9 if kind == "unit_vector" else 1.0
         out["value"] = tuple(small * number(rng) for _ in range(size))
+        if cls.components == ("rx", "ry", "rz"):  # a rotation vector, of half a turn at most
+            out["value"] = tuple(v / (1.0 + np.linalg.norm(out["value"])) for v in out["value"])
         if rng.random() < 0.5:
             out["covariance"] = covariance(len(axes), rng)
         else:

@@ -183,12 +183,13 @@ def any_observation(draw):
     arguments |= {n: draw(st.floats(0.01, 3.0)) for n in sorted(numbers_needed & names)}
     ends = sorted({"start", "end"} & names)
     arguments |= {n: f"{n} of {arguments['point']}" for n in ends}
-    if "lever_arm" in names:
+    if "lever_arm" in names and "photo" in have:
         arguments["lever_arm"] = (draw(SIGMA), draw(VALUE), draw(VALUE))
     if "angle" in names:
         arguments["angle"] = draw(st.sampled_from(ANGLES))
     if "about" in names:
         arguments["about"] = draw(st.sampled_from(ABOUT))
+    arguments |= {n: draw(VALUE) for n in ("along", "across") if n in names and "strip" in names}
     for height in ("instrument_height", "target_height", "target2_height"):
         if height in names:
             arguments[height] = draw(VALUE)
@@ -202,6 +203,9 @@ def any_observation(draw):
             axes = "xy"
         part = st.floats(-0.7, 0.7) if kind == "unit_vector" else VALUE
         arguments["value"] = tuple(draw(part) for _ in axes)
+        if cls.components == ("rx", "ry", "rz"):  # a rotation vector, of half a turn at most
+            length = 1.0 + math.hypot(*arguments["value"])
+            arguments["value"] = tuple(v / length for v in arguments["value"])
         if draw(st.booleans()):
             arguments["sigma"] = tuple(draw(SIGMA) for _ in axes)
         else:

@@ -46,6 +46,9 @@ from factorgraph_adj.observations import (
     Azimuth,
     Direction,
     FrameCoordinate,
+    FrameDirection,
+    FrameDistance,
+    FrameZenith,
     HeightDifference,
     Observation,
     SlopeDistance,
@@ -266,6 +269,29 @@ def add_subframe(network: Network, subframe: Subframe) -> None:
     network.add(
         *(FrameCoordinate(subframe.name, n, x, sigma=s) for n, x, s in subframe.coordinates)
     )
+
+
+def as_polar(network: Network) -> Network:
+    """Return the network with coordinates of sub-frames as direction, zenith angle, distance.
+
+    Their standard deviations are those of the coordinates, which must be equal in all axes: σ/h of
+    the direction, σ/S of the zenith angle and σ of the distance.
+    """
+    polar = network.copy()
+    polar.observations = {}
+    for o in network.observations.values():
+        if not isinstance(o, FrameCoordinate):
+            polar.add(o)
+            continue
+        assert o.sigma is not None and o.point is not None and len(set(o.sigma)) == 1
+        x, y, z = o.value
+        sigma, across, length = o.sigma[0], np.hypot(x, y), float(np.linalg.norm(o.value))
+        polar.add(
+            FrameDirection(o.frame, o.point, np.arctan2(x, y) % (2 * np.pi), sigma=sigma / across),
+            FrameZenith(o.frame, o.point, float(np.arctan2(across, z)), sigma=sigma / length),
+            FrameDistance(o.frame, o.point, length, sigma=sigma),
+        )
+    return polar
 
 
 def tilted_as_comp3d(solution: Solution) -> Network:

@@ -17,7 +17,9 @@ from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.models import lens
+from factorgraph_adj.models.deformation import DEFORMATIONS
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
+from factorgraph_adj.models.strip import HEIGHT_TERMS
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations.airborne import ANGLES
 from factorgraph_adj.rotation import world_R_camera
@@ -34,6 +36,8 @@ WIRE: dict[str, Any] = {"sag": "sag", "length": 90.0}
 SORTS_OF_FRAMES = ("body", "tripod", "slanted", "leaning")
 """Frames with a constant origin, at the point i and level, there and not level, constant and level.
 """
+PLACE = {"along": 1.3, "across": -0.4}
+BENT = {"deformation": "film", "base": 3e4}
 ARM = {"lever_arm": (0.2, 0.3, -0.4), "mount": "imu"}
 DRIFTED = {"drift": "strip", "time": 1.7}
 TURNED = {"drift": "platform", "time": -1.3}
@@ -78,6 +82,14 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.PhotoPosition("f", (0.0, 0.0), axes="zx", sigma=(1.0, 2.0), **ARM, **DRIFTED),
         o.PhotoPosition("f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), **SHUTTER),
     ],
+    "relative_rotation": lambda: [
+        o.RelativeRotation("f", "g", (0.0, 0.0, 0.0), covariance=COVARIANCE, mount="imu"),
+        o.RelativeRotation("g", "f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
+    ],
+    "relative_position": lambda: [
+        o.RelativePosition("f", "g", (0.0, 0.0, 0.0), covariance=COVARIANCE, mount="imu"),
+        o.RelativePosition("g", "f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), instrument="edm"),
+    ],
     "photo_attitude": lambda: [
         o.PhotoAttitude("f", (0.0, 0.0, 0.0), covariance=COVARIANCE),
         o.PhotoAttitude("f", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), mount="imu", **TURNED),
@@ -103,6 +115,13 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.FrameCoordinate("body", "k", (0.0, 0.0), axes="zx", sigma=(1.0, 2.0)),
         o.FrameCoordinate("tripod", "j", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
         o.FrameCoordinate("slanted", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0)),
+        o.FrameCoordinate("body", "j", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), **BENT),
+        o.FrameCoordinate("tripod", "k", (0.0, 0.0), axes="yx", sigma=(1.0, 2.0), **BENT),
+    ],
+    "strip_coordinate": lambda: [
+        o.StripCoordinate("fourth", "j", (0.0, 0.0, 0.0), covariance=COVARIANCE, **PLACE),
+        o.StripCoordinate("fourth", "k", (0.0, 0.0), axes="zx", sigma=(1.0, 2.0), **PLACE),
+        o.StripCoordinate("first", "k", (0.0, 0.0, 0.0), sigma=(1.0, 2.0, 3.0), **PLACE),
     ],
     "plane_offset": lambda: [o.PlaneOffset(f, "j", 0.0, sigma=0.01) for f in SORTS_OF_FRAMES],
     "plumb_offset": lambda: [
@@ -167,9 +186,9 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.FrameDistance("slanted", "k", 1.0, instrument="edm", sigma=0.01),
     ],
     "profile_height": lambda: [
-        o.ProfileHeight("j", 300.0, sigma=0.3, profile="flight", t=-1.7),
+        o.ProfileHeight("j", 300.0, sigma=0.3, profile="flight", time=-1.7),
         o.ProfileHeight("k", 300.0, sigma=0.3),
-        o.ProfileHeight(None, 20.0, photo="f", sigma=0.3, profile="flight", t=0.7, **ARM),
+        o.ProfileHeight(None, 20.0, photo="f", sigma=0.3, profile="flight", time=0.7, **ARM),
     ],
     "level_height": lambda: [
         o.LevelHeight("j", "lake", sigma=0.1, slope=1e-3, along=200.0, geoid=0.03)
@@ -276,6 +295,8 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     network.set_size("sag", 0.004)
     network.set_level("water", 0.4)
     add_frames(network, tuple((station + geometry.length).tolist()))
+    network.set_polynomial("fourth", plan=4, height=HEIGHT_TERMS[-1])
+    network.set_polynomial("first", plan=1, height=("z", "z_y"))
     add_profile(network)
     network.set_level("lake", 110.0)
     network.set_gyro("gyro", 0.02)
@@ -304,6 +325,8 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
         "collimation_error": (1e-3 * geometry.reach / geometry.length,),
         "mount": (1e-3,) * 3 + (1e-2 * geometry.length,) * 3,
         "size": (1e-3,),
+        "polynomial": (1e-2,),
+        "model_deformation": (1e-2,),
         # Directions in a frame change more where a target stands near its z axis.
         "frame": (1e-3,) * 3 + (4e-3 * geometry.length,) * 3 + (1e-3,),
         "level": (1.0,),
@@ -388,10 +411,15 @@ def observed_at(equations: Equations, turned: float) -> Equations:
 
 
 def add_frames(network: Network, origin: tuple[float, float, float]) -> None:
-    """Add a frame with a constant origin and, at the point i if there is one, two others."""
+    """Add a frame with a constant origin and, at the point i if there is one, two others.
+
+    A deformation is added too.
+    """
     every = ("rx", "ry", "rz", "x", "y", "z", "ln_scale")
     values = dict(zip(every, (0.4, -0.7, 1.1, 3.0, -5.0, 2.0, 0.2), strict=True))
     network.add_frame("body", free=every, values=values, origin=origin)
+    bent = dict(zip(DEFORMATIONS, np.linspace(-2.0, 3.0, len(DEFORMATIONS)).tolist(), strict=True))
+    network.set_model_deformation("film", free=DEFORMATIONS, values=bent)
     if "i" in network.points:
         network.add_frame("tripod", free=every, values=values, origin="i", level=True)
         network.add_frame("slanted", free=every, values=values, origin="i")
@@ -498,7 +526,9 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         seen.append((x + camera.values["x0"], y + camera.values["y0"]))
     network.add_image_points("f", list(network.points), np.array(seen), sigma=0.005)
     add_frames(network, (25.0, -10.0, 5.0))
-    network.add(o.FrameCoordinate("body", None, (0.0, 0.0, 0.0), photo="f", covariance=COVARIANCE))
+    for more in ({}, {"deformation": "film", "base": 20.0}):
+        at = (0.0, 0.0, 0.0)
+        network.add(o.FrameCoordinate("body", None, at, photo="f", covariance=COVARIANCE, **more))
     equations = compile_network(network)
     radius = min(np.hypot(x, y) for x, y in view.at)
     ray = min(radius / c, 0.25)
@@ -510,6 +540,9 @@ def image_equations(lens_name: str, view: View) -> tuple[Equations, Array]:
         "point": (0.01 * view.depth * ray,),
         "pose": (0.01 * ray,) * 3 + (0.01 * view.depth * ray,) * 3,
         "frame": (1e-3,) * 3 + (1e-2,) * 3 + (1e-3,),
+        "mount": (1e-3,) * 3 + (1e-2,) * 3,
+        "edm": (1e-3, 1e-2),
+        "model_deformation": (1e-2,),
         "calibration": tuple(0.005 * radius / np.where(largest > 0, largest, 1.0)),
     }
     return equations, _steps(equations, by_kind)

@@ -76,6 +76,8 @@ def everything(frame_name: str) -> Network:
     n.set_distance_meter("tape", sigma_scale=1 / 3e6)
     n.add_frame("model, 1", free=("rx", "ry", "rz", "x", "y", "z"), sigma={"ln_scale": 1e-5 / 3})
     n.add_frame("tripod", free=["rz"], sigma={"rx": 1e-5, "ry": 2e-5}, origin="A", level=True)
+    n.set_polynomial("strip, 1", plan=3, values={"a2": 1 / 3, "z_x": -1e-3}, sigma={"z_xxy": 0.1})
+    n.set_model_deformation("film ü", free=["x_xy"], sigma={"affinity": 1 / 3}, values={"y": 0.1})
     n.add_frame("wall", free=["rz", "x"], values={"rz": -1 / 3, "z": 0.1}, origin=(1 / 3, 2, 3e6))
     n.set_mount("imu, 1", free=["rx", "z"], values={"ry": 1 / 3}, sigma={"x": 1 / 3})
     n.set_drift("strip", free=["x", "z_t"], sigma={"y_tt": 1e-3 / 3})
@@ -113,6 +115,13 @@ def everything(frame_name: str) -> Network:
         o.FrameCoordinate("model, 1", None, (1, 1 / 3), axes="zx", photo="f1", sigma=(0.1, 0.2)),
         o.FrameCoordinate("tripod", '"D"', (1, 2, 1 / 3), sigma=(1e-3, 2e-3, 3e-3)),
         o.FrameCoordinate("wall", "#C", (1 / 3,), axes="x", sigma=(1e-3,)),
+        o.FrameCoordinate(
+            "wall", "#C", (1 / 3,), axes="y", sigma=(1e-3,), deformation="film ü", base=1 / 3
+        ),
+        o.StripCoordinate("strip, 1", "A", (1, 1 / 3, 2), along=1 / 3, across=-2, sigma=(1, 2, 3)),
+        o.StripCoordinate(
+            "strip, 1", "B, 2", (1, 1 / 3), axes="yx", along=0, across=1, covariance=np.diag([1, 2])
+        ),
         o.FrameDirection("tripod", '"D"', 1 / 3, sigma=1e-5 / 3),
         o.FrameZenith("tripod", "#C", 1 / 3, sigma=1e-5, face=1),
         o.FrameDistance("model, 1", "A", 31 / 3, sigma=per_part, instrument="EDM"),
@@ -138,12 +147,20 @@ def everything(frame_name: str) -> Network:
         o.PhotoAngle("f1", -1 / 3, angle="pitch", sigma=1e-4 / 3, mount="imu, 1"),
         o.PhotoRange("A", "f1", 33.3, sigma=0.1, instrument="EDM", lever_arm=(0.1, 0, 1 / 3)),
         o.PhotoBase("f1", "f2", 1 / 3, sigma=0.1, mount="imu, 1"),
+        o.RelativeRotation(
+            *("f1", "f2", (0.1, -0.2, 1 / 3)),
+            mount="imu, 1",
+            covariance=np.diag([1e-6, 2e-6, 3e-6]) + 1e-7,
+        ),
+        o.RelativePosition(
+            "f1", "f2", (1, 2, 1 / 3), sigma=(0.01, 0.01, 0.02), instrument="EDM", mount="imu, 1"
+        ),
         o.AntennaVector("f1", (1, 2, 1 / 3), sigma=(0.01, 0.01, 0.02), lever_arm=(1, 2, 0.1)),
     )
     seen = np.array((1 / 3, -2, -5)) / np.linalg.norm((1 / 3, -2, -5))
     n.add(
         o.ProfileHeight("A", 312.1, sigma=0.3),
-        o.ProfileHeight(None, 2512.1, photo="f1", sigma=0.3, profile="7", t=-1 / 3),
+        o.ProfileHeight(None, 2512.1, photo="f1", sigma=0.3, profile="7", time=-1 / 3),
         o.ProfileHeight(
             None, 1.0, photo="f2", sigma=0.3, profile="8", mount="clino", lever_arm=(0.1, 0, 1 / 3)
         ),

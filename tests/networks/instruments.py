@@ -1,4 +1,4 @@
-"""A room sighted by scanners, trackers and theodolites, levelled or not, each in its own frame."""
+"""A room sighted by scanners, trackers and theodolites, each in a frame of its own."""
 
 from __future__ import annotations
 

@@ -79,3 +79,42 @@ def block_of_models(strip: Strip, models: tuple[Model, ...]) -> fga.Network:
             at = tuple(x.tolist())
             network.add(FrameCoordinate(frame, f"photo {name}", at, sigma=SIGMA_CENTRE))
     return network
+
+
+def network_of_photos(strip: Strip) -> fga.Network:
+    """Return the strip as photos, control held, check points with their known coordinates.
+
+    The photos start level, `BASE` apart along a line; a similarity in plan turns, scales and shifts
+    them so that their images of control points lie on these. Points have no start values.
+    """
+    network = fga.Network("strip of photos")
+    network.add_camera("camera", NoDistortion(), {"c": PRINCIPAL_DISTANCE})
+    images: dict[str, dict[str, Array]] = {}
+    for pair in strip.pairs:
+        for name, (a, b) in pair.images.items():
+            images.setdefault(pair.left, {})[name] = a
+            images.setdefault(pair.right, {})[name] = b
+    for name in dict.fromkeys(n for found in images.values() for n in found):
+        at = strip.control.get(name)
+        check = strip.check.get(name)
+        network.add_point(name, at, fixed="" if at is None else "xyz", check=check)
+    both = [
+        (complex(BASE * k + xy[0], xy[1]), complex(*strip.control[name][:2]))
+        for k, found in enumerate(images.values())
+        for name, xy in found.items()
+        if name in strip.control
+    ]
+    design = np.array([(1.0, s) for s, _ in both])
+    (shift, turn), *_ = np.linalg.lstsq(design, np.array([x for _, x in both]), rcond=None)
+    ground = float(np.mean([x[2] for x in strip.control.values()]))
+    height = ground + PRINCIPAL_DISTANCE * abs(turn)
+    for k, (photo, found) in enumerate(images.items()):
+        at = shift + turn * BASE * k
+        network.add_photo(
+            photo,
+            "camera",
+            position=(at.real, at.imag, height),
+            omega_phi_kappa=(0.0, 0.0, float(np.angle(turn))),
+        )
+        network.add_image_points(photo, list(found), np.array([*found.values()]), sigma=SIGMA_IMAGE)
+    return network

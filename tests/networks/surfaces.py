@@ -41,7 +41,7 @@ def above_surfaces(
         values = {"height": -12.0, "height_t": 0.3 * ("height_t" in free), "scale": 0.0}
         plan.set_profile(what, free=free, values=values)
         for name in names:
-            plan.add(o.ProfileHeight(name, 0.0, profile=what, t=rng.normal(), sigma=0.003))
+            plan.add(o.ProfileHeight(name, 0.0, profile=what, time=rng.normal(), sigma=0.003))
     if "gyro" in added:
         for number, gyro in enumerate(("gyro 1", "gyro 2")):
             plan.set_gyro(gyro, 0.3 - number)

@@ -111,6 +111,27 @@ def test_levelled_subframes_on_comp3ds_horizons_have_the_published_sigma0(levell
         np.testing.assert_allclose(tilted.point(name), cartesian, rtol=0, atol=1e-6)
 
 
+def test_levelled_subframes_as_polar_observations(levelled):
+    """Direction, zenith angle and distance instead of coordinates, which the weights make equal.
+
+    What is left is the curvature of circles, the square of residuals over lengths: residuals are
+    gross here, up to 0.16 m of 100 m, and σ0 is 463.10648 instead of 463.10697.
+    """
+    tilted = comp3d.tilted_as_comp3d(levelled)
+    polar = fga.adjust(comp3d.as_polar(tilted))
+    assert_counts(polar, LEVELLED)
+    coordinates = fga.adjust(tilted)
+    v = coordinates.equations.residuals(coordinates.state, whitened=False)
+    bound = (np.abs(v).max() / 100.0) ** 2
+    assert 1e-7 < bound < 1e-5
+    assert polar.sigma0 == pytest.approx(LEVELLED.sigma0, rel=bound)
+    for name in tilted.points:
+        np.testing.assert_allclose(polar.point(name), coordinates.point(name), rtol=0, atol=1e-7)
+    off = np.abs(polar.point_covariances - coordinates.point_covariances)
+    # Standard deviations of angles follow from lengths that are 0.16 m off.
+    assert off.max() < 4e-3 * coordinates.point_covariances.max()
+
+
 def test_comp3d_tilts_horizons_to_the_east_by_the_longitude(levelled):
     """The printed R_global2instr of station 4, 1000 m east of the origin: Δλ, not Δλ cosφ."""
     points = comp3d.read_result(data_dir("comp3d_frames") / "bascule" / "ex_ref.comp")["points"]

@@ -36,6 +36,7 @@ from factorgraph_adj.simulation.generate.aerial import Aerial
 from factorgraph_adj.simulation.generate.close_range import CloseRange
 from factorgraph_adj.simulation.generate.control import Control
 from factorgraph_adj.simulation.generate.instruments import DistanceMeter, TotalStation
+from factorgraph_adj.simulation.generate.models import IndependentModels
 from factorgraph_adj.simulation.generate.part import Part, Scene
 from factorgraph_adj.simulation.generate.patterns import (
     corners,
@@ -81,6 +82,11 @@ GENERATORS = {
     "around": (CloseRange(),),
     "over": (CloseRange(arrangement="over", points="surface"),),
     "hidden": (CloseRange(points="random", hidden=0.3),),
+    "models": (SMALL, IndependentModels()),
+    "triplets without projection centres": (
+        SMALL,
+        IndependentModels(photos=3, shared=2, centres=False),
+    ),
     "traverse": (Traverse(),),
     "loop": (Traverse(shape="loop", heights="levelled", both_ways=False),),
     "grid": (TriangulationGrid(),),

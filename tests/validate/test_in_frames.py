@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import factorgraph_adj as fga
 from factorgraph_adj import FrameCoordinate, LocalFrame, Network, preliminary
 from factorgraph_adj.graph.equations import compile_rows
 from factorgraph_adj.rotation import exp_rotation
@@ -14,6 +15,7 @@ from factorgraph_adj.validate.check import check
 from factorgraph_adj.validate.preliminary.similar import System, common
 from tests.networks.every_kind import FRAMES
 from tests.networks.frames import network_of_frames
+from tests.networks.instruments import room_of
 from tests.networks.three_frames import HELD, SIGMA, room, three_frames, true_coordinates
 
 
@@ -269,6 +271,27 @@ def test_held_points_that_frames_see_hold_the_datum() -> None:
     }
     del network.frames["model"]
     assert [p for p in check(network) if "datum" in str(p)] == []
+
+
+# -- sights ---------------------------------------------------------------------------------------
+
+
+def test_a_target_confused_in_one_scan_is_told_before_the_adjustment() -> None:
+    """P3 of the second tracker is P5: what all others say about P3 does not fit to it."""
+    network = room_of(50, ["tracker"] * 3, points=12)
+    assert not fga.preliminary(network)
+    ids = {(o.kind, o.frame, o.point): i for i, o in network.observations.items()}
+    for kind in ("frame_direction", "frame_zenith", "frame_distance"):
+        wrong, other = (ids[kind, "tracker 1", p] for p in ("P3", "P5"))
+        value = network.observations[other].value
+        network.observations[wrong] = replace(network.observations[wrong], value=value)
+    (finding,) = fga.preliminary(network)
+    assert str(finding).startswith("point 'P3' in frame 'tracker 1' does not fit beside")
+
+
+def test_places_of_right_sights_fit_in_most_seeds() -> None:
+    told = sum(bool(fga.preliminary(room_of(s, ["scanner"] * 3, points=9))) for s in range(30))
+    assert told <= 2
 
 
 @pytest.mark.parametrize("frame_name", FRAMES)

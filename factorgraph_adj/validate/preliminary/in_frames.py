@@ -14,8 +14,10 @@ from itertools import combinations
 
 import numpy as np
 
+from ...approximate.in_frames import read_sights
 from ...errors import known
 from ...graph.equations import Equations
+from ...observations import KINDS
 from ...quality.distributions import chi2_upper_quantile
 from ...rotation import log_rotation
 from ...types import Array, Index
@@ -79,12 +81,16 @@ class Wrong:
 
 
 def _systems(equations: Equations, given: System) -> dict[int, System]:
-    """Return the places of each frame by its number; photos follow the points."""
+    """Return the places of each frame by its number; photos follow the points.
+
+    A sight with direction, zenith angle and distance gives a place.
+    """
     n_points = len(equations.unknowns["point"].names)
     table = equations.unknowns["frame"]
     parts: list[tuple[Index, Index, Array, Array]] = []
     for block in equations.blocks:
-        if block.prior or block.kind != "frame_coordinate":
+        record = KINDS.get(block.kind)
+        if block.prior or record is None or record.tells != "coordinates":
             continue
         (_, frame), (what, place) = block.variables[:2]
         q, sigma = np.full((2, block.n, 3), np.nan)
@@ -92,6 +98,10 @@ def _systems(equations: Equations, given: System) -> dict[int, System]:
         q[:, columns], sigma[:, columns] = block.observed, block.sigma
         key = place + (n_points if what == "pose" else 0)
         parts.append((frame, key, q, np.sqrt(np.nanmean(sigma**2, axis=1))))
+    sights = read_sights(equations)
+    on = np.flatnonzero(sights.whole)
+    if len(on):
+        parts.append((sights.frame[on], sights.point[on], sights.q[on], sights.spread[on]))
     if not parts:
         return {}
     frame, key, q, sigma = (np.concatenate(c) for c in zip(*parts, strict=True))
@@ -282,8 +292,8 @@ def _gross(equations: Equations, wrong: list[Wrong]) -> Iterator[Finding]:
         worst = max(own, key=lambda w: w.size / w.tolerance)
         shared = [n for n, c in counts.items() if c == len(own) > 1 and n != GIVEN]
         inside = shared or [n for n in worst.systems if n != GIVEN]
-        others = known([n for n in counts if n not in inside])
-        between = f"beside {others}" if others else "to each other"
+        others = [n for n in counts if n not in inside]
+        between = f"beside {known(others)}" if others else "to each other"
         finding = Finding(
             f"{names[key]} in {' and '.join(inside)} does not fit {between}, by the places that "
             "they have in common",

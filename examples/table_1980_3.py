@@ -1,0 +1,15 @@
+"""Ayeni (1980), table 3
+=====================
+
+Thirty methods of phototriangulation: all that can be run, on one simulated block of three strips.
+The paper has figures of seven of them, each from another block.
+``factorgraph_adj.papers.methods_1980`` describes the methods, ``methods_1980_block`` the block.
+"""
+
+from factorgraph_adj.papers.methods_1980 import REPORTED, run_methods
+from factorgraph_adj.papers.methods_1980_block import simulated_block
+
+print(run_methods(simulated_block()))
+print("\nPrinted in the paper, cm:")
+for number, figures in REPORTED.items():
+    print(f"  {number:2}  {figures}")

@@ -1,0 +1,230 @@
+"""Ayeni (1980), tables 1 and 3: thirty methods of phototriangulation on one block.
+
+Table 1 describes thirty methods, table 3 has the accuracy at check points that seven of them were
+reported to have, each on another block. Here all that can be run are run on one block, and table 3
+is filled: errors at check points, redundancy, unknowns, time. What cannot be run says why.
+
+`simulated_block` is described in `methods_1980_block`. Any network of photos with held control and
+check points can take its place: ``run_methods(MethodBlock(network, network))``.
+
+    python -m factorgraph_adj.papers.methods_1980            # the simulated block
+    python -m factorgraph_adj.papers.methods_1980 PROJECT    # a project with photos
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import partial
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+
+from ..errors import AdjustmentError, ApproximationError, DatumError, InputError
+from ..io.project import read_project
+from ..report import layout
+from ..types import Array
+from . import methods_1980_run as run
+from .methods_1980_block import MethodBlock, simulated_block
+from .methods_1980_run import Method, Outcome
+
+GRAPHICAL = "graphical or mechanical; its equations are those of 16"
+INSTRUMENT = "instrumental: errors are prorated in the plotter; as an adjustment it is 8"
+
+NEEDED = {
+    "terrestrial": "distances and azimuths",
+    "statoscope": "statoscope",
+    "tilts": "measured tilts",
+}
+"""Names of parts of a block."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method of table 1."""
+
+    number: int
+    """Number in the table."""
+    name: str
+    """Name."""
+    method: Method | None
+    """How it is run; None: it is not."""
+    reason: str = ""
+    """Why it is not run."""
+    needs: Literal["", "terrestrial", "statoscope", "tilts"] = ""
+    """Part of the block that it needs beside photos and control."""
+
+
+METHODS: tuple[Row, ...] = (
+    Row(1, "radial line, graphical", None, GRAPHICAL),
+    Row(2, "slotted templates", None, GRAPHICAL),
+    Row(3, "mechanical templates", None, GRAPHICAL),
+    Row(4, "ITC-Jerie: section templates", run.section_templates),
+    Row(5, "stereo-templates", run.models_in_plan),
+    Row(6, "multiple projectors", None, INSTRUMENT),
+    Row(7, "two projectors", None, INSTRUMENT),
+    Row(8, "aeropolygon", run.joined_strips),
+    Row(
+        9,
+        "aerolevelling, heights in corners",
+        lambda b: run.aerolevelled(b.plotter, b, practice=True),
+        needs="statoscope",
+    ),
+    Row(10, "models, geodetic control", run.geodetic_control, needs="terrestrial"),
+    Row(11, "models, polynomials", lambda b: run.bent_strips(b.plotter, b)),
+    Row(12, "models, plan and height", lambda b: run.in_turn(b.plotter, b)),
+    Row(13, "models, an-block", run.models_in_plan),
+    Row(14, "models, tilts, heights in corners", run.tilted, needs="tilts"),
+    Row(15, "semi-analytical bundle", run.pseudo_images),
+    Row(16, "numerical radial", run.radial),
+    Row(
+        17,
+        "bundle, geodetic control",
+        partial(run.bundle, terrestrial=True, control="one"),
+        needs="terrestrial",
+    ),
+    Row(18, "IMT, polynomials", lambda b: run.bent_strips(b.network, b)),
+    Row(19, "IMT, plan and height", lambda b: run.in_turn(b.network, b)),
+    Row(20, "IMT, collocation", None, "needs collocation of residuals at control"),
+    Row(21, "IMT, triplets", lambda b: run.simultaneous(b, run.triplets(b.network))),
+    Row(
+        22,
+        "IMT, statoscope, heights in corners",
+        lambda b: run.aerolevelled(b.network, b, practice=False),
+        needs="statoscope",
+    ),
+    Row(23, "IMT, additional parameters", partial(run.simultaneous, deformed=True)),
+    Row(24, "IMT, simultaneous", run.simultaneous),
+    Row(25, "bundle", run.bundle),
+    Row(
+        26,
+        "SAPGO, plan of corners held",
+        partial(run.bundle, terrestrial=True, control="corners"),
+        needs="terrestrial",
+    ),
+    Row(27, "bundle, collocation", None, "needs a covariance of image errors from a kernel"),
+    Row(28, "bundle, additional parameters", partial(run.bundle, lens="ebner")),
+    Row(29, "self-calibration", partial(run.bundle, lens="brown", priors=True)),
+    Row(30, "28 and 29 together", partial(run.bundle, lens="both", priors=True)),
+)
+"""The methods of table 1 in order; a method that gets what it needs changes in one line here."""
+
+REPORTED: dict[int, str] = {
+    12: "Zürich 42.2 plan, 46.7 height",
+    19: "Appenweier 5.3; with collocation (20) 4.4",
+    23: "Frankfurt 28.0 without, 17.6 with parameters",
+    25: "Ålborg 5.0 plan",
+    27: "Casa Grande 2.2 plan, 1.6 height",
+    28: "Jämijärvi 2.3 plan, 3.0 height",
+    30: "Atlanta 7.0, 3.0",
+}
+"""What table 3 prints, cm, by method; each on another block."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ran:
+    """A row of table 3."""
+
+    row: Row
+    """The method."""
+    outcome: Outcome | None
+    """What it came to; None: it was not run."""
+    seconds: float = np.nan
+    """Time of all its steps, seconds."""
+    reason: str = ""
+    """Why it was not run."""
+
+    @property
+    def rms(self) -> Array:
+        """RMS errors at check points in x, y, z, metres, (3,); NaN where it gives none."""
+        if self.outcome is None or not len(self.outcome.errors):
+            return np.full(3, np.nan)
+        return np.asarray(np.sqrt(np.mean(self.outcome.errors**2, axis=0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Table3:
+    """All methods on one block."""
+
+    title: str
+    """Title."""
+    rows: tuple[Ran, ...]
+    """The rows in the order of table 1."""
+
+    def of(self, number: int) -> Ran:
+        """Return the row of a method."""
+        return next(r for r in self.rows if r.row.number == number)
+
+    def __str__(self) -> str:
+        """Return the table as text."""
+        header = ["", "method", "n", "u", "r", "σ̂0", "E cm", "N cm", "H cm", "k", "s"]
+        lines, left = [], []
+        for r in self.rows:
+            head = [f"{r.row.number}", r.row.name]
+            if r.outcome is None:
+                left.append(f"{r.row.number} {r.row.name}: {r.reason}.")
+                continue
+            o = r.outcome
+            figures = [_cell(100 * x, 1) for x in r.rms]
+            counts = [f"{o.n}", f"{o.u}", f"{o.r}", _cell(o.sigma0, 2)]
+            lines.append([*head, *counts, *figures, f"{len(o.errors)}", _cell(r.seconds, 2)])
+        said = (
+            "n, u and r are those of the last adjustment; relative orientations come before. RMS "
+            f"errors at k check points. Not run: {' '.join(left)}"
+        )
+        table = layout.table(header, lines)
+        return "\n".join([*layout.title(self.title), *table, "", *layout.paragraph(said)])
+
+
+def _cell(value: float, digits: int) -> str:
+    return "–" if value != value else f"{value:.{digits}f}"
+
+
+def run_methods(
+    block: MethodBlock, *, title: str | None = None, numbers: Collection[int] | None = None
+) -> Table3:
+    """Run all methods that a block has the data for.
+
+    Args:
+        block: the block.
+        title: title of the table; by default the name of the network.
+        numbers: numbers of the methods; by default all.
+    """
+    rows = [_ran(row, block) for row in METHODS if numbers is None or row.number in numbers]
+    name = block.network.name if title is None else title
+    return Table3(f"Ayeni (1980), table 3: {name}", tuple(rows))
+
+
+def _ran(row: Row, block: MethodBlock) -> Ran:
+    if row.method is None:
+        return Ran(row, None, reason=row.reason)
+    if row.needs and not getattr(block, row.needs):
+        return Ran(row, None, reason=f"the block has no {NEEDED[row.needs]}")
+    begin = perf_counter()
+    try:
+        found = row.method(block)
+    except (InputError, DatumError, ApproximationError, AdjustmentError) as error:
+        first, *more = (line.strip() for line in str(error).splitlines())
+        return Ran(row, None, reason=": ".join([first, *more[:1]]))
+    return Ran(row, found, perf_counter() - begin)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print table 3 for the simulated block, or for a project."""
+    parser = argparse.ArgumentParser(prog="python -m factorgraph_adj.papers.methods_1980")
+    parser.add_argument("project", nargs="?", help="a project with photos, control, check points")
+    parser.add_argument("--seed", type=int, default=1980, help="of the simulated block (1980)")
+    options = parser.parse_args(arguments)
+    if options.project is None:
+        block = simulated_block(options.seed)
+    else:
+        network = read_project(options.project)
+        block = MethodBlock(network, network)
+    print(run_methods(block))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,1 @@
+"""Strips and blocks from units: relative orientations, independent models, strips, directions."""
