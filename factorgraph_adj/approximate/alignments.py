@@ -230,7 +230,7 @@ class _Fit:
         for _ in range(STEPS):
             normal, gradient = a.T @ a, a.T @ v
             scale = np.diag(np.maximum(np.diag(normal), 1e-300))
-            step: Array = -np.linalg.lstsq(normal + damping * scale, gradient, rcond=None)[0]
+            step = np.asarray(-np.linalg.lstsq(normal + damping * scale, gradient)[0], dtype=float)
             trial = self._moved(state, step)
             try:
                 v_new, a_new = self._system(trial)

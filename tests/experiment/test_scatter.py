@@ -389,8 +389,6 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
 """A network for each kind of observation, one with correlated groups, and a mixed one."""
 DISTINCT = list({make: name for name, make in NETWORKS.items()}.values())
 """Names of networks that differ."""
-DIFFERENT = [n for i, n in enumerate(NETWORKS) if NETWORKS[n] not in list(NETWORKS.values())[:i]]
-"""A name of each network: some have several kinds."""
 
 
 @dataclass(frozen=True)
@@ -462,7 +460,6 @@ def test_every_kind_of_observation_is_here() -> None:
 
 @pytest.mark.parametrize("repetitions", REPETITIONS)
 @pytest.mark.parametrize("name", DISTINCT)
-@pytest.mark.parametrize("name", DIFFERENT)
 def test_estimates_scatter_as_their_covariance_says(name: str, repetitions: str) -> None:
     z = scatter(name, repetitions).whitened
     n, u = z.shape
@@ -486,7 +483,6 @@ def test_estimates_scatter_as_their_covariance_says(name: str, repetitions: str)
 
 @pytest.mark.parametrize("repetitions", REPETITIONS)
 @pytest.mark.parametrize("name", DISTINCT)
-@pytest.mark.parametrize("name", DIFFERENT)
 def test_the_variance_of_unit_weight_follows_its_distribution(name: str, repetitions: str) -> None:
     found = scatter(name, repetitions)
     r = found.redundancy
