@@ -13,23 +13,15 @@ from dataclasses import replace
 import numpy as np
 
 import factorgraph_adj as fga
-from factorgraph_adj.observations import (
-    ControlPoint,
-    FrameRoll,
-    HeightDifference,
-    HydrostaticReading,
-    WireReading,
-)
+from factorgraph_adj import observations as o
 from factorgraph_adj.simulation.simulate import measure
 
-LENGTH, SENSORS = 60.0, 7
-UM = 1e-6
+LENGTH, SENSORS, UM = 60.0, 7, 1e-6
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw heights of wire, sensors and water")
 options = parser.parse_args()
 
-# %%
 # The frame of the wire has its y axis along the chord. Free are its bearing rz, its slope rx, and
 # where it begins, x and z; the sag is a size. A roll of the frame about the wire has no effect on
 # its readings: an observed roll of zero takes it away.
@@ -40,29 +32,26 @@ for i in range(SENSORS):
     tunnel.add_point(f"S{i}", at, fixed="xyz" if i in (0, SENSORS - 1) else "y")
 slope = {"rx": 0.0005, "ry": 0.0, "rz": -0.001, "x": 0.01, "z": 0.08}
 tunnel.add_frame("wire", free=list(slope), values=slope, origin=(0, 0, 0), level=True)
-tunnel.add(FrameRoll("wire", "S0", 0.0, sigma=1e-4, id="roll"))
+tunnel.add(o.FrameRoll("wire", "S0", 0.0, sigma=1e-4, id="roll"))
 tunnel.set_size("sag", 0.012)
 tunnel.set_level("tube", 0.15)
 for i in range(SENSORS):
-    both = {"sag": "sag", "length": LENGTH, "sigma": (10 * UM, 10 * UM)}
+    wire = {"id": f"wire {i}", "sag": "sag", "length": LENGTH, "sigma": (10 * UM, 10 * UM)}
     tunnel.add(
-        WireReading("wire", f"S{i}", (0.0, 0.0), id=f"wire {i}", **both),
-        HydrostaticReading(f"S{i}", "tube", 0.1, sigma=5 * UM, id=f"water {i}"),
+        o.WireReading("wire", f"S{i}", (0.0, 0.0), **wire),
+        o.HydrostaticReading(f"S{i}", "tube", 0.1, sigma=5 * UM, id=f"water {i}"),
     )
-for i in range(1, SENSORS - 1):
-    across = tunnel.points[f"S{i}"].coordinates[0]
-    tunnel.add(ControlPoint(f"S{i}", (across,), axes="x", sigma=(50 * UM,), id=f"survey {i}"))
+    if 0 < i < SENSORS - 1:
+        tunnel.add(o.ControlPoint(f"S{i}", (0.0,), axes="x", sigma=(50 * UM,), id=f"survey {i}"))
 for i in range(SENSORS - 1):
-    tunnel.add(HeightDifference(f"S{i}", f"S{i + 1}", 0.0, sigma=5 * UM, id=f"step {i}"))
+    tunnel.add(o.HeightDifference(f"S{i}", f"S{i + 1}", 0.0, sigma=5 * UM, id=f"step {i}"))
 day = measure(tunnel, seed=7)
 
-# %%
 # The wire is read too high at sensor 3, by 0.2 mm.
 good = day.observations["wire 3"]
 day.observations["wire 3"] = replace(good, value=(good.value[0], good.value[1] + 200 * UM))
 found = fga.snoop(day)
-for rejected in found.rejected:
-    print("rejected:", rejected.id)
+print("rejected:", *(r.id for r in found.rejected))
 solution = found.solution
 print(f"redundancy {solution.redundancy}, σ̂0 {solution.sigma0:.2f}")
 sag = solution.unknown("size", "sag")
@@ -74,13 +63,10 @@ for i in range(1, SENSORS - 1):
     sx, _, sz = solution.unknown("point", f"S{i}").sigmas
     print(f"S{i}  x {1e3 * x:8.3f} ± {1e3 * sx:.3f} mm   z {1e3 * z:8.3f} ± {1e3 * sz:.3f} mm")
 
-# %%
-# The wire hangs over the sensors.
 if options.plot:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.0, 3.2), layout="constrained")
-    axes = figure.subplots()
+    axes = (figure := Figure(figsize=(7.0, 3.2), layout="constrained")).subplots()
     y = np.linspace(0, LENGTH, 200)
     wire = solution.unknown("frame", "wire").values
     hanging = wire[5] + y * wire[0] + 4 * sag.values[0] * ((y / LENGTH) ** 2 - y / LENGTH)

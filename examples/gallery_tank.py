@@ -72,8 +72,9 @@ print(f"largest deviation of the wall: {deviation.max():.1f} mm at {up[deviation
 if options.plot:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8, 3.4), layout="constrained")
-    axes = figure.add_subplot(xlabel="along the wall [m]", ylabel="height [m]")
+    axes = (figure := Figure(figsize=(8, 3.4), layout="constrained")).add_subplot(
+        xlabel="along the wall [m]", ylabel="height [m]"
+    )
     shown = (a.reshape(5, -1) for a in (RADIUS * turn, up, deviation))
     filled = axes.contourf(*shown, levels=np.arange(-12, 13, 1.5), cmap="RdBu_r", extend="both")
     figure.colorbar(filled, ax=axes, label="outwards [mm]")

@@ -335,7 +335,8 @@ class Network(StatedUnknowns, Shown):
             if name is not None:
                 stated = self.parameters.get(kind, {})
                 required(name, stated, unknown.noun, where)
-                if stated[name].origin and stated[name].origin in o.points():
+                told = record.tells != "nothing"
+                if told and stated[name].origin and stated[name].origin in o.points():
                     what = (
                         f"point {stated[name].origin!r} is the origin of {unknown.noun} {name!r}, "
                         "so that its coordinates there are minus the offset: state or weight that "

@@ -17,6 +17,8 @@ from factorgraph_adj.units import GON
 from tests.loaders import lgc2
 from tests.support.places import data_dir
 
+pytestmark = pytest.mark.published
+
 TENTH_MICRON = 1e-7
 SIGMA_MM = 1e-4
 STAGES = (1.0, 1e-2, 1e-4, lgc2.TINY)

@@ -134,7 +134,6 @@ def test_parameters_come_back() -> None:
     assert min(found) > 0.85
 
 
-@pytest.mark.slow
+@pytest.mark.slow("shows the share of each single parameter, which a few seeds cannot show")
 def test_parameters_come_back_in_most_of_all_seeds() -> None:
-    """Proves the share of each single parameter, which the few seeds cannot."""
     assert min(shares(ALL_SEEDS)) >= 0.95

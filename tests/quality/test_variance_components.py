@@ -618,7 +618,7 @@ def test_components_without_correlation_may_be_split() -> None:
 @pytest.mark.parametrize(
     ("groups", "said"),
     [
-        ("kinds", "one of kind, camera, photo, instrument; did you mean 'kind'?"),
+        ("kinds", "one of kind, camera, photo, instrument, frame; did you mean 'kind'?"),
         ({}, "no groups"),
         ({"a": ["a0"], "b": []}, "it has no observations"),
         ({"a": ["a0", "x1", "x2"]}, "unknown observations x1, x2; known: a0, b1"),

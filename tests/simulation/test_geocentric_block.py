@@ -13,7 +13,6 @@ from scipy import stats
 from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import (
-    KINDS,
     ControlPoint,
     Correlated,
     GnssVector,
@@ -97,6 +96,14 @@ def test_two_thirds_of_it_come_to_rest_as_near_as_the_coordinates_allow(
 # -- truth --------------------------------------------------------------------------------------
 
 
+OF_STATIONS_AND_PHOTOS = {
+    *("slope_distance", "horizontal_distance", "vertical_angle", "zenith_angle", "direction"),
+    *("horizontal_angle", "azimuth", "height_difference", "astronomic_latitude"),
+    *("astronomic_longitude", "gnss_vector", "gnss_position", "control", "photo_position", "image"),
+}
+"""Kinds of observation of stations and photos; random networks have those of frames and rigs."""
+
+
 def unknowns(solution: Solution, truth: Truth) -> Iterator[tuple[VariableKind, str, Array, Array]]:
     """Yield kind, name, error and a mask of the free components of every physical unknown."""
     for name, true in truth.points.items():
@@ -118,7 +125,7 @@ def unknowns(solution: Solution, truth: Truth) -> Iterator[tuple[VariableKind, s
 def test_every_kind_of_observation_and_unknown_takes_part(simulated: SimulatedNetwork) -> None:
     network = simulated.network
     kinds = {o.kind for o in network.observations.values()} | {"image"}
-    assert kinds == set(KINDS) - {"frame_coordinate"}  # random networks have frames
+    assert kinds == OF_STATIONS_AND_PHOTOS
     assert network.clusters
     assert all(not any(p.fixed) for p in network.verticals.values())
     assert all(not any(p.fixed) for p in network.refractions.values())
