@@ -21,8 +21,7 @@ STATIONS = {"S1": (-4.0, -2.0, 1.6), "S2": (5.0, 3.0, 1.6)}
 
 parser = argparse.ArgumentParser()
 parser.add_argument("--plot", metavar="FILE", help="draw the deviations of the wall, unrolled")
-options = parser.parse_args()
-rng = np.random.default_rng(2)
+options, rng = parser.parse_args(), np.random.default_rng(2)
 turn, up = (a.ravel() for a in np.meshgrid(np.linspace(0, 2 * np.pi, 25)[:-1], (1, 3, 5, 7, 9)))
 bulge = 0.012 * np.exp(-(((turn - 2.0) / 0.35) ** 2) - ((up - 5.0) / 2.0) ** 2)
 out = RADIUS + bulge + 0.001 * rng.normal(size=len(turn))
@@ -72,10 +71,9 @@ print(f"largest deviation of the wall: {deviation.max():.1f} mm at {up[deviation
 if options.plot:
     from matplotlib.figure import Figure
 
-    axes = (figure := Figure(figsize=(8, 3.4), layout="constrained")).add_subplot(
-        xlabel="along the wall [m]", ylabel="height [m]"
-    )
+    figure = Figure(figsize=(8, 3.4), layout="constrained")
+    axes = figure.add_subplot(xlabel="along the wall [m]", ylabel="height [m]")
     shown = (a.reshape(5, -1) for a in (RADIUS * turn, up, deviation))
-    filled = axes.contourf(*shown, levels=np.arange(-12, 13, 1.5), cmap="RdBu_r", extend="both")
+    filled = axes.contourf(*shown, np.arange(-12, 13, 1.5), cmap="RdBu_r", extend="both")
     figure.colorbar(filled, ax=axes, label="outwards [mm]")
     figure.savefig(options.plot, dpi=150)
