@@ -143,7 +143,5 @@ class Lake(Part):
             point = plan.points[names[i]]
             plan.points[point.name] = replace(point, coordinates=tuple(at))
             plan.add(
-                LevelHeight(
-                    point.name, self.name, sigma=self.sigma, id=f"{self.name} {point.name}"
-                )
+                LevelHeight(point.name, self.name, sigma=self.sigma, id=f"{self.name} {point.name}")
             )

@@ -74,33 +74,33 @@ class Shapes(Part):
 
     def add_to(self, scene: Scene) -> None:
         """Add the shapes, their points and observations."""
-        plan, added = scene.plan, []
-        tolerance = self.tolerance_mm * MILLIMETRE
-        for i, form in enumerate(self.shapes):
-            name, rng = f"{self.prefix}{form} {i + 1}", scene.rng(i)
-            scene.refuse_used([name], {**plan.frames, **plan.sizes}, "shapes")
-            free = SHAPES[form].free
-            tilts = rng.standard_normal(2) * np.deg2rad(self.tilt_deg)
-            shift = rng.uniform(-0.1, 0.1, 3)
-            places = PLACES[form](self, rng)
-            values = {"rx": float(tilts[0]), "ry": float(tilts[1])}
-            values |= dict(zip("xyz", shift.tolist(), strict=True))
-            values = {n: v for n, v in values.items() if n in free}
-            turn, c = (np.array([values.get(n, 0.0) for n in t]) for t in (("rx", "ry", "-"), "xyz"))
-            origin = np.array([i * self.spacing, 0.0, 0.0])
-            on = origin + (places + c) @ exp_rotation(turn[None])[0].T
-            points = scene.add_points(f"{name}/", [f"{k + 1}" for k in range(len(on))], on)
-            for size in SHAPES[form].sizes:
-                if size.suffix == "":
-                    plan.set_size(name, self.radius)
-            plan.add_shape(name, form, origin=origin.tolist(), values=values)
-            plan.add(*(KINDS[form](name, p, sigma=tolerance, id=f"{p} on {name}") for p in points))
-            added += points
+        added = [p for i, form in enumerate(self.shapes) for p in self._add_shape(scene, i, form)]
         if self.measured_mm is not None:
             sigma = (self.measured_mm * MILLIMETRE,) * 3
-            given = zip(added, scene.coordinates(added).tolist(), strict=True)
-            plan.add(*(ControlPoint(p, tuple(x), sigma=sigma, id=f"measured {p}") for p, x in given))
+            for point, x in zip(added, scene.coordinates(added).tolist(), strict=True):
+                scene.plan.add(ControlPoint(point, tuple(x), sigma=sigma, id=f"measured {point}"))
         scene.points.append(added)
+
+    def _add_shape(self, scene: Scene, i: int, form: Form) -> list[str]:
+        """Add the shape of a number; return its points."""
+        plan, rng = scene.plan, scene.rng(i)
+        name, record = f"{self.prefix}{form} {i + 1}", SHAPES[form]
+        scene.refuse_used([name], {**plan.frames, **plan.sizes}, "shapes")
+        tilts = rng.standard_normal(2) * np.deg2rad(self.tilt_deg)
+        given = (*tilts.tolist(), *rng.uniform(-0.1, 0.1, 3).tolist())
+        values = dict(zip(("rx", "ry", "x", "y", "z"), given, strict=True))
+        values = {n: v for n, v in values.items() if n in record.free}
+        turn = np.array([[values.get("rx", 0.0), values.get("ry", 0.0), 0.0]])
+        offset = np.array([values.get(axis, 0.0) for axis in "xyz"])
+        origin = np.array([i * self.spacing, 0.0, 0.0])
+        on = origin + (PLACES[form](self, rng) + offset) @ exp_rotation(turn)[0].T
+        points = scene.add_points(f"{name}/", [f"{k + 1}" for k in range(len(on))], on)
+        if any(size.suffix == "" for size in record.sizes):
+            plan.set_size(name, self.radius)
+        plan.add_shape(name, form, origin=origin.tolist(), values=values)
+        sigma = self.tolerance_mm * MILLIMETRE
+        plan.add(*(KINDS[form](name, p, sigma=sigma, id=f"{p} on {name}") for p in points))
+        return points
 
     def angles(self, rng: np.random.Generator) -> Array:
         """Return angles on the arc, spread evenly and jittered, (n,) radians."""
@@ -140,9 +140,7 @@ def _cylinder(part: Shapes, rng: np.random.Generator) -> Array:
 def _sphere(part: Shapes, rng: np.random.Generator) -> Array:
     turn, up = part.angles(rng), part.spread(rng, 2.0)
     flat = np.sqrt(1.0 - up**2)
-    return np.asarray(
-        part.radius * np.column_stack([flat * np.cos(turn), flat * np.sin(turn), up])
-    )
+    return np.asarray(part.radius * np.column_stack([flat * np.cos(turn), flat * np.sin(turn), up]))
 
 
 PLACES: dict[str, Callable[[Shapes, np.random.Generator], Array]] = {
