@@ -40,8 +40,10 @@ class Shapes(Part):
     """Shapes side by side along X, and points on them: walls, rails, pipes, target spheres.
 
     Points lie on their shape exactly; the error of its form, with the tolerance as standard
-    deviation, is in the reading of their distance from it. Points have measured coordinates if
-    ``measured_mm`` is given; otherwise later parts observe them, such as photos ``of_parts``.
+    deviation, is in the reading of their distance from it. An adjustment that finds the axis of a
+    plane, line or circle the other way round has other readings of the same distribution. Points
+    have measured coordinates if ``measured_mm`` is given; otherwise later parts observe them, such
+    as photos ``of_parts``.
     """
 
     kind = "shapes"
