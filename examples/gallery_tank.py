@@ -76,4 +76,5 @@ if options.plot:
     axes = figure.add_subplot(xlabel="along the wall [m]", ylabel="height [m]")
     shown = (a.reshape(5, -1) for a in (RADIUS * turn, up, deviation))
     filled = axes.contourf(*shown, levels=np.arange(-12, 13, 1.5), cmap="RdBu_r", extend="both")
-    figure.colorbar(filled, label="outwards [mm]").figure.savefig(options.plot, dpi=150)
+    figure.colorbar(filled, ax=axes, label="outwards [mm]")
+    figure.savefig(options.plot, dpi=150)

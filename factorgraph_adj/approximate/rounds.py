@@ -14,6 +14,7 @@ from ..network.network import DatumChoice
 from ..observations import AstronomicLatitude, AstronomicLongitude
 from ..types import Array, Mask
 from .additive import solve_additive
+from .alignments import align, aligned
 from .diagnosis import not_reached
 from .frame_sights import intersect_sights, orient_frames, resect_frames, start_frame
 from .free_start import join_blocks, observed_misfits, resolve_doubt, start_heights
@@ -83,14 +84,19 @@ def reach(equations: Equations, *, datum: DatumChoice | None = None) -> tuple[St
         _search(progress, seen, free=free)
         progress = _without_contradiction(equations, progress, forgetful, seen, free=free)
         _take_over(progress, state)
-        # The points of shapes and the photos of lines come first.
-        progress.frame[sorted(on_shapes(equations) | lines_in_images(equations))] = 0.0
+        # The points of shapes and wires and the photos of lines come first.
+        later = on_shapes(equations) | lines_in_images(equations) | set(aligned(equations))
+        progress.frame[sorted(later)] = 0.0
         problems = not_reached(
             equations, progress, seen.rays, seen.frames, seen.relative, free=free
         )
         if problems:
             return state, problems
-    problems = [*place_shapes(equations, state), *place_image_lines(equations, state)]
+    problems = [
+        *place_shapes(equations, state),
+        *place_image_lines(equations, state),
+        *align(equations, state),
+    ]
     if problems:
         return state, problems
     orient_by_model(equations, state)

@@ -17,7 +17,7 @@ from ..observations import (
 from ..types import Array
 from . import numbers, records
 from .context import ImageAxes, RecordContext
-from .fields import is_angle, is_in_image, names_of, rules_of, sigma_fields, texts_of
+from .fields import is_angle, is_in_image, names_of, numbers_of, rules_of, sigma_fields, texts_of
 from .numbers import Units
 from .tables import IGNORED, Row
 
@@ -83,6 +83,10 @@ def _single_fields(item: Observation, id: str | None, unit: str) -> Fields:
     out = plain(record, {"kind", "id", *names_of(kind), *texts_of(kind), *rules_of(kind)})
     if problems:
         raise InputError(problems)
+    # ``unit`` is that of the value; angles beside it are read in gon.
+    angles = [n for n, quantity in numbers_of(kind).items() if quantity == "angle" and n in out]
+    # Text keeps all digits, a number in gon would be rounded.
+    out |= {n: numbers.write(getattr(item, n), "gon") for n in angles}
     if item.record.unit != "image":
         out["unit"] = "rad" if is_angle(item.kind) else "m"
     return out

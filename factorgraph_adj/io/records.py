@@ -145,7 +145,10 @@ def stand_in(record: Mapping[str, object], *, source: str = "record") -> Observa
     if kind == "image":
         arguments |= {"x": 0.0, "y": 0.0}
     else:
-        arguments["value"] = (1.0,) * size if size else 1.0
+        # Components of a unit vector must be below 1.
+        arguments["value"] = (0.5,) * size if size else 0.5
+        required = (n for n in numbers_of(kind) if n not in record_of_kind.optional)
+        arguments |= dict.fromkeys(required, 1.0)
     arguments["sigma"] = (1.0,) * size if size else 1.0
     make: Callable[..., Observation] = record_of_kind.observation
     arguments |= dict.fromkeys(

@@ -10,6 +10,7 @@ from .image import ImagePoint
 from .in_frames import FrameCoordinate
 from .positions import ControlPoint, GnssPosition, GnssVector
 from .records_instruments import RECORDS as _INSTRUMENTS
+from .records_metrology import RECORDS as _METROLOGY
 from .records_relations import RECORDS as _RELATIONS
 from .records_shapes import RECORDS as _SHAPES
 from .registry import KINDS, ObservationKind, register_observation
@@ -140,6 +141,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
     *records_vertical.RECORDS,
     *_SHAPES,
     *_RELATIONS,
+    *_METROLOGY,
     *records_rigs.RECORDS,
 )
 for _kind in _BUILT_IN:

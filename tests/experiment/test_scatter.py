@@ -25,7 +25,7 @@ from factorgraph_adj.models.variables import VariableKind
 from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
 from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.types import Array, Mask
-from tests.networks import on_shapes
+from tests.networks import alignment, on_shapes
 from tests.networks.bent_strips import bent_strips
 from tests.networks.deformed_models import deformed_block
 from tests.networks.instruments import room_of
@@ -360,6 +360,17 @@ NETWORKS: dict[str, Callable[[], fga.Network]] = {
     **{f"on_{shape}": partial(on_shapes.plan, shape) for shape in SHAPES},
     **dict.fromkeys(RELATIONS, on_shapes.room),
     "image_line": edges,
+    **dict.fromkeys(
+        (
+            *("plane_offset", "plumb_offset", "line_offset"),
+            *("sight_plane_offset", "sight_offset", "radial_offset"),
+        ),
+        alignment.offsets,
+    ),
+    **dict.fromkeys(("wire_reading", "hydrostatic_reading"), alignment.tunnel),
+    **dict.fromkeys(
+        ("wire_reading_on_body", "frame_inclination", "frame_roll", "unit_vector"), alignment.body
+    ),
     "relative_rotation": rigs,
     "relative_position": lambda: odometry(6, scale=0.05),
     "frame_coordinate, deformed": deformed_block,

@@ -96,6 +96,9 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
     if "shutter" in have and rng.random() < 0.5:
         out |= {"shutter": "s", "velocity": tuple(number(rng) for _ in range(3))}
     out |= {n: number(rng) for n in have if n.endswith("_height") and rng.random() < 0.5}
+    needed = {"horizontal", "zenith", "bearing", "reference_x", "reference_y", "length"} & {*have}
+    out |= {n: abs(number(rng)) % 3.0 + 0.01 for n in needed if n not in out}
+    out |= {n: next(free) for n in ("start", "end") if n in have}
     if "face" in have:
         out["face"] = int(rng.integers(1, 3))
         error = "index_error" if "index_error" in have else "collimation_error"
@@ -118,11 +121,14 @@ def drawn(kind: str, rng: np.random.Generator) -> o.Observation:
         axes: str | tuple[str, ...] = cls.components
         if "axes" in have:
             three = KINDS[kind].defaults["axes"] == "xyz"
-            choices = ["xyz", "z", "yx"] if three else ["xy", "yx", "x", "y"]
+            choices = ["xyz", "z", "yx"] if three else [*KINDS[kind].defaults["axes"]]
             choices += ["enu", "un"] if KINDS[kind].by_axis else []
             axes = out["axes"] = str(rng.choice(choices))
+        elif kind == "unit_vector":
+            axes = "xy"
         size = 3 if set(axes) & set("enu") else len(axes)
-        out["value"] = tuple(number(rng) for _ in range(size))
+        small = 1e-9 if kind == "unit_vector" else 1.0
+        out["value"] = tuple(small * number(rng) for _ in range(size))
         if cls.components == ("rx", "ry", "rz"):  # a rotation vector, of half a turn at most
             out["value"] = tuple(v / (1.0 + np.linalg.norm(out["value"])) for v in out["value"])
         if rng.random() < 0.5:

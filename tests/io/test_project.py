@@ -183,6 +183,10 @@ def any_observation(draw):
     arguments |= {n: draw(SIGMA) for n in ("ux", "uy", "uz", "x", "y") if n in names}
     needed = (n for n in vectors_of(kind) if n not in KINDS[kind].optional)
     arguments |= {n: draw(st.sampled_from(UNIT_VECTORS)) for n in needed}
+    numbers_needed = {"horizontal", "zenith", "bearing", "reference_x", "reference_y", "length"}
+    arguments |= {n: draw(st.floats(0.01, 3.0)) for n in sorted(numbers_needed & names)}
+    ends = sorted({"start", "end"} & names)
+    arguments |= {n: f"{n} of {arguments['point']}" for n in ends}
     if "lever_arm" in names and "photo" in have:
         arguments["lever_arm"] = (draw(SIGMA), draw(VALUE), draw(VALUE))
     if "angle" in KINDS[kind].choices:
@@ -197,9 +201,12 @@ def any_observation(draw):
         axes = cls.components
         if "axes" in names:
             three = KINDS[kind].defaults["axes"] == "xyz"
-            some = ["xyz", "z", "yx", "xz"] if three else ["xy", "yx", "x", "y"]
+            some = ["xyz", "z", "yx", "xz"] if three else [*KINDS[kind].defaults["axes"]]
             axes = arguments["axes"] = draw(st.sampled_from(some))
-        arguments["value"] = tuple(draw(VALUE) for _ in axes)
+        elif kind == "unit_vector":
+            axes = "xy"
+        part = st.floats(-0.7, 0.7) if kind == "unit_vector" else VALUE
+        arguments["value"] = tuple(draw(part) for _ in axes)
         if cls.components == ("rx", "ry", "rz"):  # a rotation vector, of half a turn at most
             length = 1.0 + math.hypot(*arguments["value"])
             arguments["value"] = tuple(v / length for v in arguments["value"])

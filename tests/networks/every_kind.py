@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -31,12 +32,20 @@ BODY, SEEN = (0.36, -0.48, 0.8), (-0.6, 0.0, -0.8)
 """Unit vectors towards a body in the horizon and in the axes of an instrument."""
 COVARIANCE = np.array([[4.0, 1.0, -0.5], [1.0, 3.0, 0.7], [-0.5, 0.7, 5.0]])
 
+WIRE: dict[str, Any] = {"sag": "sag", "length": 90.0}
+SORTS_OF_FRAMES = ("body", "tripod", "slanted", "leaning")
+"""Frames with a constant origin, at the point i and level, there and not level, constant and level.
+"""
 PLACE = {"along": 1.3, "across": -0.4}
 BENT = {"deformation": "film", "base": 3e4}
 ARM = {"lever_arm": (0.2, 0.3, -0.4), "mount": "imu"}
 DRIFTED = {"drift": "strip", "time": 1.7}
 TURNED = {"drift": "platform", "time": -1.3}
 SHUTTER = {"shutter": "shutter", "velocity": (55.0, -20.0, 3.0), **DRIFTED}
+
+TURNS_AND_ARM = ("rx", "ry", "rz", "x", "y", "z")
+MOUNTED = dict(zip(TURNS_AND_ARM, (0.02, -0.03, 0.05, 0.1, -0.04, 0.07), strict=True))
+"""Mount of an instrument, rad and metres."""
 
 OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "slope_distance": lambda: [o.SlopeDistance("i", "j", 1.0, instrument="edm", **SIGHT)],
@@ -156,6 +165,53 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     "image_line": lambda: [
         o.ImageLine("f", "edge", 5.0, 3.0, sigma=0.01),
         o.ImageLine("f", "edge", -2.0, 0.3, sigma=0.01),
+    ],
+    "plane_offset": lambda: [o.PlaneOffset(f, "j", 0.0, sigma=0.01) for f in SORTS_OF_FRAMES],
+    "plumb_offset": lambda: [
+        *(o.PlumbOffset(f, "k", 1.0, sigma=0.01) for f in SORTS_OF_FRAMES[:-1]),
+        o.PlumbOffset("leaning", "j", 1.0, sigma=0.01),
+    ],
+    "line_offset": lambda: [o.LineOffset("k", "i", "j", 1.0, sigma=0.01)],
+    "sight_plane_offset": lambda: [o.SightPlaneOffset("i", "k", 0.0, horizontal=0.7, **SIGHT)],
+    "sight_offset": lambda: [o.SightOffset("i", "k", 1.0, horizontal=2.5, zenith=1.4, **SIGHT)],
+    "radial_offset": lambda: [
+        o.RadialOffset(
+            "j", 0.0, bearing=0.9, reference_x=4e6, reference_y=1e6, reference_z=4e6, sigma=0.01
+        )
+    ],
+    "hydrostatic_reading": lambda: [
+        o.HydrostaticReading("i", "water", 0.1, sigma=0.01),
+        o.HydrostaticReading("j", "water", 0.1, mount="cup", sigma=0.01, undulation=0.02),
+        o.HydrostaticReading("k", "water", 0.1, mount="cup", sigma=0.01, side=-1, expansion=0.01),
+    ],
+    "wire_reading": lambda: (
+        [
+            o.WireReading(f, "j", (0.0, 0.0), mount="cup", sigma=(1.0, 2.0), **WIRE)
+            for f in SORTS_OF_FRAMES
+        ]
+        + [o.WireReading("body", "k", (0.0,), axes="z", sigma=(2.0,), **WIRE)]
+    ),
+    "wire_reading_on_body": lambda: [
+        o.WireReadingOnBody(
+            wire, "k", (0.0, 0.0), body=body, mount="cup", covariance=COVARIANCE[:2, :2], **WIRE
+        )
+        # Wire and body have the same rotation, nearly: no wire lies in the plane of its sensor.
+        for wire, body in (
+            ("tripod", "leaning"),
+            ("leaning", "tripod"),
+            ("body", "slanted"),
+            ("slanted", "body"),
+        )
+    ],
+    "frame_inclination": lambda: [
+        o.FrameInclination(f, "j", 0.0, mount="cup", sigma=1e-6) for f in SORTS_OF_FRAMES
+    ],
+    "frame_roll": lambda: [
+        o.FrameRoll(f, "j", 0.0, mount="cup", sigma=1e-6) for f in SORTS_OF_FRAMES
+    ],
+    "unit_vector": lambda: [
+        o.UnitVector(f, "k", "j", (0.0, 0.0), mount="cup", covariance=COVARIANCE[:2, :2])
+        for f in SORTS_OF_FRAMES
     ],
     "frame_direction": lambda: [
         o.FrameDirection("body", "j", 0.0, sigma=0.01),
@@ -278,6 +334,9 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
     network.set_orientation("i", value=0.3)
     network.set_unknown("index_error", "circle", (2e-4,))
     network.set_unknown("collimation_error", "telescope", (3e-4,))
+    network.set_mount("cup", free=TURNS_AND_ARM, values=MOUNTED)
+    network.set_size("sag", 0.004)
+    network.set_level("water", 0.4)
     add_frames(network, tuple((station + geometry.length).tolist()))
     add_sizes(network, 0.3 * geometry.length)
     network.set_polynomial("fourth", plan=4, height=HEIGHT_TERMS[-1])
@@ -308,6 +367,7 @@ def sight_equations(frame_name: str, geometry: Geometry) -> tuple[Equations, Arr
         "index_error": (1e-3,),
         # Of a steep sight the reading changes by c/sin z.
         "collimation_error": (1e-3 * geometry.reach / geometry.length,),
+        "mount": (1e-3,) * 3 + (1e-2 * geometry.length,) * 3,
         "polynomial": (1e-2,),
         "model_deformation": (1e-2,),
         # Directions in a frame change more where a target stands near its z axis.
@@ -409,6 +469,7 @@ def add_frames(network: Network, origin: tuple[float, float, float]) -> None:
     if "i" in network.points:
         network.add_frame("tripod", free=every, values=values, origin="i", level=True)
         network.add_frame("slanted", free=every, values=values, origin="i")
+        network.add_frame("leaning", free=every, values=values, origin=origin, level=True)
 
 
 def add_sizes(network: Network, size: float) -> None:

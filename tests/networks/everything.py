@@ -220,4 +220,25 @@ def everything(frame_name: str) -> Network:
     n.add_image_points("f2", ['"D"', "A"], [[1.5, -2.25], [1 / 3, 7]], sigma=0.5)
     n.add_image_points("f1", ['"D"', "A"], [[1.5, 0.0], [1 / 3, 7]], sigma=[[0.003, 0.004]] * 2)
     n.add(o.ImagePoint("f3", "A", 1, -2, sigma=0.3, id="own"))
+    _add_alignment(n)
     return n
+
+
+def _add_alignment(n: Network) -> None:
+    """Add readings of planes, plumb lines, wires, water and inclinometers."""
+    n.set_size("sag, 1", 1 / 3, sigma=0.01)
+    wire = {"sag": "sag, 1", "length": 20 / 3, "sigma": (1e-5, 2e-5)}
+    n.add(
+        o.PlaneOffset("wall", "A", 1 / 3, sigma=1e-3),
+        o.PlumbOffset("wall", '"D"', 1 / 3, sigma=1e-3),
+        o.LineOffset("A", '"D"', "#C", 1 / 3, sigma=1e-3),
+        o.SightPlaneOffset("A", '"D"', 1 / 3, horizontal=2 / 3, set="2", sigma=1e-3),
+        o.SightOffset("A", '"D"', 1 / 3, horizontal=2 / 3, zenith=4 / 3, set="2", sigma=1e-3),
+        o.RadialOffset("A", 1 / 3, bearing=2 / 3, reference_x=7 / 3, reference_y=1, sigma=1e-3),
+        o.HydrostaticReading("A", "pond", 1 / 3, mount="imu, 1", side=-1, sigma=1e-5),
+        o.WireReading("wall", "A", (1 / 3, 2.0), mount="imu, 1", **wire),
+        o.WireReadingOnBody("wall", "A", (1 / 3, 2.0), body="model, 1", **wire),
+        o.FrameInclination("model, 1", "A", 1 / 3, sigma=1e-5),
+        o.FrameRoll("model, 1", "A", 1 / 3, mount="imu, 1", sigma=1e-5),
+        o.UnitVector("model, 1", "A", '"D"', (1 / 3, 0.25), sigma=(1e-5, 2e-5)),
+    )
