@@ -113,8 +113,8 @@ class Approximate(Parameters):
     attitudes_deg: float = number(0.0, least=0, most=30)
     """Standard deviation of attitudes about each axis, degrees."""
     restart: bool = False
-    """Whether free mounts, drifts, profiles, levels, frames and sizes start without their values:
-    from zero, or from what an adjustment computes."""
+    """Whether free unknowns besides points, photos and cameras start without their values: mounts,
+    drifts and profiles from zero, levels, frames and sizes from what an adjustment computes."""
 
 
 @dataclass(frozen=True)

@@ -171,6 +171,17 @@ def test_a_generator_makes_a_network_that_is_determined_and_fits_its_weights(nam
     assert accepted(vtpv, redundancy)
 
 
+@pytest.mark.parametrize("name", ["trackers", "levelled scanners", "models", "GNSS, INS and a cross strip", "rig"])  # fmt: skip  # noqa: E501
+def test_an_adjustment_finds_again_what_it_is_not_told(name: str) -> None:
+    """Frames, mounts and drifts without values: the minimum is that which begins at true ones."""
+    parts, close = GENERATORS[name], replace(NEARLY, points=0.05)
+    told, untold = (
+        adjusted(Spec(parts=parts, control=Control(), approximate=replace(close, restart=r)))[1]
+        for r in (False, True)
+    )
+    assert untold.vtpv == pytest.approx(told.vtpv, rel=1e-5)
+
+
 def test_every_kind_of_part_is_among_the_generators_tested() -> None:
     tested = {part.kind for parts in GENERATORS.values() for part in parts}
     assert set(kinds_of(Part)) == tested
