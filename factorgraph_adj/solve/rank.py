@@ -222,6 +222,10 @@ def undetermined(
 
 ALIKE = 0.999
 """Cosine of the angle between an undetermined combination and a motion that is the same."""
+HARDLY = 1e-5
+"""Ratio |A g| / |√diag(N) g| of a motion g of the network that counts as not noticed on the curved
+Earth. Where all but a few points move together, their combination resembles a motion that is
+noticed by far more."""
 
 
 def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Defect | None, Array]:
@@ -241,9 +245,12 @@ def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Def
     g = generators(system.equations, system.state, about)
     moving = np.flatnonzero(np.linalg.norm(scale * g, axis=0) > 0)
     basis, r = np.linalg.qr(scale * g[:, moving])
+    if np.abs(np.diag(r)).min() < 1e-9 * np.abs(r).max():
+        return None, z
     left, cosine, right = np.linalg.svd(basis.T @ z, full_matrices=False)
-    alike = cosine > ALIKE
-    if not alike.any() or np.abs(np.diag(r)).min() < 1e-9 * np.abs(r).max():
+    g_like = g[:, moving] @ np.linalg.solve(r, left)
+    alike = (cosine > ALIKE) & (np.linalg.norm(system.times(g_like), axis=0) < HARDLY)
+    if not alike.any():
         return None, z
     mixture = np.zeros((7, int(alike.sum())))
     mixture[moving] = np.linalg.solve(r, left[:, alike])
