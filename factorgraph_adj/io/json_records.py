@@ -20,15 +20,17 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..frames import Frame
 from ..models.lens import NoDistortion
-from ..network.entities import Camera, Photo, Point
+from ..models.variables import VariableKind, parameter_kinds
+from ..network.entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from ..network.network import Network
 from .context import RecordContext
 from .fields import unknown_field
 from .json_observations import SI, Fields, checked, observation_fields, observation_of, plain
 from .numbers import Units
+from .parameter_tables import columns_of, read_parameter, table_of
 from .project import read_camera, read_project
 from .read_unknowns import PHOTO_COLUMNS, POINT_COLUMNS, UnknownsReader
 from .tables import IGNORED, Row
@@ -46,6 +48,7 @@ __all__ = [
     "photo_of",
     "point_fields",
     "point_of",
+    "unknown_of",
 ]
 
 _Found = TypeVar("_Found")
@@ -147,6 +150,43 @@ def camera_of(fields: Mapping[str, object], *, source: str = "") -> Camera:
         return network.cameras[name]
 
     return _entity(fields, "camera", network, None, source, read)
+
+
+def unknown_of(
+    fields: Mapping[str, object], *, context: RecordContext | None = None, source: str = ""
+) -> tuple[VariableKind, Key, Parameter]:
+    """Return kind, name and unknown of a record, whose fields are ``kind`` and those of its table.
+
+    Args:
+        fields: for example ``{"kind": "level", "name": "lake", "value_m": 371.2}``.
+        context: units of values without a unit of their own.
+        source: where the record stands.
+
+    Raises:
+        InputError: an unknown kind or field, or a value that is wrong; all problems are listed.
+    """
+    given = dict(checked(fields, source))
+    name, kinds = given.pop("kind", None), {k.name: k for k in parameter_kinds()}
+    if not isinstance(name, str) or name not in kinds:
+        what = "kind of unknowns is missing" if name is None else f"unknown kind {name!r}"
+        raise InputError(Problem(f"{what}; valid: {known(kinds, meant=name, most=40)}", source))
+    kind, problems = kinds[name], list[Problem]()
+    row = Row(given, source, problems, kind.noun)
+    _known(row, columns_of(kind))
+    stated = table_of(kind)
+    first = row.text(stated.keys[0], required=True) or ""
+    others = [row.text(k, default=stated.key_default) or "" for k in stated.keys[1:]]
+    key: Key = (first, *others) if others else first
+    network = Network()
+    if first and kind.at_point:
+        network.add_point(first, (0.0, 0.0, 0.0))
+    if first:
+        row.of = f"{kind.noun} {parameter_name(key)!r}"
+        units = context.units if context is not None else Units()
+        read_parameter(row, kind, key, network, units)
+    if problems:
+        raise InputError(problems)
+    return kind.name, key, network.of_kind(kind.name)[key]
 
 
 def _entity(

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import calibration_name
+from ..models.variables import UNKNOWNS, VariableKind
 from ..network.additions import add_entities
-from ..network.entities import Camera, Photo, Point
+from ..network.entities import Camera, Key, Parameter, Photo, Point, parameter_name
 from ..network.network import Network
 from ..observations import AnyObservation, Correlated, Observation
 from ..observations.identity import identity, named
@@ -22,7 +23,7 @@ from ..types import Array, Index
 from .readings import as_planned
 
 Named: TypeAlias = tuple[str, str]
-"""Kind of an entity (point, photo, camera), and its name."""
+"""Kind of an entity or unknown (point, photo, camera, level …), and its name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +47,15 @@ class Candidate:
     """New photos, with planned position and rotation."""
     cameras: tuple[Camera, ...] = ()
     """New cameras."""
+    unknowns: Mapping[VariableKind, Mapping[Key, Parameter]] = field(default_factory=dict)
+    """New unknowns by kind and name: the level of a lake, the drift of a flight, a mount."""
 
     def __post_init__(self) -> None:
         """Convert single entities to tuples of one."""
-        for field in ("observations", "points", "photos", "cameras"):
-            given: Any = getattr(self, field)
+        for name in ("observations", "points", "photos", "cameras"):
+            given: Any = getattr(self, name)
             single = isinstance(given, str) or not isinstance(given, Iterable)
-            object.__setattr__(self, field, (given,) if single else tuple(given))
+            object.__setattr__(self, name, (given,) if single else tuple(given))
 
     @property
     def single(self) -> Iterator[Observation]:
@@ -67,15 +70,20 @@ class Candidate:
 
     @property
     def brings(self) -> set[Named]:
-        """New points, photos and cameras."""
+        """New points, photos, cameras and other unknowns."""
         kinds = (("point", self.points), ("photo", self.photos), ("camera", self.cameras))
-        return {(kind, item.name) for kind, items in kinds for item in items}
+        out = {(kind, item.name) for kind, items in kinds for item in items}
+        return out | {
+            (kind, parameter_name(key)) for kind, given in self.unknowns.items() for key in given
+        }
 
     @property
     def needs(self) -> set[Named]:
-        """Points, photos and cameras that the observations name and that are not new."""
+        """What the observations name and is not new: points, photos, cameras, other unknowns."""
         out: set[Named] = {("camera", f.camera) for f in self.photos}
         for o in self.single:
+            named_by = ((kind, getattr(o, attribute)) for kind, attribute in o.record.parameters)
+            out |= {(kind, name) for kind, name in named_by if isinstance(name, str)}
             out |= {("point", name) for name in o.points()}
             out |= {("photo", name) for name in o.photos()}
         return out - self.brings
@@ -119,6 +127,7 @@ def dependent(candidates: Sequence[Candidate], network: Network) -> list[Problem
     """
     there = {("point", n) for n in network.points}
     there |= {("photo", n) for n in network.photos} | {("camera", n) for n in network.cameras}
+    there |= {(k, parameter_name(n)) for k, given in network.parameters.items() for n in given}
     bringer = {what: c.name for c in reversed(candidates) for what in c.brings}
     return [
         Problem(
@@ -181,6 +190,7 @@ def with_candidates(network: Network, candidates: Sequence[Candidate]) -> Networ
             problems.append(Problem("it has no observations", where))
         points = [replace(p, datum=False) if free and isinstance(p, Point) else p for p in c.points]
         found = add_entities(out, points=points, photos=c.photos, cameras=c.cameras)
+        found += _add_unknowns(out, c)
         for item in c.observations:
             if not isinstance(item, Observation | Correlated):
                 found.append(Problem(f"is no observation: {item!r}", "observations"))
@@ -193,6 +203,25 @@ def with_candidates(network: Network, candidates: Sequence[Candidate]) -> Networ
     if problems:
         raise InputError(problems)
     return out
+
+
+def _add_unknowns(network: Network, candidate: Candidate) -> list[Problem]:
+    """State the new unknowns of a candidate; return all problems."""
+    problems = []
+    for kind, given in candidate.unknowns.items():
+        if kind not in UNKNOWNS or UNKNOWNS[kind].table is None:
+            valid = known([k.name for k in UNKNOWNS.values() if k.table is not None], meant=kind)
+            problems.append(Problem(f"unknown kind {kind!r}; valid: {valid}", "unknowns"))
+            continue
+        for key, p in given.items():
+            where = f"{UNKNOWNS[kind].noun} {parameter_name(key)!r}"
+            if key in network.of_kind(kind):
+                problems.append(Problem("is stated already", where))
+            elif not isinstance(p, Parameter):
+                problems.append(Problem(f"is no Parameter: {p!r}", where))
+            else:
+                network.of_kind(kind)[key] = p
+    return problems
 
 
 def _flagged(network: Network) -> Network:
@@ -281,6 +310,8 @@ def _owners(equations: Equations, candidates: Sequence[Candidate]) -> Index:
             bringer["pose", f.name] = n
             if network.cameras[f.camera].per_photo:
                 bringer["calibration", calibration_name(network, f.name)] = n
+        for kind, given in c.unknowns.items():
+            bringer |= {(kind, parameter_name(key)): n for key in given}
     if bringer:
         for block in equations.blocks:
             if len(block.variables) > 1:

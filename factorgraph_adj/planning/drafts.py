@@ -15,15 +15,16 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..io.context import ImageAxes
 from ..io.fields import NAMES
-from ..io.json_records import observation_of, photo_of, point_of
+from ..io.json_records import observation_of, photo_of, point_of, unknown_of
 from ..io.project import Project
 from ..io.records import with_reading
 from ..io.tables import Row, read_table
-from ..network.entities import Photo, Point
+from ..models.variables import VariableKind, unknown_kind
+from ..network.entities import Key, Parameter, Photo, Point, parameter_name
 from ..observations import AnyObservation, Correlated
 from .candidates import Candidate, dependent, identified, with_candidates
 
-CANDIDATE_KEYS = ("name", "cost", "points", "photos", "observations")
+CANDIDATE_KEYS = ("name", "cost", "points", "photos", "unknowns", "observations")
 
 
 def tables(document: Mapping[str, Any], key: str, top: Row) -> list[Mapping[str, Any]]:
@@ -47,8 +48,9 @@ class _Draft:
     observations: list[AnyObservation] = field(default_factory=list)
     points: list[Point] = field(default_factory=list)
     photos: list[Photo] = field(default_factory=list)
+    unknowns: dict[VariableKind, dict[Key, Parameter]] = field(default_factory=dict)
     unread: set[str] = field(default_factory=set)
-    """Keys with errors: points, photos, observations."""
+    """Keys with errors: points, photos, unknowns, observations."""
 
 
 class Drafts:
@@ -84,6 +86,8 @@ class Drafts:
                 self._take(draft, key, read, record, f"{where}: {key} {n}")
             if len(self.problems) > before:
                 draft.unread.add(key)
+        for n, record in enumerate(tables(given, "unknowns", row), 1):
+            self._take_unknown(draft, record, f"{where}: unknowns {n}")
         self._placed(draft, where)
 
     def add_table(self, path: Path) -> None:
@@ -122,7 +126,7 @@ class Drafts:
                 )
             cost = 1.0 if d.cost is None else d.cost
             parts = (tuple(d.points), tuple(d.photos))
-            out.append(Candidate(name, tuple(d.observations), cost, *parts))
+            out.append(Candidate(name, tuple(d.observations), cost, *parts, unknowns=d.unknowns))
         fitting = self._named([c for c in out if not self.found[c.name].unread - {"observations"}])
         wrong = dependent(fitting, self.network)
         if not wrong:
@@ -188,6 +192,23 @@ class Drafts:
         axes = self.context.cameras.get(found.camera, ImageAxes())
         images = {**self.context.images, found.name: axes}
         self.context = replace(self.context, images=images)
+
+    def _take_unknown(self, draft: _Draft, record: Mapping[str, Any], source: str) -> None:
+        """Read an unknown other than points and photos."""
+        try:
+            kind, key, found = unknown_of(record, context=self.context, source=source)
+        except InputError as error:
+            self.problems.extend(error.problems)
+            draft.unread.add("unknowns")
+            return
+        there = draft.unknowns.setdefault(kind, {})
+        where = f"{source}: {unknown_kind(kind).noun} {parameter_name(key)!r}"
+        if key in there:
+            self.problems.append(Problem("there are two of this name", where))
+        if not np.isfinite(found.values).all() and unknown_kind(kind).absent != "found":
+            self.problems.append(Problem("a plan needs its values", where))
+            draft.unread.add("unknowns")
+        there[key] = found
 
     def _placed(self, draft: _Draft, where: str) -> None:
         """Note new points and photos without a position."""

@@ -116,7 +116,7 @@ class DropOut(Parameters):
     probability: float = number(0.1, least=0, below=1)
     """Probability of the loss of each observation."""
     observations: str = ""
-    """Kind of the observations; empty: all kinds except control."""
+    """Kind of the observations; empty: all kinds except control and the mounts of rigs."""
 
     def problems(self, where: str) -> list[Problem]:
         """Return the problems of the fields."""
@@ -128,7 +128,11 @@ class DropOut(Parameters):
 
     def takes(self, kind: str) -> bool:
         """Return whether observations of this kind may be lost."""
-        return kind == self.observations or (not self.observations and kind != ControlPoint.kind)
+        if self.observations:
+            return kind == self.observations
+        # What leads from one pose to another is the mount of a rig, which does not get lost.
+        leads = kind in KINDS and KINDS[kind].follower is not None
+        return kind != ControlPoint.kind and not leads
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from ..network.entities import Camera, ImageTable, Parameter, Photo, parameter_n
 from ..network.network import Network
 from ..observations import BUILT_IN, KINDS
 from ..rotation import exp_rotation
-from ..types import Array
+from ..types import Array, Mask
 
 Seed = int
 """Seed of a simulation: the same seed gives the same errors on every machine."""
@@ -154,6 +154,7 @@ def disturb(
     points: float = 0.0,
     centres: float = 0.0,
     attitudes: float = 0.0,
+    restart: bool = False,
 ) -> Network:
     """Return ``network`` with approximate values: free unknowns moved by drawn errors.
 
@@ -166,6 +167,9 @@ def disturb(
         points: standard deviation of free coordinates, metres.
         centres: standard deviation of free projection centres, metres.
         attitudes: standard deviation of free attitudes about each axis, radians.
+        restart: whether free components of all other unknowns lose their values: an adjustment
+            starts from those of their kinds, such as zero for a mount, or computes them, such as
+            frames.
     """
     # The number is between the streams of noise and of weighted unknowns, so each is unique.
     rng = np.random.default_rng([seed, len(NUMBERED)])
@@ -183,15 +187,24 @@ def disturb(
         name: _moved_photo(f, by[i]) for i, (name, f) in enumerate(network.photos.items())
     }
     moved.parameters = dict(network.parameters)
-    for kind in (k.name for k in parameter_kinds() if k.absent == "found"):
-        number = tables[kind].number
-        moved.parameters[kind] = {
-            key: replace(p, values=(np.nan,) * len(p.values))
-            if loose[kind][number[parameter_name(key)]].all()
-            else p
-            for key, p in network.of_kind(kind).items()
+    for kind in parameter_kinds():
+        if not (restart or kind.absent == "found"):
+            continue
+        number, start = tables[kind.name].number, [c.start for c in kind.components]
+        moved.parameters[kind.name] = {
+            key: _restarted(p, loose[kind.name][number[parameter_name(key)]], start, restart)
+            for key, p in network.of_kind(kind.name).items()
         }
     return moved
+
+
+def _restarted(p: Parameter, loose: Mask, start: Sequence[float], single: bool) -> Parameter:
+    """Return a parameter with start values where its components are loose, or all of them are."""
+    n = len(p.values)
+    if not (single or loose[:n].all()):
+        return p
+    rows = zip(p.values, loose[:n].tolist(), start[:n], strict=True)
+    return replace(p, values=tuple(s if free else v for v, free, s in rows))
 
 
 def look_at(position: Array, target: Array) -> Array:

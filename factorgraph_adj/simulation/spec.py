@@ -25,7 +25,20 @@ from ..network.entities import Point
 from ..network.network import Network
 from ..observations import ControlPoint
 from .disturbances import Errors, add_gross_errors, drop, read, readings_of, true_plan
-from .generate import additions, aerial, close_range, models, published, terrestrial, trackers
+from .generate import (
+    additions,
+    aerial,
+    close_range,
+    cross_strips,
+    gnss,
+    heights,
+    models,
+    published,
+    rig,
+    shapes,
+    terrestrial,
+    trackers,
+)
 from .generate.control import Control
 from .generate.part import Part, Scene
 from .parameters import BAD, Parameters, changed, convert, number, path_of
@@ -34,7 +47,20 @@ from .write_parameters import to_toml
 
 INDEX = re.compile(r"\[(\d+)\]")
 """Pattern of an index in a path in Python notation, such as ``[0]``."""
-MODULES_OF_PARTS = (aerial, close_range, terrestrial, trackers, additions, models, published)
+MODULES_OF_PARTS = (
+    aerial,
+    close_range,
+    cross_strips,
+    terrestrial,
+    trackers,
+    shapes,
+    additions,
+    gnss,
+    heights,
+    rig,
+    models,
+    published,
+)
 """Modules that define the kinds of parts; their import registers the kinds."""
 
 
@@ -86,6 +112,9 @@ class Approximate(Parameters):
     """Standard deviation of projection centres, metres."""
     attitudes_deg: float = number(0.0, least=0, most=30)
     """Standard deviation of attitudes about each axis, degrees."""
+    restart: bool = False
+    """Whether free unknowns besides points, photos and cameras start without their values: mounts,
+    drifts and profiles from zero, levels, frames and sizes from what an adjustment computes."""
 
 
 @dataclass(frozen=True)
@@ -210,6 +239,7 @@ def simulate(spec: Spec, *, seed: Seed | None = None) -> SimulatedNetwork:
         points=by.points,
         centres=by.centres,
         attitudes=float(np.deg2rad(by.attitudes_deg)),
+        restart=by.restart,
     )
     return SimulatedNetwork(network, Truth.of(true), gross, dropped)
 
@@ -230,9 +260,10 @@ def _plan(spec: Spec) -> Network:
     scene = Scene(plan, spec.seed)
     found: list[Problem] = []
     for i, part in enumerate(spec.parts):
-        scene.number = i
+        scene.number, photos = i, len(plan.photos)
         try:
             part.add_to(scene)
+            scene.note_photos(photos)
         except InputError as error:
             scene.failed.add(i)
             found += [

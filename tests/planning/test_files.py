@@ -218,6 +218,54 @@ def test_what_is_new_and_stands_nowhere_is_told_by_file_and_candidate(wrong: Wro
     ]
 
 
+LAKE = """[[candidate]]
+name = "lake"
+unknowns = [{kind = "level", name = "lake", value_m = 6.5}]
+observations = [
+    {kind = "level_height", point = "P1", level = "lake", sigma_mm = 1},
+    {kind = "level_height", point = "P2", level = "lake", sigma_mm = 1},
+]
+"""
+
+
+def test_a_candidate_brings_unknowns_of_its_own(wishes: Callable[..., Wishes], dam: Path) -> None:
+    (lake,) = wishes(TARGET + LAKE).candidates
+    assert lake.unknowns["level"]["lake"].values == (6.5,)
+    assert lake.brings == {("level", "lake")}
+    loose = LAKE.replace("value_m = 6.5", "value_mm = 6500, sigma_mm = 5")
+    (weighted,) = wishes(TARGET + loose).candidates
+    assert weighted.unknowns["level"]["lake"].sigma == pytest.approx((0.005,))
+    network = load_project(dam, readings=False).network
+    before = fga.plan(network).solution.standard_deviations("P1")[2]
+    proposal = fga.propose(network, [lake], PointPrecision(0.99 * before, axes="z", points=("P1",)))
+    assert proposal.names == ("lake",)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('kind = "level"', 'kind = "levels"', "unknown kind 'levels'; valid: "),
+        ('kind = "level", ', "", "kind of unknowns is missing; valid: "),
+        ('name = "lake", v', "v", "level surface: name is missing"),
+        ("value_m = 6.5", "height_m = 6.5", "level surface: unknown field 'height_m'"),
+        (", value_m = 6.5", "", "level surface 'lake': a plan needs its values"),
+        ("value_m = 6.5", "value_m = 'x'", "level surface 'lake': value_m"),
+    ],
+)
+def test_a_bad_unknown_of_a_candidate_is_named(wrong: Wrong, old: str, new: str, told: str) -> None:
+    (found,) = wrong(TARGET + LAKE.replace(old, new, 1))
+    assert found.startswith("wishes.toml: candidate 1: unknowns 1: ")
+    assert told in found
+
+
+def test_unknowns_that_are_there_twice_are_refused(wrong: Wrong) -> None:
+    twice = LAKE.replace("6.5}]", '6.5}, {kind = "level", name = "lake", value_m = 7}]')
+    (found,) = wrong(TARGET + twice)
+    assert found == (
+        "wishes.toml: candidate 1: unknowns 2: level surface 'lake': there are two of this name"
+    )
+
+
 def test_two_candidates_of_one_name_are_refused(wrong: Wrong) -> None:
     (found,) = wrong(TARGET + TAPE + TAPE)
     assert found == "wishes.toml: candidate 2: there are two of the name 'tape'"

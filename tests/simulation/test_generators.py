@@ -35,6 +35,9 @@ from factorgraph_adj.simulation.generate.additions import (
 from factorgraph_adj.simulation.generate.aerial import Aerial
 from factorgraph_adj.simulation.generate.close_range import CloseRange
 from factorgraph_adj.simulation.generate.control import Control
+from factorgraph_adj.simulation.generate.cross_strips import CrossStrips
+from factorgraph_adj.simulation.generate.gnss import Gnss
+from factorgraph_adj.simulation.generate.heights import Lake, Statoscope
 from factorgraph_adj.simulation.generate.instruments import DistanceMeter, TotalStation
 from factorgraph_adj.simulation.generate.models import IndependentModels
 from factorgraph_adj.simulation.generate.part import Part, Scene
@@ -52,6 +55,8 @@ from factorgraph_adj.simulation.generate.published import (
     IndustryBlock,
     IspBlock,
 )
+from factorgraph_adj.simulation.generate.rig import Rig
+from factorgraph_adj.simulation.generate.shapes import Shapes
 from factorgraph_adj.simulation.generate.terrestrial import (
     LevellingLoops,
     Monitoring,
@@ -97,6 +102,11 @@ GENERATORS = {
     "monitoring": (Monitoring(),),
     "trackers": (Trackers(),),
     "levelled scanners": (Trackers(level=True, sigma_angle_arcsec=5.0, hidden=0.0),),
+    "shapes": (Shapes(measured_mm=0.5),),
+    "shapes on photos": (Shapes(), CloseRange(of_parts=(0,), points="none", photos=12)),
+    "GNSS, INS and a cross strip": (SMALL, CrossStrips(), Gnss(shift_mm=50.0, without=0.2)),
+    "statoscope and lake": (SMALL, Statoscope(slope=0.5), Lake()),
+    "rig": (SMALL, Rig(members=2)),
     "isp": (IspBlock(),),
     "industry": (IndustryBlock(),),
     "aerial 1986": (Aerial1986(distances=60, height_differences=32),),
@@ -159,6 +169,17 @@ def test_a_generator_makes_a_network_that_is_determined_and_fits_its_weights(nam
         assert np.abs(np.concatenate(off)).max() < 5.0
     assert redundancy > 0
     assert accepted(vtpv, redundancy)
+
+
+@pytest.mark.parametrize("name", ["trackers", "levelled scanners", "models", "GNSS, INS and a cross strip", "rig"])  # fmt: skip  # noqa: E501
+def test_an_adjustment_finds_again_what_it_is_not_told(name: str) -> None:
+    """Frames, mounts and drifts without values: the minimum is that which begins at true ones."""
+    parts, close = GENERATORS[name], replace(NEARLY, points=0.05)
+    told, untold = (
+        adjusted(Spec(parts=parts, control=Control(), approximate=replace(close, restart=r)))[1]
+        for r in (False, True)
+    )
+    assert untold.vtpv == pytest.approx(told.vtpv, rel=1e-5)
 
 
 def test_every_kind_of_part_is_among_the_generators_tested() -> None:

@@ -23,6 +23,9 @@ from factorgraph_adj.simulation.generate.additions import (
 from factorgraph_adj.simulation.generate.aerial import Aerial
 from factorgraph_adj.simulation.generate.close_range import CloseRange
 from factorgraph_adj.simulation.generate.control import Control
+from factorgraph_adj.simulation.generate.cross_strips import CrossStrips
+from factorgraph_adj.simulation.generate.gnss import Gnss
+from factorgraph_adj.simulation.generate.heights import Lake, Statoscope
 from factorgraph_adj.simulation.generate.instruments import DistanceMeter
 from factorgraph_adj.simulation.generate.photos import Camera
 from factorgraph_adj.simulation.generate.published import (
@@ -31,12 +34,15 @@ from factorgraph_adj.simulation.generate.published import (
     IndustryBlock,
     IspBlock,
 )
+from factorgraph_adj.simulation.generate.rig import Rig
+from factorgraph_adj.simulation.generate.shapes import Shapes
 from factorgraph_adj.simulation.generate.terrestrial import (
     LevellingLoops,
     Monitoring,
     Traverse,
     TriangulationGrid,
 )
+from factorgraph_adj.simulation.generate.trackers import Trackers
 from factorgraph_adj.simulation.spec import Approximate, Earth, Spec, design, simulate
 from factorgraph_adj.simulation.spec_toml import read_spec
 from factorgraph_adj.simulation.systematic import (
@@ -74,6 +80,13 @@ EVERYTHING = Spec(
         Traverse(),
         TriangulationGrid(),
         LevellingLoops(),
+        Trackers(prefix="t"),
+        Shapes(shapes=("plane", "circle"), measured_mm=0.5),
+        CrossStrips(parts=(0,), camera=Camera("cross")),
+        Gnss(arm=(0.1, 0.2, 0.3), shift_mm=0.1 + 0.2, time_error_ms=-4.0, parts=(0,)),
+        Statoscope(parts=(0,), profiles="weighted"),
+        Lake(parts=(0,), height=1.5, middle=(0.25, 1 / 3)),
+        Rig(parts=(0,), camera=Camera("side", c_mm=120.0)),
     ),
     control=Control("perimeter", "full", horizontal_count=8, sigma_vertical_mm=5.0),
     errors=Errors(

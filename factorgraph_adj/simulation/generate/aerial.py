@@ -125,6 +125,9 @@ class Aerial(Part):
         names = scene.add_points(self.prefix, [f"{i}" for i in range(1, len(points) + 1)], points)
         scene.points.append(names)
         photos = scene.photo_names(self.prefix, list(poses))
+        n = self.photos_per_strip
+        flown = [photos[i : i + n] for i in range(0, len(photos), n)]
+        scene.strips[scene.number] = [strip[:: 1 - 2 * (i % 2)] for i, strip in enumerate(flown)]
         for photo, (at, rotation), on in zip(photos, poses.values(), seen, strict=True):
             chosen = [n for n, s in zip(names, on, strict=True) if s]
             add_photo(scene, photo, self.camera, at, rotation, chosen)

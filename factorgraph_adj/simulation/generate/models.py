@@ -40,6 +40,10 @@ class IndependentModels(Part):
         block = as_models(true, units, centres=self.centres, joint=self.joint)
         vars(scene.plan).update(vars(block.network))
         scene.points = [[p for p in names if p in scene.plan.points] for names in scene.points]
+        scene.strips = {
+            part: [[p for p in strip if p in scene.plan.photos] for strip in strips]
+            for part, strips in scene.strips.items()
+        }
 
     def _units(self, strip: Sequence[str]) -> list[tuple[str, ...]]:
         step = self.photos - self.shared

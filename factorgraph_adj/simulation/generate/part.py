@@ -44,6 +44,8 @@ class Scene:
     """Seed of the geometry."""
     points: list[list[str]] = field(default_factory=list)
     """Names of the points that each part has added up to now."""
+    strips: dict[int, list[list[str]]] = field(default_factory=dict)
+    """Photos of the strips that each part has flown, by its number, in the order of flight."""
     number: int = 0
     """Number of the current part."""
     failed: set[int] = field(default_factory=set)
@@ -71,7 +73,7 @@ class Scene:
             InputError: an earlier part has used a name.
         """
         full = [prefix + n for n in names]
-        self._refuse_used(full, self.plan.points, "points")
+        self.refuse_used(full, self.plan.points, "points")
         for name, xyz in zip(full, np.asarray(coordinates).tolist(), strict=True):
             self.plan.add_point(name, xyz, fixed=fixed)
         return full
@@ -79,10 +81,11 @@ class Scene:
     def photo_names(self, prefix: str, names: Sequence[str]) -> list[str]:
         """Return names of photos with the prefix; InputError if a name is used already."""
         full = [prefix + n for n in names]
-        self._refuse_used(full, self.plan.photos, "photos")
+        self.refuse_used(full, self.plan.photos, "photos")
         return full
 
-    def _refuse_used(self, names: list[str], used: Container[str], what: str) -> None:
+    def refuse_used(self, names: list[str], used: Container[str], what: str) -> None:
+        """Refuse names that an earlier part has used."""
         twice = [n for n in names if n in used]
         if twice:
             self.fail(
@@ -98,6 +101,38 @@ class Scene:
             InputError: a part does not exist or has no points. The error lists no problem for a
                 failed part, whose problems are known already.
         """
+        chosen = self._earlier(parts)
+        names = dict.fromkeys(n for p in chosen for n in self.points[p])
+        if not names:
+            self.fail("parts", "the earlier parts have no points")
+        return list(names)
+
+    def coordinates(self, names: Sequence[str]) -> Array:
+        """Return true coordinates (n, 3) of points, metres."""
+        return np.array([self.plan.points[n].coordinates for n in names]).reshape(-1, 3)
+
+    def strips_of(self, parts: Sequence[int]) -> list[list[str]]:
+        """Return the photos of the strips of earlier parts; ``parts`` empty means all of them.
+
+        Photos of a part that is not flown in strips count as one strip; cameras that others carry
+        are in none.
+
+        Raises:
+            InputError: as `points_of`.
+        """
+        chosen = self._earlier(parts)
+        found = [strip for p in chosen for strip in self.strips.get(p, []) if strip]
+        if not found:
+            self.fail("parts", "the earlier parts have no photos")
+        return found
+
+    def note_photos(self, before: int) -> None:
+        """Note the photos behind the first ``before`` as one strip, unless the part has strips."""
+        new = list(self.plan.photos)[before:]
+        self.strips.setdefault(self.number, [new])
+
+    def _earlier(self, parts: Sequence[int]) -> list[int]:
+        """Return numbers of earlier parts, all if none are asked for; refuse others."""
         wrong = [p for p in parts if not 0 <= p < self.number]
         if wrong:
             valid = f"0 to {self.number - 1}" if self.number else "none, it is the first"
@@ -107,11 +142,4 @@ class Scene:
         if self.failed & set(chosen):
             # The problems of the failed part are already listed.
             raise InputError([])
-        names = dict.fromkeys(n for p in chosen for n in self.points[p])
-        if not names:
-            self.fail("parts", "the earlier parts have no points")
-        return list(names)
-
-    def coordinates(self, names: Sequence[str]) -> Array:
-        """Return true coordinates (n, 3) of points, metres."""
-        return np.array([self.plan.points[n].coordinates for n in names]).reshape(-1, 3)
+        return list(chosen)
