@@ -35,8 +35,6 @@ class Motions:
     """Deflection (ξ, η) of the vertical at each point, (n_points, 2) radians."""
     deflections_free: Mask
     """Whether the deflection at a point is unknown, (n_points,)."""
-    held: Mask | None = None
-    """Held components of the unknowns whose motions are asked for, (n, k); None: all are free."""
 
     def of_places(self, x: Array) -> Array:
         """Return how places x (n, 3) move, (n, 3, 7)."""
@@ -124,15 +122,12 @@ def of_frames(motions: Motions, values: Array, at: Index) -> Array:
     of the object at O; with the origin at a point, δc = 0. E is the identity or the horizon at O;
     ε is how the horizon at a point turns as the point moves. That at a constant stays.
 
-    In a frame whose scale is held, directions and zenith angles stay in a change of scale where the
-    instrument moves with the object: δc is μ c more. All else that is measured in it notices that.
-
     Args:
         motions: the seven motions.
         values: stored frames, (n, 17).
         at: number of the point at the origin of each frame, −1: none, (n,).
     """
-    rotation, offset, ln_scale, origin, level = split_frame(values)
+    rotation, _, ln_scale, origin, level = split_frame(values)
     at_point = at >= 0
     origin = np.where(at_point[:, None], motions.points[at], origin)
     deflections = np.where(at_point[:, None], motions.deflections[at], 0.0)
@@ -148,8 +143,6 @@ def of_frames(motions: Motions, values: Array, at: Index) -> Array:
     moved = np.exp(-ln_scale)[:, None, None] * (to_frame @ motions.of_places(origin))
     out[:, 3:6] = np.where(at_point[:, None, None], 0.0, moved)
     out[:, 6, 6] = 1.0 / motions.size
-    if motions.held is not None:
-        out[:, 3:6, 6] += np.where(motions.held[:, 6:7], offset, 0.0) / motions.size
     return out
 
 
@@ -158,7 +151,9 @@ def without_held(values: Array, moved: Array, held: Mask) -> Array:
 
     A shape is held where it is symmetric: a cylinder about its axis. Where the object turns by ω or
     grows by μ, and the frame may not, what is measured in it turns and grows about q = 0 instead,
-    where its shape has its axis, and not about q = −c: δc = ω × c + μ c for held ω and μ.
+    where its shape has its axis, and not about q = −c: δc = ω × c + μ c for held ω and μ. So do
+    directions and zenith angles of an instrument, whose scale is held: they stay as all grows about
+    it, and only its distances notice that.
 
     Args:
         values: stored frames, (n, 17).

@@ -90,8 +90,7 @@ def generators(equations: Equations, state: State, about: About | None = None) -
         record = UNKNOWNS[kind]
         on = np.flatnonzero(table.offset >= 0)
         if record.motions is not None and len(on):
-            these = replace(motions, held=~table.free[on])
-            moved = record.motions(these, state[kind][on], places_of(equations, kind, on))
+            moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
             if record.held_motions is not None:
                 moved = record.held_motions(state[kind][on], moved, ~table.free[on])
             for j in range(moved.shape[1]):
