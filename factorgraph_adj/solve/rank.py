@@ -222,6 +222,8 @@ def undetermined(
 
 ALIKE = 0.999
 """Cosine of the angle between an undetermined combination and a motion that is the same."""
+HARDLY = 1e-5
+"""Length of A g, for a motion g of length 1, above which it is not the undetermined combination."""
 
 
 def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Defect | None, Array]:
@@ -247,6 +249,9 @@ def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Def
         return None, z
     mixture = np.zeros((7, int(alike.sum())))
     mixture[moving] = np.linalg.solve(r, left[:, alike])
+    # A hinge of nearly all points is no motion of the network: the others notice that.
+    if np.linalg.norm(system.times(g @ mixture), 2) > HARDLY:
+        return None, z
     share = np.linalg.qr(mixture)[0]
     pure = np.sum(share**2, axis=1) > ALIKE
     if pure.sum() == share.shape[1]:  # single motions, up to what the curvature mixes in
