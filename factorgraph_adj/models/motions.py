@@ -151,8 +151,9 @@ def without_held(values: Array, moved: Array, held: Mask) -> Array:
 
     A shape is held where it is symmetric: a cylinder about its axis. Where the object turns by ω or
     grows by μ, and the frame may not, what is measured in it turns and grows about q = 0 instead,
-    where its shape has its axis or its instrument stands, and not about q = −c: δc = ω × c + μ c
-    for held ω and μ. Directions and zenith angles do not notice that μ, all else does.
+    where its shape has its axis, and not about q = −c: δc = ω × c + μ c for held ω and μ. So do
+    directions and zenith angles of an instrument, whose scale is held: they stay as all grows about
+    it, and only its distances notice that.
 
     Args:
         values: stored frames, (n, 17).

@@ -261,7 +261,7 @@ def find_defects(
             for kind, table in unknowns.tables.items()
         ]
     )
-    shared = ~geometric & ~connecting & unknowns.free
+    shared = ~geometric & ~connecting & unknowns.free & observed
     out = []
     ratio = unnoticed_ratio(system.equations, about, free=free)
     found = np.unique(label[geometric & (label >= 0)])

@@ -105,12 +105,12 @@ def what_is_undetermined(
     run: Run, normal: NormalEquations, known: Array | None = None
 ) -> DatumError | None:
     """Return an error that names the undetermined unknowns; none: all are determined."""
-    free = run.datum is not None
-    defects = (
-        [d.at(run.equations, run.state) for d in run.defects]
-        if free
-        else find_defects(normal.system, run.state, normal.diagonal, free=run.free)
-    )
+    if run.datum is not None:
+        free, defects = True, [d.at(run.equations, run.state) for d in run.defects]
+    else:
+        defects = find_defects(normal.system, run.state, normal.diagonal, free=run.free)
+        # Inner constraints would fill the defect, if all else were determined.
+        free = run.free and len(defects) < 2
     return undetermined(normal.system, normal.diagonal, defects, free=free, known=known)
 
 

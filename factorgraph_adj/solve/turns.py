@@ -1,4 +1,4 @@
-"""Turns of residuals across straight lines, of which nothing is to be learnt about a datum."""
+"""Turns of residuals across axes of shapes, of which nothing is to be learnt about a datum."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from .linear import LinearSystem
 
 
 def without_turns(system: LinearSystem, noticed: Array) -> Array:
-    """Return what rows notice without turns of residuals across a line about its axis.
+    """Return what rows notice without turns of residuals across an axis about it.
 
     The frame of a line is held about its axis, so that its two residuals v turn with the object:
     A g has the part (−v₂, v₁) times the turn. It says nothing of the turn, as vᵀPv stays, if both
-    distances have one weight.
+    distances have one weight. So do the two inclinations of an axis parallel to that of a shape.
 
     Args:
         system: the linearised network.
@@ -23,11 +23,7 @@ def without_turns(system: LinearSystem, noticed: Array) -> Array:
     out = noticed
     for block in system.equations.blocks:
         record = KINDS.get(block.kind)
-        if (
-            record is None
-            or not getattr(record.model, "turns", False)
-            or block.whitener is not None
-        ):
+        if record is None or not record.turns or block.whitener is not None:
             continue
         if np.any(block.sigma[:, 0] != block.sigma[:, 1]):
             continue

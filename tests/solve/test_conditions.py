@@ -68,6 +68,24 @@ def test_shapes_move_with_a_free_network(shape):
     assert solution.redundancy == free.redundancy
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_parallel_axes_move_with_a_free_network(seed):
+    """Two residuals that turn about a normal with the object notice nothing of the turn."""
+    network = braced("plane")
+    rng = np.random.default_rng(seed)
+    for i, x in network.observations.items():
+        if isinstance(x, o.SlopeDistance):
+            network.observations[i] = replace(x, value=x.value + 20 * MM * rng.normal())
+    network.add_shape("half", "plane", origin=network.frames["S"].constants[:3])
+    for i in range(5):
+        network.add(o.OnPlane("half", f"P{i}", sigma=MM))
+    network.add(o.ParallelAxes("S", "half", sigma=1e-4))
+    solution = fga.adjust(network)
+    assert solution.converged
+    (defect,) = solution.defects
+    assert defect.size == 6
+
+
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_finite_motion_leaves_the_residuals_of_shapes(shape):
     free = fga.adjust(braced(shape))

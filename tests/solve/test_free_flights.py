@@ -70,3 +70,20 @@ def test_a_free_block_with_a_free_platform_is_that_with_a_minimum_of_control() -
     assert minimum.vtpv == pytest.approx(solution.vtpv, rel=1e-6)
     rel = fga.reliability(solution)
     assert rel.redundancy_numbers.sum() == pytest.approx(solution.redundancy, abs=1e-6)
+
+
+@pytest.mark.parametrize(("datum", "defects"), [("free", 3), ("given", 10)])
+def test_an_unknown_without_observations_is_no_defect_of_the_datum(datum, defects: int) -> None:
+    """Three shifts that nothing observes; the seven defects of a free block are none."""
+    network = observed(plan_of(Plan(control=0, positions=False, attitudes=None)), 1)
+    for kind in ("mount", "drift", "attitude_drift"):
+        network.of_kind(kind).clear()
+    network.set_drift("flown never", free=SHIFT)
+    with pytest.raises(fga.DatumError) as error:
+        fga.adjust(network, datum=datum)
+    told = str(error.value)
+    assert error.value.defect == defects
+    assert "drift 'flown never' is not determined" in told
+    assert "free shift of drift" not in told
+    for of_datum in ("datum defect 7", "ask for a free network"):
+        assert (of_datum in told) == (datum == "given")
