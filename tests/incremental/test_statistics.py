@@ -58,8 +58,8 @@ EXACT = 1e-6
 SMALL = 1e-4
 """Innovation relative to σ that leaves the network where it is: what is said before an arrival
 then holds after it, second powers aside."""
-LARGE = ("polynomial", "model_deformation")
-"""Kinds of unknowns with more components than their few observations determine."""
+LARGE = ("polynomial", "model_deformation", "mount", "size", "angle")
+"""Kinds of unknowns that few observations determine badly, or not at all."""
 CONTROL = {
     "A": (0.0, 0.0, 0.0),
     "B": (42.0, 3.0, 1.5),
