@@ -57,9 +57,7 @@ def _upright(name: str, raised: tuple[bool, ...]) -> frozenset[str]:
         return frozenset()
     points = [attribute for what, attribute in kind.variables if what == "point"]
     values = [
-        TRIANGLE[[points.index(attribute)]]
-        if what == "point"
-        else _zero(what)
+        TRIANGLE[[points.index(attribute)]] if what == "point" else _zero(what)
         for what, attribute in kind.variables
     ]
     heights = {c: np.array([float(on)]) for c, on in zip(kind.constants, raised, strict=True)}
