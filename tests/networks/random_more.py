@@ -72,7 +72,7 @@ def add_more(network: Network, axes: Array, middle: Array, seed: int) -> None:
     """Add what chance says to a network with its true values."""
     for number, add in enumerate(FAMILIES):
         rng = np.random.default_rng([seed, 2026, number])
-        share = SHARE_OF_PHOTOS if add in OF_PHOTOS else SHARE
+        share = OTHER_SHARES.get(add, SHARE_OF_PHOTOS if add in OF_PHOTOS else SHARE)
         if rng.random() < share and (network.photos or add not in OF_PHOTOS):
             add(More(network, axes, middle, rng))
 
@@ -161,10 +161,10 @@ TWO = ("line", "circle")
 
 
 def _shapes(m: More) -> None:
-    """Add a shape of any sort with few points or more than sufficient ones."""
-    for number, shape in enumerate(m.rng.permutation(list(SHAPES))[:4].tolist()):
+    """Add two shapes of any sort; through as many points as it has unknowns there are several."""
+    for number, shape in enumerate(m.rng.permutation(list(SHAPES))[:2].tolist()):
         least = len(SHAPES[shape].free) + len(SHAPES[shape].sizes)
-        _shape(m, f"form {number}", shape, least + int(m.rng.integers(0, 4)))
+        _shape(m, f"form {number}", shape, least + int(m.rng.integers(3, 6)))
 
 
 def _walls(m: More) -> None:
@@ -271,6 +271,8 @@ def _edges(m: More) -> None:
 
 OF_PHOTOS: tuple[Callable[[More], None], ...] = (_flight, _odometry, _edges)
 """Those that need photos."""
+OTHER_SHARES: dict[Callable[[More], None], float] = {_shapes: 0.15}
+"""Shares of the networks with families of many kinds."""
 FAMILIES: tuple[Callable[[More], None], ...] = (
     _flight,
     _odometry,
