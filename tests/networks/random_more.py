@@ -73,6 +73,8 @@ def add_more(network: Network, axes: Array, middle: Array, seed: int) -> None:
     for number, add in enumerate(FAMILIES):
         rng = np.random.default_rng([seed, 2026, number])
         share = OTHER_SHARES.get(add, SHARE_OF_PHOTOS if add in OF_PHOTOS else SHARE)
+        if network.datum == "free" and add in ON_SITE:
+            continue
         if rng.random() < share and (network.photos or add not in OF_PHOTOS):
             add(More(network, axes, middle, rng))
 
@@ -169,8 +171,12 @@ def _shapes(m: More) -> None:
 
 def _walls(m: More) -> None:
     """Add two planes and a cylinder with relations."""
-    for name, shape in (("wall", "plane"), ("wall 2", "plane"), ("pipe", "cylinder")):
-        _shape(m, name, shape, int(m.rng.integers(4, 8)))
+    for name, shape, least in (
+        ("wall", "plane", 4),
+        ("wall 2", "plane", 4),
+        ("pipe", "cylinder", 9),
+    ):
+        _shape(m, name, shape, least + int(m.rng.integers(0, 3)))
     m.network.add(
         o.ParallelAxes("wall", "wall 2", sigma=1e-3),
         o.AxisAngle("wall", "pipe", 1.0, sigma=1e-3),
@@ -271,6 +277,9 @@ def _edges(m: More) -> None:
 
 OF_PHOTOS: tuple[Callable[[More], None], ...] = (_flight, _odometry, _edges)
 """Those that need photos."""
+ON_SITE: tuple[Callable[[More], None], ...] = (_flight, _offsets, _alignment, _edges)
+"""Those with constant places, or that say little of photos that nothing else holds: they are in
+networks with a given datum."""
 OTHER_SHARES: dict[Callable[[More], None], float] = {_shapes: 0.15}
 """Shares of the networks with families of many kinds."""
 FAMILIES: tuple[Callable[[More], None], ...] = (
