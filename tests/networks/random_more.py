@@ -140,11 +140,14 @@ def _instrument(m: More) -> None:
         )
 
 
-def _shape(m: More, name: str, shape: str, n: int) -> list[str]:
-    """Add a shape, and points on it."""
+def _shape(
+    m: More, name: str, shape: str, n: int, tilts: tuple[float, float] | None = None
+) -> Array:
+    """Add a shape, and points on it; return the zero place of its frame."""
     sort = SHAPES[shape]
     values = dict.fromkeys(sort.free, 0.0)
     values |= {c: float(m.rng.normal(0.0, 0.4)) for c in sort.free}
+    values |= {} if tilts is None else dict(zip(("rx", "ry"), tilts, strict=True))
     rotation = exp_rotation(np.array([[values.get(c, 0.0) for c in ("rx", "ry", "rz")]]))[0]
     offset = [values.get(c, 0.0) for c in "xyz"]
     at = m.origin()
@@ -155,7 +158,7 @@ def _shape(m: More, name: str, shape: str, n: int) -> list[str]:
     points = m.new_points(f"{name} ", at + (places(shape, n, m.rng) + offset) @ rotation.T)
     for p in points:
         m.network.add(ON[shape](name, p, sigma=(2 * MM,) * 2 if shape in TWO else 2 * MM))
-    return points
+    return np.asarray(at + rotation @ offset)
 
 
 TWO = ("line", "circle")
@@ -170,17 +173,18 @@ def _shapes(m: More) -> None:
 
 
 def _walls(m: More) -> None:
-    """Add two planes and a cylinder with relations."""
-    for name, shape, least in (
-        ("wall", "plane", 4),
-        ("wall 2", "plane", 4),
-        ("pipe", "cylinder", 9),
-    ):
-        _shape(m, name, shape, least + int(m.rng.integers(0, 3)))
+    """Add two parallel planes and a cylinder with relations, none of which has a sense."""
+    rx, ry = m.rng.normal(0.0, 0.2, 2).tolist()
+    first = _shape(m, "wall", "plane", int(m.rng.integers(4, 8)), (rx, ry))
+    second = _shape(m, "wall 2", "plane", int(m.rng.integers(4, 8)), (rx, ry))
+    _shape(m, "pipe", "cylinder", int(m.rng.integers(9, 12)))
+    normal = exp_rotation(np.array([[rx, ry, 0.0]]))[0][:, 2]
+    # A distance that is negative has the sense of the first normal.
+    walls = ("wall", "wall 2") if normal @ (second - first) > 0 else ("wall 2", "wall")
     m.network.add(
-        o.ParallelAxes("wall", "wall 2", sigma=1e-3),
+        o.ParallelAxes(*walls, sigma=1e-3),
         o.AxisAngle("wall", "pipe", 1.0, sigma=1e-3),
-        o.PlaneDistance("wall", "wall 2", 1.0, sigma=3 * MM),
+        o.PlaneDistance(*walls, 1.0, sigma=3 * MM),
     )
 
 
