@@ -8,7 +8,7 @@ the other draws of a seed stay what they are. New points hang on a given one by 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -77,6 +77,14 @@ def add_more(network: Network, axes: Array, middle: Array, seed: int) -> None:
             continue
         if rng.random() < share and (network.photos or add not in OF_PHOTOS):
             add(More(network, axes, middle, rng))
+
+
+def without_sense(item: o.AnyObservation) -> o.AnyObservation:
+    """Return a condition of shapes with the value zero: any other depends on the sense of axes."""
+    if isinstance(item, (o.ParallelAxes, *ON.values())):
+        zero = (0.0, 0.0) if isinstance(item.value, tuple) else 0.0
+        return replace(item, value=zero)  # type: ignore[arg-type]
+    return item
 
 
 def _flight(m: More) -> None:

@@ -51,7 +51,7 @@ from factorgraph_adj.simulation.simulate import disturb, look_at, measure
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.networks.every_kind import FRAMES
-from tests.networks.random_more import add_more
+from tests.networks.random_more import add_more, without_sense
 from tests.support.arrivals import bare, items
 
 MM = 1e-3
@@ -114,7 +114,7 @@ def random_network(seed: int, *, gross: bool = False, more: bool = True) -> Draw
         measure(plan, seed=seed), seed=seed, points=ASTRAY, centres=ASTRAY, attitudes=1e-3
     )
     described = draw.described(bare(network))
-    arriving = items(network)
+    arriving = [without_sense(o) for o in items(network)]
     if gross:
         arriving = [draw.spoiled(item, described) for item in arriving]
     return Drawn(seed, described, tuple(arriving))
