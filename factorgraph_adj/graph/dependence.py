@@ -13,6 +13,7 @@ from ..models.variables import ENTITIES, UNKNOWNS, VariableKind
 from ..network.entities import FREE_ORIENTATION, Parameter, parameter_name
 from ..network.network import Network
 from ..observations import KINDS, Observation
+from ..types import Array
 from .make_blocks import ABSENT, variable_name
 from .variables import camera_of_calibration
 
@@ -56,9 +57,7 @@ def _upright(name: str, raised: tuple[bool, ...]) -> frozenset[str]:
         return frozenset()
     points = [attribute for what, attribute in kind.variables if what == "point"]
     values = [
-        TRIANGLE[[points.index(attribute)]]
-        if what == "point"
-        else UNKNOWNS[what].store(np.zeros((1, UNKNOWNS[what].size)))
+        TRIANGLE[[points.index(attribute)]] if what == "point" else _zero(what)
         for what, attribute in kind.variables
     ]
     heights = {c: np.array([float(on)]) for c, on in zip(kind.constants, raised, strict=True)}
@@ -69,6 +68,13 @@ def _upright(name: str, raised: tuple[bool, ...]) -> frozenset[str]:
         for (what, attribute), a in zip(kind.variables, partials, strict=True)
         if what == "vertical" and float(np.abs(a).max()) < ROUNDING
     )
+
+
+def _zero(kind: VariableKind) -> Array:
+    """Return the stored values (1, s) of an unknown whose components and constants are zero."""
+    record = UNKNOWNS[kind]
+    values = record.store(np.zeros((1, record.size)))
+    return np.concatenate([values, np.zeros((1, len(record.constants)))], axis=1)
 
 
 def components(network: Network, variable: Variable) -> tuple[int, int]:

@@ -58,6 +58,8 @@ EXACT = 1e-6
 SMALL = 1e-4
 """Innovation relative to σ that leaves the network where it is: what is said before an arrival
 then holds after it, second powers aside."""
+LARGE = ("polynomial", "model_deformation", "mount", "size", "angle")
+"""Kinds of unknowns that few observations determine badly, or not at all."""
 CONTROL = {
     "A": (0.0, 0.0, 0.0),
     "B": (42.0, 3.0, 1.5),
@@ -253,10 +255,10 @@ def every_sight(frame: str) -> tuple[Network, Network]:
     for name, body in plan.frames.items():
         plan.frames[name] = replace(body, sigma=(*(1e-4,) * 3, *(0.01,) * 3, 1e-5))
     size = {"length": 0.01, "angle": 1e-4, "ppm": 1e-5}
-    for record in (r for r in UNKNOWNS.values() if r.on_earth):
+    for record in (r for r in UNKNOWNS.values() if r.on_earth or r.name in LARGE):
         for name, given in plan.of_kind(record.name).items():
-            sigma = tuple(size[c.quantity] for c in record.components)
-            plan.of_kind(record.name)[name] = replace(given, sigma=sigma)
+            sigma = tuple(size.get(c.quantity, 0.01) for c in record.components)
+            plan.of_kind(record.name)[name] = replace(given, sigma=sigma[: len(given.values)])
     return measure(plan, seed=1), measure(plan, seed=2)
 
 

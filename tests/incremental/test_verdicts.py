@@ -52,7 +52,7 @@ def test_verdicts_in_published_networks_are_predictions_of_the_batch(name: str) 
 
 def test_a_free_network_whose_place_is_hardly_known_stands_on_its_inner_constraints() -> None:
     """GNSS vectors and zenith angles tell the place to 500 m, and notice a motion of metres."""
-    drawn = random_network(101)
+    drawn = random_network(101, more=False)
     inc = fga.IncrementalAdjustment(drawn.bare, policy="accept")
     order = np.random.default_rng([101, 11]).permutation(len(drawn.items)).tolist()
     half = len(order) // 2

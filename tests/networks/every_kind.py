@@ -31,6 +31,8 @@ SIGHT = {"sigma": 0.01, **HEIGHTS}
 BODY, SEEN = (0.36, -0.48, 0.8), (-0.6, 0.0, -0.8)
 """Unit vectors towards a body in the horizon and in the axes of an instrument."""
 COVARIANCE = np.array([[4.0, 1.0, -0.5], [1.0, 3.0, 0.7], [-0.5, 0.7, 5.0]])
+SMALL_ANGLES = 1e-6 * COVARIANCE[:2, :2]
+"""Covariance of two components of directions, rad²: measured unit vectors remain unit vectors."""
 
 WIRE: dict[str, Any] = {"sag": "sag", "length": 90.0}
 SORTS_OF_FRAMES = ("body", "tripod", "slanted", "leaning")
@@ -152,7 +154,7 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
     ],
     "parallel_axes": lambda: [
         o.ParallelAxes("body", "turned", sigma=1e-4),
-        o.ParallelAxes("turned", "slanted", covariance=COVARIANCE[:2, :2]),
+        o.ParallelAxes("turned", "slanted", covariance=SMALL_ANGLES),
     ],
     "axis_angle": lambda: [
         o.AxisAngle("tripod", "turned", sigma=1e-4),
@@ -210,7 +212,7 @@ OBSERVED: dict[str, Callable[[], list[o.Observation]]] = {
         o.FrameRoll(f, "j", 0.0, mount="cup", sigma=1e-6) for f in SORTS_OF_FRAMES
     ],
     "unit_vector": lambda: [
-        o.UnitVector(f, "k", "j", (0.0, 0.0), mount="cup", covariance=COVARIANCE[:2, :2])
+        o.UnitVector(f, "k", "j", (0.0, 0.0), mount="cup", covariance=SMALL_ANGLES)
         for f in SORTS_OF_FRAMES
     ],
     "frame_direction": lambda: [

@@ -51,6 +51,7 @@ from factorgraph_adj.simulation.simulate import disturb, look_at, measure
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC
 from tests.networks.every_kind import FRAMES
+from tests.networks.random_more import add_more, without_sense
 from tests.support.arrivals import bare, items
 
 MM = 1e-3
@@ -98,20 +99,22 @@ def handed_over(described: Network, some: Sequence[AnyObservation]) -> Network:
     return out
 
 
-def random_network(seed: int, *, gross: bool = False) -> Drawn:
+def random_network(seed: int, *, gross: bool = False, more: bool = True) -> Drawn:
     """Draw a network.
 
     Args:
         seed: of everything.
         gross: whether some readings have gross errors.
+        more: whether shares of the networks have strips, surfaces, and what `random_more` adds;
+            nothing else depends on it.
     """
-    draw = _Draw(seed)
+    draw = _Draw(seed, more)
     plan = draw.plan()
     network = disturb(
         measure(plan, seed=seed), seed=seed, points=ASTRAY, centres=ASTRAY, attitudes=1e-3
     )
     described = draw.described(bare(network))
-    arriving = items(network)
+    arriving = [without_sense(o) for o in items(network)]
     if gross:
         arriving = [draw.spoiled(item, described) for item in arriving]
     return Drawn(seed, described, tuple(arriving))
@@ -120,8 +123,8 @@ def random_network(seed: int, *, gross: bool = False) -> Drawn:
 class _Draw:
     """One network in the making."""
 
-    def __init__(self, seed: int) -> None:
-        self.seed = seed
+    def __init__(self, seed: int, more: bool = True) -> None:
+        self.seed, self.more = seed, more
         self.rng = np.random.default_rng([seed, 1797])
         self.unknown: set[str] = set()
         """Points and photos without approximate values."""
@@ -152,8 +155,12 @@ class _Draw:
         self._instruments()
         self._observations()
         self._scan()
-        self._strip()
-        self._surfaces()
+        if self.more:
+            self._strip()
+            self._surfaces()
+            if not self.frame.left_handed:
+                middle = self._place(np.array([SIDE, SIDE, HEIGHT]) / 2)
+                add_more(self.network, self.axes, middle, self.seed)
         return self.network
 
     def _strip(self) -> None:
@@ -322,8 +329,12 @@ class _Draw:
         for key, p in network.levels.items():  # found from points
             network.levels[key] = p if p.fixed[0] else replace(p, values=(np.nan,))
         for key, p in network.frames.items():  # found from common points
-            values = tuple(np.nan if i < 6 else v for i, v in enumerate(p.values))
+            free = [i < 6 and not held for i, held in enumerate(p.fixed)]
+            values = tuple(np.nan if f else v for f, v in zip(free, p.values, strict=True))
             network.frames[key] = replace(p, values=values)
+        for kind in ("size", "angle"):  # found from the points of shapes
+            for key, p in network.of_kind(kind).items():
+                network.of_kind(kind)[key] = replace(p, values=(np.nan,))
         return network
 
     # -- what is observed ---------------------------------------------------------------------

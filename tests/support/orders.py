@@ -237,7 +237,7 @@ def study(drawn: Drawn, *, orders: int = 1) -> Study:
             if ours != theirs:
                 told = ", ".join(" ".join(v) for v in sorted(ours ^ theirs))
                 add(end, "unknowns", f"only here or only in {most.way.name}: {told}")
-            apart = _apart(end.solution, most.solution)
+            apart = _apart(end.solution, most.solution, shapes=False)
             if apart > AT_REST:
                 add(end, "another minimum", f"{apart:.1e} σ from {most.way.name}")
             else:
@@ -279,10 +279,20 @@ def _from_batch(end: End) -> float | tuple[str, str]:
     return off
 
 
-def _apart(a: Solution, b: Solution) -> float:
-    """Return the largest difference of an estimate or a σ, relative to σ, of shared unknowns."""
+def _apart(a: Solution, b: Solution, *, shapes: bool = True) -> float:
+    """Return the largest difference of an estimate or a σ, relative to σ, of shared unknowns.
+
+    Args:
+        a: one solution.
+        b: the other.
+        shapes: whether frames of shapes are compared: the normal of a plane or the axis of a
+            cylinder may point either way, at the same minimum.
+    """
     largest = 0.0
+    frames = b.equations.network.frames
     for kind, name in set(variables(a)) & set(variables(b)):
+        if kind == "frame" and not shapes and frames[name].fixed[:3] == (False, False, True):
+            continue
         free, sigma = deviations(b, kind, name)
         if free.any():
             own = np.sqrt(np.maximum(np.diag(a.variable_covariance((kind, name))), 0.0))
