@@ -334,7 +334,8 @@ class Network(StatedUnknowns, Shown):
                 raise InputError(Problem(f"{attribute} must name a {unknown.noun}", where))
             if name is not None:
                 stated = self.parameters.get(kind, {})
-                required(name, stated, unknown.noun, where)
+                table = unknown.table.file if unknown.table else ""
+                required(name, stated, unknown.noun, where, table=table)
                 told = record.tells != "nothing"
                 if told and stated[name].origin and stated[name].origin in o.points():
                     what = (

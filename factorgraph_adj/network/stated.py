@@ -31,10 +31,14 @@ def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:
         raise InputError(Problem(f"duplicate name of a {what}", f"{what} {name!r}"))
 
 
-def required(name: str, names: Mapping[Any, object], what: str, where: str) -> None:
-    """Refuse a name that is not there."""
+def required(
+    name: str, names: Mapping[Any, object], what: str, where: str, *, table: str = ""
+) -> None:
+    """Refuse a name that is not there; where there is none at all, tell the table of such names."""
     if name not in names:
         there = known(names, meant=name)
+        if table and not names:
+            there += f"; rows of {table}.csv state them, or functions of Network"
         raise InputError(Problem(f"unknown {what} {name!r}; known: {there}", where))
 
 

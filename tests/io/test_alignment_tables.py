@@ -141,3 +141,12 @@ def test_a_project_is_written_and_read_again(make, tmp_path) -> None:
     for x in network.observations.values():
         line = json.loads(json.dumps(record(x)))
         assert observation(line).kind == x.kind
+
+
+def test_a_table_that_is_missing_is_named(tmp_path) -> None:
+    write(tmp_path)
+    (tmp_path / "sizes.csv").unlink()
+    with pytest.raises(fga.InputError) as caught:
+        load_project(tmp_path)
+    told = str(caught.value)
+    assert "unknown size 'sag'; known: none; rows of sizes.csv state them" in told
