@@ -47,7 +47,8 @@ def not_reached(
     if not np.isfinite(progress.plan).any() and len(photos) == len(progress.pose):
         return [Problem(ONLY_IMAGES if free else NOTHING_KNOWN, "network")]
     names = equations.unknowns["point"].names
-    joined = _Joined(progress, rays, names, frames, equations.unknowns["frame"].names)
+    frame_names = equations.unknowns["frame"].names
+    joined = _Joined(progress, rays, names, frames, frame_names, _observed(equations))
     reasons: dict[tuple[str, str], list[str]] = {}
     for p in missing.tolist():
         reasons.setdefault(("point", joined.why(p)), []).append(names[p])
@@ -159,6 +160,16 @@ def _fits_mirrored(progress: Progress, rays: ImageRays, photo: int) -> bool:
     return int(fits.sum()) > NEARLY_ALL * len(rows)
 
 
+def _observed(equations: Equations) -> Mask:
+    """Return which points have an observation that is not their own coordinates."""
+    found = np.zeros(len(equations.unknowns["point"].names), dtype=bool)
+    for block in equations.blocks:
+        for kind, index in block.variables:
+            if kind == "point" and not block.prior:
+                found[index] = True
+    return found
+
+
 class _Joined:
     """The observations that connect every point with others."""
 
@@ -169,10 +180,12 @@ class _Joined:
         names: tuple[str, ...],
         frames: InFrames,
         frame_names: tuple[str, ...],
+        observed: Mask,
     ) -> None:
         self._progress = progress
         self._names = names
         self._frames, self._frame_names = frames, frame_names
+        self._observed = observed
         self._known = progress.complete
         s = progress.survey
         self._kinds: list[tuple[str, Sighted]] = [
@@ -238,6 +251,8 @@ class _Joined:
         """Return why a point that nothing but frames sees could not be reached."""
         observed = self._frames.frame[self._frames.point == p]
         inside = np.union1d(observed, np.flatnonzero(self._frames.origin == p)).tolist()
+        if not inside and self._observed[p]:
+            return "its observations give no approximate coordinates: state some"
         if not inside:
             return "no observation joins it to anything"
         lost: Mask = np.any(np.isnan(self._progress.frame), axis=1)

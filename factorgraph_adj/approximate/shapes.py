@@ -28,6 +28,8 @@ DIRECTIONS = 80
 """Number of axes that are tried all over a sphere, some 23° from each other."""
 GOOD, FEW = 40, 10
 """Number of trials that are improved by a few steps, and the number of these steps."""
+_LEVEL = 1e-6
+"""Smallest vertical component of an axis that tells its two senses apart."""
 BEST, STEPS = 5, 80
 """Number of trials that are improved further, and the largest number of steps of each."""
 MOST_POINTS = 300
@@ -169,7 +171,14 @@ class _Fit:
         least = min(e.cost for e in ends)
         extent = max(float(np.abs(y - y.mean(axis=0)).max()) for y in self.y) or 1.0
         near = [e for e in ends if e.cost <= 1.001 * least + (1e-9 * extent) ** 2 * rows]
-        best = max(near, key=lambda e: (sum(v > 0 for v in e.sizes.values()), -e.cost))
+        best = max(
+            near,
+            key=lambda e: (
+                sum(v > 0 for v in e.sizes.values()),
+                e.rotation[2, 2] > -_LEVEL,  # of an axis and its opposite the one that points up
+                -e.cost,
+            ),
+        )
         loose = self._loose(best, extent)
         if loose:
             return (

@@ -37,10 +37,11 @@ def _check(options: argparse.Namespace) -> int:
     )
     found = [*project.warnings, *preliminary(network)]
     without = start_problems(network)
+    name = network.name or "a network without a name"
     if not found and not without:
-        print(f"{network.name}: no problems found in {content}; approximate values are there")
+        print(f"{name}: no problems found in {content}; approximate values are there")
         return FINE
-    print(f"{network.name}: {content}")
+    print(f"{name}: {content}")
     if found:
         n = len(found)
         print(

@@ -44,7 +44,8 @@ def add_adjustment(parser: argparse.ArgumentParser) -> None:
         const="kind",
         choices=get_args(Rule),
         metavar="GROUPS",
-        help="estimate σ of groups: kind (default), camera, photo or instrument; after --snoop",
+        help="estimate σ of groups: kind (default), camera, photo, instrument or frame; after "
+        "--snoop",
     )
     errors = parser.add_argument_group("gross errors")
     errors.add_argument(

@@ -334,7 +334,9 @@ class Network(StatedUnknowns, Shown):
                 raise InputError(Problem(f"{attribute} must name a {unknown.noun}", where))
             if name is not None:
                 stated = self.parameters.get(kind, {})
-                required(name, stated, unknown.noun, where)
+                file = unknown.table.file if unknown.table else ""
+                hint = f"; rows of {file}.csv state them, or functions of Network" if file else ""
+                required(name, stated, unknown.noun, where, hint)
                 told = record.tells != "nothing"
                 if told and stated[name].origin and stated[name].origin in o.points():
                     what = (

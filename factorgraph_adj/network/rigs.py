@@ -46,6 +46,8 @@ def member_of_rig(
         problems.append(Problem(f"unknown carrier {carrier!r}; photos: {there}", where))
     if mount not in mounts:
         there = known(mounts, meant=mount)
+        if not mounts:
+            there += "; rows of mounts.csv state them, or set_mount"
         problems.append(Problem(f"unknown mount {mount!r}; known: {there}", where))
     if len(play) != 2 or not all(0 < s < float("inf") for s in play):
         what = f"play must be two standard deviations > 0, radians and metres, not {play}"

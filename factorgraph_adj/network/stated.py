@@ -31,10 +31,10 @@ def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:
         raise InputError(Problem(f"duplicate name of a {what}", f"{what} {name!r}"))
 
 
-def required(name: str, names: Mapping[Any, object], what: str, where: str) -> None:
-    """Refuse a name that is not there."""
+def required(name: str, names: Mapping[Any, object], what: str, where: str, told: str = "") -> None:
+    """Refuse a name that is not there; ``told`` follows where there are none at all."""
     if name not in names:
-        there = known(names, meant=name)
+        there = known(names, meant=name) + told * (not names)
         raise InputError(Problem(f"unknown {what} {name!r}; known: {there}", where))
 
 

@@ -86,7 +86,12 @@ def _origin(report: Report, stated: Parameter) -> str:
     """Return the point at the origin, or its constant coordinates."""
     if stated.origin:
         return f"point {stated.origin}"
-    return " ".join(f"{v / report.metre:g}" for v in stated.constants[:3])
+    return " ".join(_short(v / report.metre) for v in stated.constants[:3])
+
+
+def _short(value: float) -> str:
+    """Return a constant coordinate with at most three decimals."""
+    return f"{value + 0.0:.3f}".rstrip("0").rstrip(".")
 
 
 def _seen(report: Report) -> list[_Seen]:

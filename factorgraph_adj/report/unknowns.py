@@ -17,8 +17,8 @@ from .layout import paragraph, percent, short, table, title, with_sigma
 
 SENTENCES = 10
 """Largest number of listed warnings."""
-_USUAL = ("refraction", "vertical", "edm")
-"""Kinds that the heading of their table always names."""
+_USUAL = {"refraction": "refraction", "vertical": "verticals", "edm": "distance meters"}
+"""Kinds that the heading of their table names first, and in what words."""
 _APART = ("frame",)
 """Kinds with a table of their own in the protocol."""
 STRONG = 0.8
@@ -190,10 +190,12 @@ def _state(parameter: Parameter, i: int) -> Literal["held", "weighted", "free"]:
 
 def others(report: Report) -> list[str]:
     """Return refraction, deflections of the vertical, distance meters and further kinds."""
-    rows, found = [], [u for u in small_unknowns(report) if u.kind not in _APART]
+    rows, shown_ones = [], []
+    found = [u for u in small_unknowns(report) if u.kind not in _APART]
     for u in found:
         if u.state == "held" and u.value == 0 and UNKNOWNS[u.kind].size > MOST_HELD:
             continue
+        shown_ones.append(u)
         value, sigma = u.value / u.size, u.sigma / u.size
         shown = f"{value + 0.0:.5g}" if u.state == "held" else with_sigma(value, sigma)
         label = f"{u.sign} [{u.unit}]" if u.unit else u.sign
@@ -203,8 +205,10 @@ def others(report: Report) -> list[str]:
     if not rows:
         return []
     shown_rows, note = report.cut(rows, "unknowns", "unknowns.csv")
-    further = {UNKNOWNS[u.kind].title for u in found if u.kind not in _USUAL}
-    heading = title(", ".join(["Refraction, verticals, distance meters", *sorted(further)]))
+    usual = [words for kind, words in _USUAL.items() if any(u.kind == kind for u in shown_ones)]
+    further = {UNKNOWNS[u.kind].title for u in shown_ones if u.kind not in _USUAL}
+    kinds = ", ".join([*usual, *sorted(further)])
+    heading = title(kinds[:1].upper() + kinds[1:])
     header = ["unknown", "", "value", "σ", "t", ""]
     if not any(r[4] for r in rows):
         header, shown_rows = header[:4], [r[:4] for r in shown_rows]

@@ -114,10 +114,11 @@ def frame_problems(equations: Equations) -> Iterator[Problem]:
         need -= not stated.origin and not unknown[f, 3:6].any()
         if len(common) < need:
             which = f" ({known([names[p] for p in common])})" if common else ""
+            verb = "is" if len(common) == 1 else "are"
             line = " that do not lie in one line" if need == 3 else ""
             yield Problem(
-                f"only {len(common)} of its {len(places)} places are common with the rest of the "
-                f"network{which}, and its {int(unknown[f].sum())} unknowns need {need}{line}: "
+                f"only {len(common)} of its {len(places)} places {verb} common with the rest of "
+                f"the network{which}, and its {int(unknown[f].sum())} unknowns need {need}{line}: "
                 "observe more of them from elsewhere, or hold some of its components",
                 f"frame {table.names[f]!r}",
             )

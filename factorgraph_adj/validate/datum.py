@@ -90,9 +90,22 @@ def datum_problems(equations: Equations) -> Iterator[Problem]:
         axes = ", ".join(next(iter(loose.values())))
         yield Problem(
             f"no datum: nothing holds {axes} of the network; fix or weight coordinates, give "
-            'control or GNSS positions, or ask for a free network (datum = "free")',
+            'control or GNSS positions, or ask for a free network (datum = "free")'
+            + _taken_up(network),
             f"network {network.name!r}",
         )
+
+
+def _taken_up(network: Network) -> str:
+    """Name the drifts whose free shifts take up what positions of photos would hold."""
+    free = [
+        name
+        for name, drift in network.drifts.items()
+        if not all(drift.fixed[:3]) and np.isinf(drift.sigma[:3]).any()
+    ]
+    if not free:
+        return ""
+    return f"; free shifts of drift {known(map(repr, free), most=4)} take up positions of photos"
 
 
 def _hold(

@@ -15,6 +15,8 @@ from .where import Sources, listed
 
 LEAST_RADIUS = 6_300_000.0
 """Smallest distance from the centre of the Earth, metres; measured points are farther away."""
+PLACES = ("point", "pose", "frame", "size")
+"""Kinds of variables without which an observation has no geometry: zeros do not stand for them."""
 
 
 def inside_the_earth(network: Network, at: Sources) -> Iterator[Problem]:
@@ -39,9 +41,7 @@ def geometry_problems(equations: Equations) -> Iterator[Problem]:
         sight), and of image points whose object points lie behind the camera.
     """
     state = equations.unknowns.start()
-    filled = {
-        k: v if k in ("point", "pose") else np.nan_to_num(v, nan=0.0) for k, v in state.items()
-    }
+    filled = {k: v if k in PLACES else np.nan_to_num(v, nan=0.0) for k, v in state.items()}
     for block in equations.blocks:
         known_rows = np.ones(block.n, dtype=bool)
         for kind, index in block.variables:

@@ -158,6 +158,15 @@ def test_an_upright_cylinder_keeps_its_axis():
     assert fga.adjust(on_shape("cylinder", x)).sigma0 < 1e-3
 
 
+@pytest.mark.parametrize("shape", ["plane", "cylinder"])
+def test_of_an_axis_and_its_opposite_the_one_that_points_up_is_found(shape):
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        x = places(shape, 12, rng) + MM * rng.normal(size=(12, 3))
+        solution = fga.adjust(on_shape(shape, x, twice=False))
+        assert solution.state["frame"][0, 8] > 0.9
+
+
 def test_a_horizontal_plane_has_one_unknown():
     rng = np.random.default_rng(2)
     x = np.column_stack([rng.uniform(-9, 9, (8, 2)), np.full(8, 112.0)])

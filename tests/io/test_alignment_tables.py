@@ -141,3 +141,18 @@ def test_a_project_is_written_and_read_again(make, tmp_path) -> None:
     for x in network.observations.values():
         line = json.loads(json.dumps(record(x)))
         assert observation(line).kind == x.kind
+
+
+def test_a_table_that_is_missing_is_named(tmp_path) -> None:
+    write(tmp_path)
+    (tmp_path / "sizes.csv").unlink()
+    with pytest.raises(fga.InputError) as caught:
+        load_project(tmp_path)
+    told = str(caught.value)
+    assert "unknown size 'sag'; known: none; rows of sizes.csv state them" in told
+
+
+def test_readings_that_give_no_coordinates_are_not_called_absent(tmp_path) -> None:
+    network = load_project(write(tmp_path, "points.csv", "B,0,30,0.01,xyz", "B,,30,,y")).network
+    with pytest.raises(fga.ApproximationError, match="give no approximate coordinates: state some"):
+        fga.adjust(network)

@@ -12,6 +12,7 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.project import load_project
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.observations import PhotoAttitude, PhotoBase, PhotoPosition
+from factorgraph_adj.validate.check import check
 
 TEXTS = {
     "project.toml": 'name = "flight"\n[sigma.photo_position]\nsigma_mm = 50\n'
@@ -147,3 +148,20 @@ def test_angles_that_are_not_defined_are_named() -> None:
         fga.adjust(network)
     network.observations["wrong"] = PhotoAttitude("1", angles, sigma=(1e-3,) * 3, about="body")
     assert fga.adjust(network).converged
+
+
+def test_drifts_that_take_up_every_position_are_named() -> None:
+    network = fga.Network("strip")
+    network.add_camera("C", NoDistortion(), {"c": 100.0})
+    network.set_drift("strip 1", free=["x", "y", "z"])
+    network.add_point("A", (0.0, 0.0, 0.0))
+    for i in range(2):
+        at, photo = (300.0 * i, 0.0, 1000.0), f"{i}"
+        network.add_photo(photo, "C", position=at, rotation=np.diag([1.0, -1.0, -1.0]))
+        network.add(PhotoPosition(photo, at, sigma=(0.1,) * 3, drift="strip 1"))
+        network.add(PhotoAttitude(photo, (0.0, 0.0, 0.0), sigma=(1e-4,) * 3))
+        network.add_image_points(photo, ["A"], [(-30.0 * i, 0.0)], sigma=0.01)
+    told = [str(p) for p in check(network)]
+    assert any(
+        t.endswith("free shifts of drift 'strip 1' take up positions of photos") for t in told
+    )

@@ -305,3 +305,11 @@ def test_plans_are_compared_with_given_coordinates_in_their_horizon(frame_name) 
     x, y = value(network, "plan", "P2")
     (found,) = told(changed(network, "plan", "P2", value=(x + 0.1, y)))
     assert found.startswith("point 'P2' in frame 'plan' does not fit")
+
+
+def test_a_frame_without_values_has_no_sights_to_judge() -> None:
+    """Its place and rotation are found; zeros in their place are no geometry."""
+    network = room_of(1, ("tracker", "scanner"), held=4)
+    for name, frame in network.frames.items():
+        network.frames[name] = replace(frame, values=(np.nan,) * 6 + (0.0,))
+    assert list(check(network)) == []

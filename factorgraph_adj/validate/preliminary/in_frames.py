@@ -293,9 +293,10 @@ def _gross(equations: Equations, wrong: list[Wrong]) -> Iterator[Finding]:
         shared = [n for n, c in counts.items() if c == len(own) > 1 and n != GIVEN]
         inside = shared or [n for n in worst.systems if n != GIVEN]
         others = [n for n in counts if n not in inside]
-        between = f"beside {known(others)}" if others else "to each other"
+        between = f"beside {known(others)}" if others else "each other"
+        verb = "does" if others or len(inside) == 1 else "do"
         finding = Finding(
-            f"{names[key]} in {' and '.join(inside)} does not fit {between}, by the places that "
+            f"{names[key]} in {' and '.join(inside)} {verb} not fit {between}, by the places that "
             "they have in common",
             "look for a wrong reading, or for a name confused with another",
             1e3 * worst.size,
