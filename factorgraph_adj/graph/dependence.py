@@ -46,7 +46,8 @@ def _upright(name: str, raised: tuple[bool, ...]) -> frozenset[str]:
     """Return the points of a kind of observation whose verticals it does not notice.
 
     A slope distance between the marks themselves is the same in every horizon: its partials by
-    verticals are nothing but rounding. They are worked out for one sight.
+    verticals are nothing but rounding. They are worked out for one sight. The vertical at the
+    origin of a frame counts always: it matters where the frame is level.
 
     Args:
         name: of the kind.
@@ -66,7 +67,7 @@ def _upright(name: str, raised: tuple[bool, ...]) -> frozenset[str]:
     return frozenset(
         attribute
         for (what, attribute), a in zip(kind.variables, partials, strict=True)
-        if what == "vertical" and float(np.abs(a).max()) < ROUNDING
+        if what == "vertical" and "." not in attribute and float(np.abs(a).max()) < ROUNDING
     )
 
 
