@@ -222,10 +222,10 @@ def undetermined(
 
 ALIKE = 0.999
 """Cosine of the angle between an undetermined combination and a motion that is the same."""
-HARDLY = 1e-5
-"""Ratio |A g| / |√diag(N) g| of a motion g of the network that counts as not noticed on the curved
-Earth. Where all but a few points move together, their combination resembles a motion that is
-noticed by far more."""
+HARDLY = 1.5e-4
+"""Ratio |A g| / |√diag(N) g| below which a motion g of the network counts as not noticed on the
+curved Earth: attitudes of a photo flight notice a shift by 2e-5 to 6e-5. Where all but a few points
+move together, their combination resembles a motion that is noticed by 5e-4 and more."""
 
 
 def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Defect | None, Array]:
