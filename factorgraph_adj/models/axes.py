@@ -18,6 +18,8 @@ from .base import Linearised, require
 from .sight import turned_by_angles
 from .sub_frame import horizons, in_frame, split_frame
 
+OTHER_SENSE = 0.01
+"""Difference from an observed angle, radians, from which on an axis may point the other way."""
 PARALLEL = "the axes are parallel: the angle between them has no derivative; use parallel_axes"
 
 
@@ -143,7 +145,8 @@ def axis_angle(
     """Compute the angle between two axes − observed, radians, (n, 1).
 
     Axes have no sense: of α = atan2(|d₁ × d₂|, d₁ᵀd₂) and π − α that which is nearer to the
-    observed angle counts.
+    observed angle counts, where α is further from it than `OTHER_SENSE`. Nearer than that, as with
+    right angles, α counts: a residual that folded at π/2 would be too small.
 
     Args:
         frame: as `parallel_axes`.
@@ -161,7 +164,8 @@ def axis_angle(
     require(across > 1e-12, PARALLEL)
     cosine = np.einsum("ni,ni->n", a.d, b.d)
     angle = np.arctan2(across, cosine)
-    other = np.abs(np.pi - angle - observed[:, 0]) < np.abs(angle - observed[:, 0])
+    off = np.abs(angle - observed[:, 0])
+    other = (off > OTHER_SENSE) & (np.abs(np.pi - angle - observed[:, 0]) < off)
     sense = np.where(other, -1.0, 1.0)
     v = np.where(other, np.pi - angle, angle)[:, None] - observed
     # ∂α/∂d₁ = −(d₂ − cos α d₁)/sin α, along which |d₁| stays.

@@ -71,8 +71,13 @@ def test_a_relation_that_does_not_hold_is_found(kind):
     solution = fga.adjust(network)
     rel = fga.reliability(solution)
     rows = [i for i in range(solution.n_observations) if solution.equations.id(i) == ident]
-    found = fga.snoop(spoiled(network, ident, 4.0 * float(rel.mdb[rows[0]])))
-    assert [r.id for r in found.rejected] == [ident]
+    bad = spoiled(network, ident, 4.0 * float(rel.mdb[rows[0]]))
+    found = fga.snoop(bad)
+    # Of equal distances nothing but the position of a corner controls one: both tests are the same.
+    w = np.abs(fga.reliability(fga.adjust(bad)).w)
+    same = {solution.equations.id(int(i)) for i in np.flatnonzero(np.abs(w - w[rows].max()) < 1e-6)}
+    assert len(found.rejected) == 1
+    assert found.rejected[0].id in same
 
 
 def test_a_measured_point_beside_an_edge_is_found():
