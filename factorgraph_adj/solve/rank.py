@@ -248,12 +248,13 @@ def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Def
     if np.abs(np.diag(r)).min() < 1e-9 * np.abs(r).max():
         return None, z
     left, cosine, right = np.linalg.svd(basis.T @ z, full_matrices=False)
-    g_like = g[:, moving] @ np.linalg.solve(r, left)
-    alike = (cosine > ALIKE) & (np.linalg.norm(system.times(g_like), axis=0) < HARDLY)
+    mixed = np.linalg.solve(r, left)
+    noticed = np.linalg.norm(system.times(g[:, moving] @ mixed), axis=0)
+    alike = (cosine > ALIKE) & (noticed < HARDLY)
     if not alike.any():
         return None, z
     mixture = np.zeros((7, int(alike.sum())))
-    mixture[moving] = np.linalg.solve(r, left[:, alike])
+    mixture[moving] = mixed[:, alike]
     share = np.linalg.qr(mixture)[0]
     pure = np.sum(share**2, axis=1) > ALIKE
     if pure.sum() == share.shape[1]:  # single motions, up to what the curvature mixes in
