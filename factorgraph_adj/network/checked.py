@@ -208,6 +208,23 @@ def checked_photo(
     )
 
 
+def refuse_wrong_parts(
+    names: Sequence[str],
+    free: Sequence[str],
+    values: Mapping[str, float],
+    sigma: Mapping[str, float],
+    where: str,
+) -> None:
+    """Refuse components that are none of ``names``, and those that are both free and weighted."""
+    unknown = [n for n in (*free, *values, *sigma) if n not in names]
+    if unknown:
+        what = f"unknown component {unknown[0]!r}; valid: {known(names, meant=unknown[0])}"
+        raise InputError(Problem(what, where))
+    both = [n for n in free if n in sigma]
+    if both:
+        raise InputError(Problem(f"{', '.join(both)}: either free or sigma, not both", where))
+
+
 def checked_frame(
     name: str,
     free: Iterable[str],
@@ -220,13 +237,7 @@ def checked_frame(
     """Return a frame; arguments and errors are those of `Network.add_frame`."""
     where, kind, wanted = f"frame {name!r}", UNKNOWNS["frame"], list(free)
     names = kind.names()
-    unknown = [n for n in (*wanted, *values, *sigma) if n not in names]
-    if unknown:
-        what = f"unknown component {unknown[0]!r}; valid: {known(names, meant=unknown[0])}"
-        raise InputError(Problem(what, where))
-    both = [n for n in wanted if n in sigma]
-    if both:
-        raise InputError(Problem(f"{', '.join(both)}: either free or sigma, not both", where))
+    refuse_wrong_parts(names, wanted, values, sigma, where)
     station = origin if isinstance(origin, str) else ""
     if station and station not in known_points:
         there = known(known_points, meant=station)

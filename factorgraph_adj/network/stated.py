@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..models.strip import HIGHEST
 from ..models.variables import VariableKind, unknown_kind
-from .checked import checked_frame
+from .checked import checked_frame, refuse_wrong_parts
 from .entities import (
     REFRACTION_OF_THE_NETWORK,
     Key,
@@ -454,13 +454,7 @@ class StatedUnknowns(StatedShapes):
         """
         record, wanted = unknown_kind(kind), list(free)
         where, names = f"{record.noun} {name!r}", record.names()
-        unknown = [n for n in (*wanted, *values, *sigma) if n not in names]
-        if unknown:
-            what = f"unknown component {unknown[0]!r}; valid: {known(names, meant=unknown[0])}"
-            raise InputError(Problem(what, where))
-        both = [n for n in wanted if n in sigma]
-        if both:
-            raise InputError(Problem(f"{', '.join(both)}: either free or sigma, not both", where))
+        refuse_wrong_parts(names, wanted, values, sigma, where)
         if first:
             named = [names.index(n) for n in (*wanted, *values, *sigma)]
             names = names[: 1 + max(named, default=0)]

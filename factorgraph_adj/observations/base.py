@@ -199,6 +199,23 @@ def is_condition(observation: object) -> bool:
     return bool(getattr(observation, "condition", False))
 
 
+@dataclass(frozen=True)
+class Condition(Observation):
+    """Base of observations with a flag ``condition``: whether `snoop` never sets them aside."""
+
+    def __post_init__(self) -> None:
+        """Read the flag, which tables give as a number, and check the observation."""
+        object.__setattr__(self, "condition", bool(getattr(self, "condition", False)))
+        self._check()
+
+
+def share_sigma(observation: Observation, size: int) -> None:
+    """Let one standard deviation stand for all components of a vector observation."""
+    sigma = getattr(observation, "sigma", None)
+    if isinstance(sigma, int | float):
+        object.__setattr__(observation, "sigma", (float(sigma),) * size)
+
+
 def checked_covariance(observation: Observation, size: int) -> Array | None:
     """Check ``covariance`` and ``sigma`` of a vector observation; return the covariance."""
     sigma = getattr(observation, "sigma", None)

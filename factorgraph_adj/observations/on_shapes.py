@@ -13,11 +13,11 @@ import numpy as np
 
 from ..models.shapes import SHAPES
 from ..types import Array
-from .base import Observation, checked_covariance
+from .base import Condition, checked_covariance, share_sigma
 
 
 @dataclass(frozen=True)
-class _OnShape(Observation):
+class _OnShape(Condition):
     """Base of points on shapes."""
 
     shape_name: ClassVar[str] = ""
@@ -32,8 +32,7 @@ class _OnShape(Observation):
         for size in SHAPES[self.shape_name].sizes:
             if getattr(self, size.attribute) is None and size.suffix is not None:
                 object.__setattr__(self, size.attribute, f"{self.shape}{size.suffix}")
-        object.__setattr__(self, "condition", bool(getattr(self, "condition", False)))
-        self._check()
+        super().__post_init__()
         if not self.shape:
             self._fail("shape must name a frame, see add_shape")
 
@@ -75,8 +74,7 @@ class _OnCurve(_OnShape):
 
     def __post_init__(self) -> None:
         """Take one standard deviation for both distances, and check the observation."""
-        if isinstance(self.sigma, int | float):
-            object.__setattr__(self, "sigma", (float(self.sigma),) * 2)
+        share_sigma(self, 2)
         super().__post_init__()
         if np.shape(self.value) != (2,):
             self._fail(f"value must be two distances, not {self.value!r}")

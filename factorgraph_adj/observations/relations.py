@@ -11,24 +11,13 @@ from typing import ClassVar
 import numpy as np
 
 from ..types import Array
-from .base import Observation, checked_covariance
-
-
-@dataclass(frozen=True)
-class _Relation(Observation):
-    """Base of relations: it reads the flag of conditions."""
-
-    def __post_init__(self) -> None:
-        """Check the observation; InputError names it."""
-        object.__setattr__(self, "condition", bool(getattr(self, "condition", False)))
-        self._check()
-
+from .base import Condition, checked_covariance, share_sigma
 
 # -- two pairs of points --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class _Pairs(_Relation):
+class _Pairs(Condition):
     """Base of relations of a pair of points, A and B, with another pair, C and D.
 
     Where the pairs have a point in common it becomes A, and C is None.
@@ -102,7 +91,7 @@ class EqualHeightDifference(_Pairs):
 
 
 @dataclass(frozen=True)
-class RightAngle(_Relation):
+class RightAngle(Condition):
     """The angle in space at a point is right: the cosine of the angle, radians."""
 
     kind: ClassVar[str] = "right_angle"
@@ -126,7 +115,7 @@ class RightAngle(_Relation):
 
 
 @dataclass(frozen=True)
-class PointDirection(_Relation):
+class PointDirection(Condition):
     """The direction in space from one point to another: its components across a given vector."""
 
     kind: ClassVar[str] = "point_direction"
@@ -157,8 +146,7 @@ class PointDirection(_Relation):
 
     def __post_init__(self) -> None:
         """Take one standard deviation for both components, and check the observation."""
-        if isinstance(self.sigma, int | float):
-            object.__setattr__(self, "sigma", (float(self.sigma),) * 2)
+        share_sigma(self, 2)
         super().__post_init__()
         if not np.hypot(np.hypot(self.ux, self.uy), self.uz) > 0:
             self._fail("ux, uy, uz must be a vector that is not zero")
@@ -168,7 +156,7 @@ class PointDirection(_Relation):
 
 
 @dataclass(frozen=True)
-class CoordinateDifference(_Relation):
+class CoordinateDifference(Condition):
     """Differences of coordinates of two points, in axes of the network or in a horizon."""
 
     kind: ClassVar[str] = "coordinate_difference"
@@ -198,8 +186,7 @@ class CoordinateDifference(_Relation):
     def __post_init__(self) -> None:
         """Take one standard deviation for all axes, and check the observation."""
         object.__setattr__(self, "horizon", bool(self.horizon))
-        if isinstance(self.sigma, int | float):
-            object.__setattr__(self, "sigma", (float(self.sigma),) * len(self.axes))
+        share_sigma(self, len(self.axes))
         super().__post_init__()
         given = set(self.axes)
         if not given or not given <= set("xyz") or len(given) < len(self.axes):
@@ -217,7 +204,7 @@ class CoordinateDifference(_Relation):
 
 
 @dataclass(frozen=True)
-class _OfShapes(_Relation):
+class _OfShapes(Condition):
     """Base of relations of two shapes."""
 
     shape: str
@@ -257,8 +244,7 @@ class ParallelAxes(_OfShapes):
 
     def __post_init__(self) -> None:
         """Take one standard deviation for both inclinations, and check the observation."""
-        if isinstance(self.sigma, int | float):
-            object.__setattr__(self, "sigma", (float(self.sigma),) * 2)
+        share_sigma(self, 2)
         super().__post_init__()
         if np.shape(self.value) != (2,):
             self._fail(f"value must be two inclinations, not {self.value!r}")
@@ -309,7 +295,7 @@ class PlaneDistance(_OfShapes):
 
 
 @dataclass(frozen=True)
-class ImageLine(_Relation):
+class ImageLine(Condition):
     """A measured point of the image of a straight line, without a point of the object.
 
     Observed is the distance of the measured point from the imaged line, zero, in units of the
