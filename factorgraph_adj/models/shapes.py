@@ -63,6 +63,8 @@ class Size:
     suffix: str | None = ""
     """What its name has behind that of the shape, if an observation names none; None: it is then
     held at zero."""
+    lifts: bool = False
+    """Whether it is the place of the centre along the axis."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,17 @@ class Shape:
     the object: so does the residual, while the frame is held about its axis."""
     axis: Literal["least", "most", "any"] = "any"
     """Where its z axis lies: along the least or the largest extent of its points, or anywhere."""
+
+    @property
+    def slides(self) -> tuple[int, ...]:
+        """Axes of the frame along which symmetry leaves the place open: those in a plane, or the
+        axis of a line or a cylinder; none for a shape with a centre or an apex."""
+        return tuple(i for i, a in enumerate("xyz") if a not in self.free)
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether the shape has a normal or an axis, its z axis; a sphere has none."""
+        return "rx" in self.free
 
     def __call__(
         self,
@@ -203,7 +216,7 @@ SHAPES = {
     for s in (
         Shape("plane", plane, (*_TILTS, "z"), axis="least"),
         Shape("line", line, (*_TILTS, "x", "y"), turns=True, axis="most"),
-        Shape("circle", circle, _ALL, (_RADIUS, Size("height", suffix=None)), axis="least"),
+        Shape("circle", circle, _ALL, (_RADIUS, Size("height", suffix=None, lifts=True)), axis="least"),
         Shape("cylinder", cylinder, (*_TILTS, "x", "y"), (_RADIUS,)),
         Shape("sphere", sphere, ("x", "y", "z"), (_RADIUS,)),
         Shape("cone", cone, _ALL, (Size("angle", "angle"),)),

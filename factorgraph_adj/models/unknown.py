@@ -8,8 +8,8 @@ given values of R are the rotation vector Log R. Steps of all other components a
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -54,6 +54,9 @@ class Component:
     a coordinate, or a rotation of any size."""
     circular: bool = False
     """Whether it is an angle of the whole circle, which results give in [0, 2π)."""
+    power: int = 0
+    """Power of the time t by which observations multiply it: its unit is one per unit of t to this
+    power, which reports say."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,8 @@ class UnknownKind:
     constants: tuple[str, ...] = ()
     """Names of numbers that belong to an unknown and never change; they are stored behind its
     components."""
+    words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Words that stand for several components where free ones are listed: ``rotation``."""
     late: int = 0
     """Place in the elimination: 0 with the points, 1 after them, 2 last; many observations
     touch an unknown that is eliminated late."""

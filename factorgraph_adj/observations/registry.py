@@ -84,6 +84,9 @@ class ObservationKind:
     −change; None: the sum. Readings of rotations do not add."""
     follower: Follower | None = None
     """Variable that steps keep with its carrier, however small the standard deviations are."""
+    shape: str = ""
+    """Shape that its first frame is, a key of `factorgraph_adj.models.shapes.SHAPES`; empty: it
+    says nothing of a shape."""
     turns: bool = False
     """Whether its two values are counted along two axes of its first frame, and turn about the
     third with the object while the frame is held about it, as the distances from a line do."""

@@ -21,6 +21,7 @@ from ..quality.lines import AdjustedLine, adjusted_lines
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
+from ..quality.shapes import AdjustedShape, adjusted_shapes
 from ..quality.systematic import Label, Significance, TestedParameter, significance
 from ..quality.unit_weight import global_test
 from ..quality.variance_components import VarianceComponents
@@ -258,6 +259,11 @@ class Report:
             return ()
         named = None if pairs == "observed" else pairs
         return adjusted_lines(self.solution, named, confidence=self.options.confidence)
+
+    @cached_property
+    def shapes(self) -> tuple[AdjustedShape, ...]:
+        """Shapes as engineers state them; none where there is no covariance."""
+        return () if self.singular else adjusted_shapes(self.solution)
 
     @property
     def metre(self) -> float:
