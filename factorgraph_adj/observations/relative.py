@@ -40,6 +40,11 @@ class RelativeRotation(Observation):
     source: str | None = None
     """File and line from which the observation was read."""
 
+    @property
+    def stated(self) -> bool:
+        """Whether it ties the member of a rig to its mount, and was not measured."""
+        return self.mount is not None
+
     def __post_init__(self) -> None:
         """Check the observation."""
         _check(self)
@@ -75,6 +80,11 @@ class RelativePosition(Observation):
     """Name of the observation."""
     source: str | None = None
     """File and line from which the observation was read."""
+
+    @property
+    def stated(self) -> bool:
+        """Whether it ties the member of a rig to its mount, and was not measured."""
+        return self.mount is not None
 
     def __post_init__(self) -> None:
         """Check the observation."""

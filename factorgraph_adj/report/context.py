@@ -22,6 +22,7 @@ from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
 from ..quality.shapes import AdjustedShape, adjusted_shapes
+from ..quality.stiff import stiff_ties
 from ..quality.systematic import Label, Significance, TestedParameter, significance
 from ..quality.unit_weight import global_test
 from ..quality.variance_components import VarianceComponents
@@ -30,7 +31,7 @@ from ..solve.estimates import CalibrationEstimate
 from ..solve.geographic import Geographic, geographic
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
-from ..types import Array
+from ..types import Array, Mask
 from ..units import ANGLE, LENGTH
 from . import axes
 from .doubts import above_critical, doubts_about, of_readings
@@ -130,6 +131,12 @@ class Report:
     def no_reliability(self) -> str:
         """Reason why the reliability cannot be computed; empty if it can."""
         return self._reliability if isinstance(self._reliability, str) else ""
+
+    @cached_property
+    def stiff(self) -> Mask:
+        """Which rows are stiff ties of the model, (n_rows,); none without reliability."""
+        rel = self.reliability
+        return np.zeros(len(self.rows), dtype=bool) if rel is None else stiff_ties(rel)
 
     @property
     def pope(self) -> bool:

@@ -34,14 +34,12 @@ def shapes(report: Report) -> list[str]:
     shown, note = report.cut(list(report.shapes), "shapes", "shapes.csv")
     units = report.units
     angle = decimal_angle(units.angle)
-    header = ["shape", "points", f"max v [{units.sigma_length}]"]
-    header += [f"{a} [{units.length}]" for a in "XYZ"]
-    header += ["axis", f"tilt [{angle}]", f"azimuth [{angle}]", "size", ""]
+    header = ["shape", "points", "max v", "X", "Y", "Z", "axis", "tilt", "azimuth", "size", ""]
     rows: list[list[str]] = []
     for one in shown:
         rows += _rows(report, one)
     header, rows = without_empty(header, rows)
-    small = f"σ in {units.sigma_angle} and {units.sigma_length}"
+    small = f"{units.length}, {angle}; v, σ: {units.sigma_length}, {units.sigma_angle}"
     return [*title(f"Shapes ({small})"), *table(header, rows), *note, *paragraph(MEANING)]
 
 

@@ -195,7 +195,7 @@ def undetermined(
     if z.shape[1]:
         shares = _shares(unknowns, z)
         concerned = [(kind, unknowns[kind].names[number]) for kind, number, *_ in shares]
-        for kind, number, share, weakest in shares[:LISTED]:
+        for kind, number, weakest, share in shares[:LISTED]:
             name = unknowns[kind].names[number]
             names.append(name)
             why = _support(system, kind, number, diagonal)
@@ -303,19 +303,26 @@ def _names_in(unknowns: Unknowns, columns: Index) -> list[str]:
     return out
 
 
-def _shares(unknowns: Unknowns, z: Array) -> list[tuple[VariableKind, int, float, str]]:
-    """Return kind, number, share and weakest component of the variables in z, largest first."""
+def _shares(unknowns: Unknowns, z: Array) -> list[tuple[VariableKind, int, str, float]]:
+    """Return the variables in z, largest first: kind, number, weakest component and its share.
+
+    The order is that of the squares of all components of a variable, whose sum is the number of
+    combinations that it holds alone, up to that of its components. The share is that of one
+    component, the square of the cosine between it and the undetermined combinations, from 0 to 1:
+    with 1 it is open whatever the others are.
+    """
     leverage = np.sum(z * z, axis=1)
     out = []
     for kind, number in unknowns.active():
         columns = unknowns.columns(kind, number)
         own = leverage[columns]
         component = unknowns.component_names(kind, number)[int(np.argmax(own))]
-        out.append((kind, number, float(own.sum()), component))
-    out.sort(key=lambda item: -item[2])
-    # In a network that turns as a whole, every unknown has a small share.
-    least = min(CONCERNED, 0.5 * out[0][2])
-    return [item for item in out if item[2] > least]
+        # Rounding leaves columns of z that are longer than 1 in the last digits.
+        out.append((float(own.sum()), (kind, number, component, min(float(own.max()), 1.0))))
+    out.sort(key=lambda item: -item[0])
+    # In a network that turns as a whole, every unknown has a small part.
+    least = min(CONCERNED, 0.5 * out[0][0])
+    return [item for together, item in out if together > least]
 
 
 def _moved_along(
