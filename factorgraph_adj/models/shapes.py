@@ -216,7 +216,9 @@ SHAPES = {
     for s in (
         Shape("plane", plane, (*_TILTS, "z"), axis="least"),
         Shape("line", line, (*_TILTS, "x", "y"), turns=True, axis="most"),
-        Shape("circle", circle, _ALL, (_RADIUS, Size("height", suffix=None, lifts=True)), axis="least"),
+        Shape(
+            "circle", circle, _ALL, (_RADIUS, Size("height", suffix=None, lifts=True)), axis="least"
+        ),
         Shape("cylinder", cylinder, (*_TILTS, "x", "y"), (_RADIUS,)),
         Shape("sphere", sphere, ("x", "y", "z"), (_RADIUS,)),
         Shape("cone", cone, _ALL, (Size("angle", "angle"),)),

@@ -103,7 +103,11 @@ def _seen(report: Report) -> list[_Seen]:
     places: list[set[tuple[str, int]]] = [set() for _ in range(n)]
     lengths, scalars, square, norm = np.zeros((4, n))
     for block in equations.blocks:
-        if not block.named or block.variables[0][0] != "frame" or observation_kind(block.kind).shape:
+        if (
+            not block.named
+            or block.variables[0][0] != "frame"
+            or observation_kind(block.kind).shape
+        ):
             continue
         index = block.variables[0][1]
         for (kind, numbers), attribute in zip(block.variables, block.named, strict=True):

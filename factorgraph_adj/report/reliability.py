@@ -110,7 +110,7 @@ def _ties(report: Report, rel: Reliability) -> str:
     return (
         f"{len({r.id for r in rows})} stiff ties ({kinds}; r up to {largest}) are not listed as "
         "weak or uncontrolled: they were stated of the model and not measured; a larger σ (of a "
-        "member of a rig: more play) lets an error in them show"
+        "member of a rig: more play) lets an error in them show where others see the same"
     )
 
 

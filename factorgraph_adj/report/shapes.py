@@ -121,7 +121,9 @@ def shapes_table(report: Report) -> str:
         sizes = [s.sizes[i] if len(s.sizes) > i else None for s in found]
         columns[f"size{number}"] = ["" if s is None else s.attribute for s in sizes]
         columns[f"value{number}"] = ["" if s is None else _exact(report, s) for s in sizes]
-        columns[f"unit_of_value{number}"] = ["" if s is None else _unit(report, s)[0] for s in sizes]
+        columns[f"unit_of_value{number}"] = [
+            "" if s is None else _unit(report, s)[0] for s in sizes
+        ]
         columns[f"sigma_value{number}"] = [
             "" if s is None else figure(s.sigma / _unit(report, s)[1]) for s in sizes
         ]

@@ -46,7 +46,9 @@ def test_place_axis_and_sizes_give_the_distances_of_the_points(shape) -> None:
     }[shape]
     on = np.array([i.startswith("on") for i in s.observations.ids])
     v = s.observations.residuals[on]
-    given = np.concatenate([np.ravel(s.network.observations[f"on {i}"].value) for i in range(len(x))])
+    given = np.concatenate(
+        [np.ravel(s.network.observations[f"on {i}"].value) for i in range(len(x))]
+    )
     computed = (v + given).reshape(len(x), -1)
     assert np.linalg.norm(computed, axis=1) == pytest.approx(np.abs(f), abs=1e-9)
     assert found.points == len(x)
