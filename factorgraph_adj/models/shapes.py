@@ -87,8 +87,11 @@ class Shape:
 
     @property
     def slides(self) -> tuple[int, ...]:
-        """Axes of the frame along which symmetry leaves the place open: those in a plane, or the
-        axis of a line or a cylinder; none for a shape with a centre or an apex."""
+        """Axes of the frame along which symmetry leaves the place open.
+
+        They are those in a plane, and the axis of a line or a cylinder; a shape with a centre or
+        an apex has none.
+        """
         return tuple(i for i, a in enumerate("xyz") if a not in self.free)
 
     @property

@@ -99,8 +99,8 @@ def _ties(o: RelativeRotation | RelativePosition, limit: float) -> bool:
     """Return whether a relative pose on a mount has standard deviations below a limit."""
     if o.mount is None:
         return False
-    sigma = np.sqrt(np.diag(o.covariance)) if o.sigma is None else np.asarray(o.sigma)
-    return bool((sigma < limit).all())
+    variances = np.square(o.sigma or 0.0) if o.covariance is None else np.diag(o.covariance)
+    return bool((variances < limit**2).all())
 
 
 def _check(o: RelativeRotation | RelativePosition) -> None:

@@ -16,18 +16,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
+from ..frames import Frame
 from ..graph.blocks import Block
 from ..models.base import within
 from ..models.shapes import SHAPES, Shape
-from ..models.sub_frame import in_frame
+from ..models.sub_frame import InFrame, in_frame, split_frame
 from ..models.variables import VariableKind
 from ..observations import observation_kind
 from ..solve.solution import Solution
 from ..types import Array
 
+_POSED = ("frame", "point", "vertical")
+"""Kinds of the variables that give a frame its place; the others are sizes."""
 UPRIGHT = 1e-12
 """Sine of a tilt below which an axis has no azimuth."""
 
@@ -147,83 +151,94 @@ def _columns(block: Block) -> tuple[list[int], int | None]:
     return own, on
 
 
+@dataclass(frozen=True, eq=False)
+class _Posed:
+    """The frame of a shape after the adjustment."""
+
+    frame: Frame
+    """Frame of the network."""
+    state: dict[VariableKind, Array]
+    """Stored values (1, s) of frame, origin and vertical, as far as the shape has them."""
+
+    def there(self, place: Array) -> InFrame:
+        """Return a place (3,) in the frame, with partials."""
+        get = self.state.get
+        return in_frame(self.frame, self.state["frame"], place[None], get("point"), get("vertical"))
+
+    @property
+    def origin(self) -> Array:
+        """O, (3,) metres."""
+        constant = split_frame(self.state["frame"]).origin
+        return np.asarray(self.state.get("point", constant)[0])
+
+    def moves(self, place: Array, kind: VariableKind) -> Array:
+        """Return ∂X/∂(variable) (3, k) of a place that keeps its coordinates q in the frame."""
+        found = self.there(place)
+        by = {"frame": found.by_frame, "point": found.by_origin, "vertical": found.by_vertical}
+        return np.asarray(-np.linalg.solve(found.by_place[0], by[kind][0]))
+
+
 def _adjusted(solution: Solution, shape: Shape, seen: _Seen) -> AdjustedShape:
     """Return one shape."""
-    equations, frame = solution.equations, solution.network.frame
-    places = {
-        attribute if kind != "point" else "origin": (kind, number)
-        for (kind, number), attribute in zip(seen.variables, seen.attributes, strict=True)
-        if kind != "vertical"
-    }
-    kinds = dict(seen.variables)
-    stored = solution.state["frame"][[kinds["frame"]]]
-    origin = solution.state["point"][[kinds["point"]]] if "point" in kinds else None
-    vertical = solution.state["vertical"][[kinds["vertical"]]] if "vertical" in kinds else None
-    sizes, lift = [], 0.0
-    for size in shape.sizes:
-        if size.attribute not in places:
-            continue
-        kind, number = places[size.attribute]
-        name = equations.unknowns[kind].names[number]
-        e = solution.unknown(kind, name)
-        lift += float(e.values[0]) if size.lifts else 0.0
-        if size.suffix is not None or e.values[0] != 0 or e.sigmas[0] != 0:
-            value, sigma = float(e.values[0]), float(e.sigmas[0])
-            sizes.append(AdjustedSize(size.attribute, kind, name, value, sigma))
-
-    def there(place: Array) -> tuple[Array, Array]:
-        """Return the coordinates (3,) of a place in the frame, and ∂X/∂q (3, 3)."""
-        found = in_frame(frame, stored, place[None], origin, vertical)
-        return found.q[0], np.linalg.inv(found.by_place[0])
-
+    names = [(kind, solution.equations.unknowns[kind].names[n]) for kind, n in seen.variables]
+    sizes = _adjusted_sizes(solution, shape, dict(zip(seen.attributes, names, strict=True)))
+    lift = sum(z.value for z in sizes if _lifts(shape, z.attribute))
+    state = {kind: solution.state[kind][[n]] for kind, n in seen.variables if kind in _POSED}
+    posed = _Posed(solution.network.frame, state)
     points = [n for what, n in seen.on if what == "point"]
-    at = solution.state["point"][points].mean(axis=0) if points else stored[0, 13:16]
-    if not points and origin is not None:
-        at = origin[0]
-    q, out_of = there(at)
-    wanted = np.array([0.0, 0.0, lift])
-    wanted[list(shape.slides)] = q[list(shape.slides)]
-    place = at + out_of @ (wanted - q)
+    near = solution.state["point"][points].mean(axis=0) if points else posed.origin
+    there = posed.there(near)
+    out_of = np.linalg.inv(there.by_place[0])
+    wanted, slides = np.array([0.0, 0.0, lift]), list(shape.slides)
+    wanted[slides] = there.q[0, slides]
+    place = near + out_of @ (wanted - there.q[0])
     length = float(np.linalg.norm(out_of[:, 2]))
     axis = out_of[:, 2] / length
 
     def moves(x: Array) -> Array:
-        """Return ∂X/∂(frame, origin, vertical, lift) (3, k) of a place that stays on its q."""
-        found = in_frame(frame, stored, x[None], origin, vertical)
-        by = {"frame": found.by_frame, "point": found.by_origin, "vertical": found.by_vertical}
+        """Return ∂X/∂(all variables) (3, k) of a place that keeps its place in the shape."""
         parts = [
-            -out_of @ by[kind][0] if kind in by else out_of[:, 2:] * _lifts(shape, attribute)
-            for (kind, _), attribute in zip(seen.variables, seen.attributes, strict=True)
+            posed.moves(x, kind) if kind in state else out_of[:, 2:] * _lifts(shape, attribute)
+            for (kind, _), attribute in zip(names, seen.attributes, strict=True)
         ]
         return np.concatenate(parts, axis=1)
 
-    names = [(kind, equations.unknowns[kind].names[n]) for kind, n in seen.variables]
     joint = np.block([[solution.variable_covariance(a, b) for b in names] for a in names])
+    along = np.outer(axis, axis)
+    across = np.eye(3) - along
     by_place = moves(place)
-    across = np.eye(3) - np.outer(axis, axis)
     by_axis = across @ (moves(place + out_of[:, 2]) - by_place) / length
-    if shape.slides:
-        by_place = (across if len(shape.slides) == 1 else np.outer(axis, axis)) @ by_place
-    covariance, of_axis = by_place @ joint @ by_place.T, by_axis @ joint @ by_axis.T
+    if slides:
+        by_place = (across if len(slides) == 1 else along) @ by_place
+    of_axis = by_axis @ joint @ by_axis.T
     if not shape.has_axis:
         axis, of_axis = np.full(3, np.nan), np.full((3, 3), np.nan)
-    enu = frame.basis(place[None], np.zeros((1, 2))).enu[0]
-    name = equations.unknowns["frame"].names[kinds["frame"]]
-    rms, largest = _sizes_of(seen.residuals)
-    directions = _directions(enu, axis, of_axis)
+    enu = solution.network.frame.basis(place[None], np.zeros((1, 2))).enu[0]
     return AdjustedShape(
-        name,
+        names[0][1],
         shape.name,
         len(points) or len(seen.on),
         place,
-        covariance,
+        by_place @ joint @ by_place.T,
         axis,
         of_axis,
-        *directions,
-        tuple(sizes),
-        rms,
-        largest,
+        *_directions(enu, axis, of_axis),
+        tuple(z for z in sizes if z.value != 0 or z.sigma != 0 or not _lifts(shape, z.attribute)),
+        *_sizes_of(seen.residuals),
     )
+
+
+def _adjusted_sizes(
+    solution: Solution, shape: Shape, names: dict[str, tuple[VariableKind, str]]
+) -> list[AdjustedSize]:
+    """Return the sizes of a shape, with kinds and names of its variables by attribute."""
+    out = []
+    for attribute in (z.attribute for z in shape.sizes if z.attribute in names):
+        kind, name = names[attribute]
+        e = solution.unknown(kind, name)
+        value, sigma = float(e.values[0]), float(e.sigmas[0])
+        out.append(AdjustedSize(attribute, kind, name, value, sigma))
+    return out
 
 
 def _lifts(shape: Shape, attribute: str) -> float:
@@ -258,4 +273,4 @@ def _directions(enu: Array, axis: Array, covariance: Array) -> tuple[float, floa
 
 
 def _root(variance: float) -> float:
-    return max(variance, 0.0) ** 0.5
+    return sqrt(max(variance, 0.0))

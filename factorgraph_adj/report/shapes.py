@@ -7,6 +7,7 @@ from math import isfinite, pi
 import numpy as np
 
 from ..io.tables import write_columns
+from ..models.variables import UNKNOWNS
 from ..quality.shapes import AdjustedShape, AdjustedSize
 from ..units import ANGLE, decimal, decimal_angle
 from .context import Report
@@ -17,7 +18,7 @@ from .rows import exact
 
 MEANING = (
     "X, Y, Z: the centre, or the apex of a cone or paraboloid; of planes, lines and cylinders the "
-    "place nearest to the middle of their points, with σ along the normal or across the axis alone. "
+    "place nearest to the middle of their points, with σ along the normal or across the axis only. "
     "Axis: unit vector of the normal or the axis. Tilt: its angle against the vertical; azimuth: "
     "clockwise from north. Under each value its σ"
 )
@@ -85,14 +86,18 @@ def _angle(report: Report, value: float, sigma: float) -> tuple[str, str]:
 def _size(report: Report, size: AdjustedSize) -> tuple[str, str]:
     """Return a size with its name and unit, and its σ."""
     unit, length = _unit(report, size)
-    small = report.radian if size.kind == "angle" else report.small
+    small = report.radian if _is_angle(size) else report.small
     value = with_sigma(size.value / length, size.sigma / length)
     return f"{size.attribute} {value} {unit}", _sigma(size.sigma / small)
 
 
+def _is_angle(size: AdjustedSize) -> bool:
+    return UNKNOWNS[size.kind].components[0].quantity == "angle"
+
+
 def _unit(report: Report, size: AdjustedSize) -> tuple[str, float]:
     """Return the unit in which a size is shown, and its length."""
-    if size.kind == "angle":
+    if _is_angle(size):
         unit = decimal_angle(report.units.angle)
         return unit, ANGLE[unit]
     return report.units.length, report.metre

@@ -1,4 +1,4 @@
-"""Shapes as engineers state them: place, axis, tilt, azimuth, sizes and their standard deviations."""
+"""Shapes as engineers state them: place, axis, tilt, azimuth, sizes and their σ."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a protocol says of ties, drifts, attitudes, photos without points, and of numbers near zero."""
+"""What a protocol says of ties, drifts, attitudes, photos without points, and of rounding."""
 
 from __future__ import annotations
 
