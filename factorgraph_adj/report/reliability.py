@@ -304,7 +304,7 @@ def _groups(report: Report, rel: Reliability) -> list[str]:
         [
             _members(report, g),
             str(g.dof),
-            f"{g.redundancy:.2f}",
+            decimal(g.redundancy, 2),
             f"{g.test:.2f}",
             f"{g.critical:.2f}",
         ]
