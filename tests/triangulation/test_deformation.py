@@ -147,7 +147,7 @@ def test_a_project_keeps_deformations_to_the_bit(tmp_path) -> None:
 def test_bad_deformations_are_refused() -> None:
     network = deformed_block()
     with pytest.raises(
-        fga.InputError, match="free must be some of x, y, z, affinity, .* not 'x_yyy'"
+        fga.InputError, match=r"free must be some of x, y, z, affinity, .* not 'x_yyy'"
     ):
         network.set_model_deformation("other", free=("x_yyy",))
     with pytest.raises(fga.InputError, match="unknown model deformation 'lens'; known: film, left"):
