@@ -61,7 +61,7 @@ def in_sigma(solution: fga.Solution) -> Array:
 
 
 def test_boresights_and_arms_come_back_within_their_covariance() -> None:
-    """Of normal errors 98.8 % are within 2.5 σ; 200 seeds are in `docs/results/measurements`."""
+    """Of normal errors 98.8 % are within 2.5 σ; a hundred seeds, run once, have 98.4 %."""
     off, squares = [], 0.0
     for seed in SEEDS:
         s = from_nothing() if seed == FIRST else adjusted(seed)
