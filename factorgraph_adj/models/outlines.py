@@ -16,6 +16,8 @@ from ..types import Array
 
 STEPS = 72
 """Number of straight pieces of a full circle, and of a sagging wire."""
+EDGE = 0.02
+"""Largest sine of the angle between view and plane of a torus that is seen from its edge."""
 ALONG = 1e-6
 """Largest sine of the angle between view and axis at which the sides of a shape are not seen."""
 
@@ -68,9 +70,9 @@ class Outline:
     """What each of these places is, with its article, for legends."""
 
 
-def _ring(radius: float, height: float) -> Array:
+def _ring(radius: float, height: float, steps: int = STEPS) -> Array:
     """Return a circle about the axis."""
-    turn = np.linspace(0.0, 2.0 * np.pi, STEPS + 1)
+    turn = np.linspace(0.0, 2.0 * np.pi, steps + 1)
     return np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(len(turn), height)], 1)
 
 
@@ -154,18 +156,22 @@ def sphere_lines(seen: Seen, radius: float) -> list[Array]:
 
 
 def torus_lines(seen: Seen, radius: float, ring: float) -> list[Array]:
-    """Return the outer and the inner circle, those of both sides, and the tube across the view."""
-    out = [
-        _ring(ring + radius, 0.0),
-        _ring(ring - radius, 0.0),
-        _ring(ring, radius),
-        _ring(ring, -radius),
-    ]
-    for turned in _across(seen):
-        tube = _ring(radius, ring)  # radius cos, radius sin, ring
-        out.append(
-            np.outer(tube[:, 2] + tube[:, 0], turned) + np.outer(tube[:, 1], [0.0, 0.0, 1.0])
-        )
+    """Return where the tube turns away from the view: m ± r t × v / |t × v|.
+
+    m is on the circle of its middle and t the tangent there. Seen from its edge, the outline turns
+    about the tube where t is along the view: there the tube is drawn.
+    """
+    middle = _ring(ring, 0.0, 10 * STEPS)
+    tangent = _ring(1.0, 0.0, 10 * STEPS)[:, [1, 0, 2]] * [-1.0, 1.0, 0.0]
+    normal = np.cross(tangent, seen.towards)
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    seen_at = size[:, 0] > ALONG
+    unit = normal[seen_at] / size[seen_at]
+    out = [middle[seen_at] + radius * unit, middle[seen_at] - radius * unit]
+    if abs(seen.towards[2]) < EDGE:
+        tube = _ring(radius, 0.0)
+        for side in _across(seen):
+            out.append((ring + tube[:, :1]) * side + tube[:, 1:2] * [0.0, 0.0, 1.0])
     return out
 
 

@@ -37,7 +37,7 @@ _SIGMA0 = {"a-priori": "σ0 a priori", "a-posteriori": "σ̂0 a posteriori"}
 
 BESIDE = 0.15
 """Room beside the points that counts as theirs, as a fraction of the extent of the plan."""
-FLAT = 1e-4
+FLAT = 0.01
 """Largest ratio of the axes of an ellipse that is a line in print."""
 
 
