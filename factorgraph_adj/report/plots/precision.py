@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...quality.ellipses import factor_of, factors_of
+from ...quality.ellipses import FLAT, factor_of, factors_of
 from ...solve.solution import Solution
 from ...types import Array, Mask
 from .marks import spacing
@@ -37,8 +37,6 @@ _SIGMA0 = {"a-priori": "σ0 a priori", "a-posteriori": "σ̂0 a posteriori"}
 
 BESIDE = 0.15
 """Room beside the points that counts as theirs, as a fraction of the extent of the plan."""
-FLAT = 0.01
-"""Largest ratio of the axes of an ellipse that is a line in print."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +245,7 @@ def _ellipses(
     from matplotlib.collections import EllipseCollection
     from matplotlib.lines import Line2D
 
-    flat = semi[shown, 1] <= FLAT * semi[shown, 0]
+    flat = semi[shown, 1] ** 2 <= FLAT * semi[shown, 0] ** 2
     label = f"error ellipse of {whose}"
     if flat.all():
         label = f"interval of {whose}, which is free in one direction"
