@@ -6,12 +6,18 @@ at every exposure. The boresight, and a shift and drift of the positions of each
 The flight is simulated; what was put on comes back.
 """
 
+import argparse
+
 import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import NoDistortion
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.simulation.simulate import measure
+
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("--plot", help="file of the picture")
+options, _ = parser.parse_known_args()
 
 STRIPS, EXPOSURES, ARM = 3, 8, (0.35, -0.22, 1.1)
 FREE, TURNS = ("x", "y", "z", "x_t", "y_t", "z_t"), {"rx": 0.002, "ry": -0.0014, "rz": 0.0044}
@@ -63,6 +69,12 @@ e = [found.solution.unknown("drift", n) for n in plan.drifts]
 error = np.array([d.values - p.values for d, p in zip(e, plan.drifts.values(), strict=True)])
 w = error[:, :6] / np.array([d.sigmas[:6] for d in e])
 print(f"{w.size} shifts and drifts: largest error {np.abs(w).max():.2f} σ, rms {w.std():.2f} σ")
+
+if options.plot:
+    from factorgraph_adj.report.plots import plot_network, set_aside
+
+    aside = set_aside(found.solution, found.ids_set_aside, flight)
+    plot_network(found.solution, aside=aside).savefig(options.plot, dpi=150)
 
 # %%
 # Without control, the shifts take up the datum.
