@@ -50,7 +50,8 @@ def instruments(figure: Figure) -> np.ndarray:
 
 
 def labelled(figure: Figure, start: str, sort: type[Collection]) -> list[Collection]:
-    return [c for c in figure.findobj(sort) if str(c.get_label()).startswith(start)]
+    drawn = figure.axes[0].collections  # without those of the legend
+    return [c for c in drawn if isinstance(c, sort) and str(c.get_label()).startswith(start)]
 
 
 # -- instruments --------------------------------------------------------------------------------
@@ -316,3 +317,29 @@ def test_a_point_that_is_free_in_one_direction_has_an_interval_and_the_legend_sa
     assert (drawn.get_heights() < 1e-3 * drawn.get_widths()).all()
     assert "interval of a point, which is free in one direction" in texts(figure)
     assert "error ellipse of a point" not in texts(figure)
+
+
+# -- names and networks without points ----------------------------------------------------------
+
+
+def test_photos_without_any_point_have_a_plan():
+    """Edges that photos alone observe have no points; once the figure said that it was empty."""
+    solution = fga.adjust(on_shapes.edges())
+    figure = plot_network(solution)
+    (photos,) = labelled(figure, "photo and what it looks at", PathCollection)
+    centres = [solution.pose(name).position[:2] for name in solution.network.photos]
+    np.testing.assert_allclose(photos.get_offsets(), centres, rtol=ROUNDING)
+    (drawn,) = labelled(figure, "error ellipse of a projection centre", EllipseCollection)
+    assert len(drawn.get_widths()) == len(centres)
+
+
+def test_all_of_two_hundred_points_with_room_are_named():
+    """Once 150 names were tried, and one side of a block of photos had none."""
+    network = fga.Network("grid")
+    for i in range(200):
+        network.add_point(f"{i}", (100.0 * (i % 20), 100.0 * (i // 20), 0.0))
+        xyz = network.points[f"{i}"].coordinates
+        network.add(o.GnssPosition(f"{i}", xyz, sigma=(0.01,) * 3))
+    figure = plot_network(fga.adjust(network))
+    names = [t for t in figure.findobj(Text) if t.get_gid() == "name of a point"]
+    assert len(names) > 190

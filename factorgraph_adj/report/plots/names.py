@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 LABELLED = 1000
 """Largest number of points of which all are named; otherwise only important points are."""
-MOST_NAMES = 150
+MOST_NAMES = 300
 """Number of names that are tried; important points are tried in any number."""
 IMPORTANT = 60
 """Largest number of important points that are named in a plan of more than `LABELLED` points."""

@@ -94,9 +94,10 @@ def plot_network(
     if factor is not None:
         positive(factor, "factor")
     xyz = np.nan_to_num(solution.state["point"])
-    if not len(xyz):
-        return nothing(solution.network.name or "network", "The network has no points.")
-    plan = plan_of(solution.network.frame, xyz).seen_from(view)
+    everything = np.concatenate([xyz, solution.state["pose"][:, 9:]])
+    if not len(everything):
+        return nothing(solution.network.name or "network", "The network has no points or photos.")
+    plan = plan_of(solution.network.frame, xyz if len(xyz) else everything).seen_from(view)
     free = solution.equations.unknowns["point"].free
     no_plan = not isinstance(solution.network.frame, GeocentricFrame) and not free[:, :2].any()
     schematic = no_plan and not solution.network.photos and not np.ptp(xyz[:, :2], axis=0).any()

@@ -169,9 +169,10 @@ def draw_precision(
     factor = precision.factor
     if factor is None:
         # Instruments and photos around the points leave no more room between these.
-        own = at.min(axis=0) - BESIDE * extent, at.max(axis=0) + BESIDE * extent
+        places = at if len(at) else centres
+        own = places.min(axis=0) - BESIDE * extent, places.max(axis=0) + BESIDE * extent
         among = np.maximum(own[0], limits[0]), np.minimum(own[1], limits[1])
-        room = min(0.45 * spacing(at, *among), 0.05 * extent)
+        room = min(0.45 * spacing(places, *among), 0.05 * extent)
         factor = readable(room / typical)
     fits = sizes * factor <= LARGEST * extent
     found: list[Artist] = []
