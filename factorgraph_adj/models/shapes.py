@@ -23,14 +23,16 @@ f/|∇f|. (FRAMES F10; Kager, GESTALT.)
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..frames import Frame
 from ..types import Array
+from . import outlines
 from .base import Linearised, require
+from .outlines import Outline
 from .sub_frame import in_frame
 
 ON_THE_AXIS = "the point lies on the axis of the shape: the direction of its distance is open"
@@ -84,6 +86,8 @@ class Shape:
     the object: so does the residual, while the frame is held about its axis."""
     axis: Literal["least", "most", "any"] = "any"
     """Where its z axis lies: along the least or the largest extent of its points, or anywhere."""
+    outline: Outline = field(kw_only=True)
+    """How it is drawn."""
 
     @property
     def slides(self) -> tuple[int, ...]:
@@ -217,16 +221,23 @@ _RADIUS = Size("radius")
 SHAPES = {
     s.name: s
     for s in (
-        Shape("plane", plane, (*_TILTS, "z"), axis="least"),
-        Shape("line", line, (*_TILTS, "x", "y"), turns=True, axis="most"),
+        Shape("plane", plane, (*_TILTS, "z"), axis="least", outline=outlines.PLANE),
+        Shape("line", line, (*_TILTS, "x", "y"), turns=True, axis="most", outline=outlines.LINE),
         Shape(
-            "circle", circle, _ALL, (_RADIUS, Size("height", suffix=None, lifts=True)), axis="least"
+            "circle",
+            circle,
+            _ALL,
+            (_RADIUS, Size("height", suffix=None, lifts=True)),
+            axis="least",
+            outline=outlines.CIRCLE,
         ),
-        Shape("cylinder", cylinder, (*_TILTS, "x", "y"), (_RADIUS,)),
-        Shape("sphere", sphere, ("x", "y", "z"), (_RADIUS,)),
-        Shape("cone", cone, _ALL, (Size("angle", "angle"),)),
-        Shape("torus", torus, _ALL, (_RADIUS, Size("ring", suffix=" ring"))),
-        Shape("paraboloid", paraboloid, _ALL, (Size("focal"),)),
+        Shape("cylinder", cylinder, (*_TILTS, "x", "y"), (_RADIUS,), outline=outlines.CYLINDER),
+        Shape("sphere", sphere, ("x", "y", "z"), (_RADIUS,), outline=outlines.SPHERE),
+        Shape("cone", cone, _ALL, (Size("angle", "angle"),), outline=outlines.CONE),
+        Shape(
+            "torus", torus, _ALL, (_RADIUS, Size("ring", suffix=" ring")), outline=outlines.TORUS
+        ),
+        Shape("paraboloid", paraboloid, _ALL, (Size("focal"),), outline=outlines.PARABOLOID),
     )
 }
 """Shapes by name."""

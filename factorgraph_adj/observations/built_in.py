@@ -64,6 +64,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         _HEIGHTS,
         "rad",
         weight=INCLINATIONS,
+        instrument="station",
     ),
     ObservationKind(
         ZenithAngle,
@@ -72,6 +73,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         (*_HEIGHTS, "face"),
         "rad",
         weight=INCLINATIONS,
+        instrument="station",
     ),
     ObservationKind(
         Direction,
@@ -81,6 +83,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         "rad",
         weight=DIRECTIONS,
         circular=True,
+        instrument="station",
     ),
     ObservationKind(
         HorizontalAngle,
@@ -90,6 +93,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         "rad",
         weight=ANGLES,
         circular=True,
+        instrument="station",
     ),
     ObservationKind(
         Azimuth,
@@ -100,6 +104,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         weight=DIRECTIONS,
         circular=True,
         fixes="direction",
+        instrument="station",
     ),
     ObservationKind(
         HeightDifference,

@@ -24,6 +24,7 @@ RECORDS = (
         weight=DIRECTIONS,
         circular=True,
         tells="direction",
+        instrument="frame",
     ),
     ObservationKind(
         FrameZenith,
@@ -33,6 +34,7 @@ RECORDS = (
         "rad",
         weight=INCLINATIONS,
         tells="zenith",
+        instrument="frame",
     ),
     ObservationKind(
         FrameDistance,
@@ -40,6 +42,7 @@ RECORDS = (
         frame_sights.frame_distance,
         weight=LENGTHS,
         tells="distance",
+        instrument="frame",
     ),
 )
 """Records in the order of registration."""
