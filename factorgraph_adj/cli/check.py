@@ -35,7 +35,8 @@ def _check(options: argparse.Namespace) -> int:
         f"{len(network.points)} points, {len(network.photos)} photos, {network.n_image_points} "
         f"image points and {len(network.observations)} other observations"
     )
-    found = [*project.warnings, *preliminary(network)]
+    length, angle = project.units.length, project.units.angle
+    found = [*project.warnings, *preliminary(network, length=length, angle=angle)]
     without = start_problems(network)
     name = network.name or "a network without a name"
     if not found and not without:
@@ -68,7 +69,8 @@ def refuse_problems(project: Project) -> None:
     if problems:
         # Points behind cameras are a symptom; images with y the wrong way are the cause. So is a
         # table that is not read because of its name.
-        causes = [Problem(str(f)) for f in mistaken(project.network)]
+        length, angle = project.units.length, project.units.angle
+        causes = [Problem(str(f)) for f in mistaken(project.network, length=length, angle=angle)]
         raise InputError([*project.warnings, *causes, *problems])
 
 

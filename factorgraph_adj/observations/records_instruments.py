@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import pi
+
 from ..models import frame_sights
 from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .registry import ObservationKind
@@ -33,6 +35,7 @@ RECORDS = (
         "rad",
         weight=INCLINATIONS,
         tells="zenith",
+        level_reading=pi / 2,
     ),
     ObservationKind(
         FrameDistance,
