@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from ...network.network import Network
 from ...observations import KINDS, Observation
-from ...types import Array
+from ...types import Array, Mask
 from ...units import ANGLE, TURN, decimal_angle, format_angle
 from .finding import Finding
 from .given_rows import BETTER, LEAST
@@ -43,8 +44,8 @@ def beyond_circle(network: Network, unit: str) -> Iterator[Finding]:
         record = KINDS.get(o.kind)
         if record is None or record.unit != "rad":
             continue
-        values = np.abs(np.atleast_1d(np.asarray(o.value, dtype=float)))  # type: ignore[attr-defined]
-        largest = float(values.max())
+        value: Any = o.value  # type: ignore[attr-defined]
+        largest = float(np.max(np.abs(value)))
         if largest <= TURN * (1.0 + ROUNDING):
             continue
         number = largest / ANGLE[stated]
@@ -79,14 +80,14 @@ def level_sights(network: Network, unit: str, compared: frozenset[str]) -> Itera
         level = KINDS[kind].level_reading
         assert level is not None
         sums = _sums(some)
-        values = np.array([o.value for o in some], dtype=float)  # type: ignore[attr-defined]
-        faces = np.array([getattr(o, "face", 1) for o in some])
+        values: Array = np.array([_value(o) for o in some])
+        second: Mask = np.array([getattr(o, "face", 1) == 2 for o in some])
         if len(sums) < SUMS and len(values) < LEAST:
             continue
         left = {}
         for u in (*PLAIN, stated):
             factor = ANGLE[u] / ANGLE[stated]
-            folded = np.where(faces == 1, factor * values, TURN - factor * values) / level
+            folded = np.where(second, TURN - factor * values, factor * values) / level
             left[u] = _misfit(factor * sums if len(sums) >= SUMS else folded)
         best = min(left, key=lambda u: left[u])
         if left[best] * BETTER < left[stated]:
@@ -117,13 +118,18 @@ def _sums(some: Sequence[Observation]) -> Array:
             first.setdefault(o.names(), float(o.value))  # type: ignore[attr-defined]
     out = []
     for o in some:
-        names, value = o.names(), float(o.value)  # type: ignore[attr-defined]
+        names, value = o.names(), _value(o)
         if getattr(o, "face", 1) == 2:
             if names in first:
                 out.append((value + first[names]) / TURN)
         elif len(o.points()) > 1 and names < names[::-1] and names[::-1] in first:
             out.append((value + first[names[::-1]]) / (TURN / 2.0))
     return np.array(out)
+
+
+def _value(o: Observation) -> float:
+    """Return the reading of an angle."""
+    return float(o.value)  # type: ignore[attr-defined]
 
 
 def _noun(unit: str) -> str:

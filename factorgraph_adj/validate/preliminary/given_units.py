@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-import numpy as np
-
 from ...graph.equations import Equations
 from ...models.base import wrap
 from ...observations import KINDS
@@ -73,14 +71,9 @@ def wrong_units(equations: Equations, length: str, angle: str) -> Iterator[Findi
         for block, rows in given_rows(equations, kind, whole=True):
             observed, computed = computed_values(equations, block, rows)
 
-            def misfit(
-                factor: float, observed: Array = observed, computed: Array = computed
-            ) -> float:
-                v = factor * observed - computed
-                return median(wrap(v) if record.circular else v)
-
-            now = misfit(1.0)
-            left = {unit: misfit(f) for unit, f in factors.items()}
+            turns = record.circular
+            now = _misfit(1.0, observed, computed, turns)
+            left = {u: _misfit(f, observed, computed, turns) for u, f in factors.items()}
             unit = min(left, key=lambda u: left[u])
             # Values near zero fit everything: the unit must explain the computed values.
             if not left[unit] * BETTER < min(now, median(computed)):
@@ -96,6 +89,12 @@ def wrong_units(equations: Equations, length: str, angle: str) -> Iterator[Findi
                 f"coordinates {times}",
                 remedy,
             )
+
+
+def _misfit(factor: float, observed: Array, computed: Array, turns: bool) -> float:
+    """Return the median misfit of values times a factor; angles of the circle the shorter way."""
+    v = factor * observed - computed
+    return median(wrap(v) if turns else v)
 
 
 def _factor(factor: float) -> str:

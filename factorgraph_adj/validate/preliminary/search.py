@@ -13,6 +13,7 @@ from .given_units import compared_kinds
 from .heights import heights
 from .in_frames import in_frames
 from .repeated import repeated
+from .scale import traverse_scale
 from .traverses import traverses
 from .undetermined import undetermined
 
@@ -53,14 +54,16 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
     compared = tuple(against_given(equations, length=length, angle=angle))
     return (
         *(Finding(str(p), "look at the readings of both faces") for p in network.doubts),
+        # What whole groups have in common explains what does not fit one by one.
+        *compared,
+        *(() if compared else traverse_scale(network, length)),
         *beyond_circle(network, angle),
         *level_sights(network, angle, compared_kinds(equations)),
         *repeated(network),
         *heights(network),
         *closures(equations),
         *traverses(network),
-        *in_frames(equations),
-        *compared,
+        *in_frames(equations, length),
         # Where given coordinates are wrong they say nothing of geometry.
         *(() if compared else undetermined(equations)),
     )
