@@ -1,13 +1,16 @@
-"""Lists of problems in which one that repeats is summed up: the first ones, and where the others are.
+"""Lists of problems in which one that repeats is summed up: the first, and where the others are.
 
 A wrong unit or a shifted column gives the same problem in every row of a file. Problems are the
-same where they ask for the same remedy and stand in the same file, whatever their numbers and names.
+same where they ask for the same remedy and stand in the same file, whatever their numbers and
+names.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+
+from ..errors import known
 
 MANY = 10
 """Largest number of problems of one kind that are listed one by one."""
@@ -18,6 +21,7 @@ NAMED = 6
 
 _LIST = re.compile(r"; (?:valid|known|it takes):.*", re.DOTALL)
 _ANY = re.compile(r"'[^']*'|\"[^\"]*\"|[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
+_QUOTED = re.compile(r"'[^']*'")
 _PLACE = re.compile(r"([^\s:(]+\.\w+):(\d+)")
 
 
@@ -29,7 +33,7 @@ def kind_of(problem: object) -> tuple[str, str]:
     """
     text = str(problem)
     place = _PLACE.search(text)
-    said = getattr(problem, "remedy", None) or getattr(problem, "what", text)
+    said = str(getattr(problem, "remedy", None) or getattr(problem, "what", text))
     return (place[1] if place else "", _ANY.sub("#", _LIST.sub("", said)))
 
 
@@ -47,8 +51,17 @@ def summed_up(problems: Sequence[object]) -> list[str]:
         most = len(own) if len(own) <= MANY else FIRST
         out += [str(p) for p in own[:most]]
         if len(own) > most:
-            out.append(f"and {len(own) - most} more of this kind{_places(own[most:])}")
+            out.append(
+                f"and {len(own) - most} more of this kind{_names(own[most:])}{_places(own[most:])}"
+            )
     return out
+
+
+def _names(problems: Sequence[object]) -> str:
+    """Return what problems name first, such as unknown points, each once; empty: all the same."""
+    found = [m[0] for p in problems if (m := _QUOTED.search(_LIST.sub("", str(p))))]
+    names = list(dict.fromkeys(found))
+    return f" ({known(names, most=NAMED)})" if len(names) > 1 else ""
 
 
 def _places(problems: Iterable[object]) -> str:

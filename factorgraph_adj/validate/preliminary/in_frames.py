@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -24,6 +24,8 @@ from ...types import Array, Index
 from ...units import GON, significant
 from .closures import NAMED, WORST, Edges, loops
 from .finding import Finding
+from .gross_places import ALPHA, GIVEN, Wrong, gross_places, put_right, without_gross
+from .left_handed import left_handed
 from .scale import LARGE, meaning
 from .similar import PLANE, Pair, Similarity, System, common
 
@@ -32,15 +34,8 @@ BETTER = 5.0
 FAR = 1000.0
 """Distance of an origin from the middle of its places, in their extent, beyond which it is told:
 the correlation of offset and rotation is nearer to one than a millionth then."""
-ALPHA = 0.001
-"""Probability that a comparison of two systems, or a loop, is told although nothing is wrong."""
-LEAST = 4
-"""Smallest number of common places of which one can be wrong."""
-TRIED = 8
-"""Number of places, those that fit worst, of which two are tried as exchanged."""
 PAIRS = 2000
 """Largest number of pairs that are compared; those with the most common places come first."""
-GIVEN = "the given coordinates"
 
 
 def in_frames(equations: Equations, length: str = "m") -> Iterator[Finding]:
@@ -55,8 +50,8 @@ def in_frames(equations: Equations, length: str = "m") -> Iterator[Finding]:
     if not systems:
         return
     yield from _far_origins(equations, systems, given)
+    yield from left_handed(equations.network)
     if equations.network.frame.left_handed:
-        yield from _not_level(equations)
         given = replace(given, horizon=_horizon(equations, np.zeros(3)))
     mirrored, findings = _mirrored([*systems.values(), given])
     yield from findings
@@ -67,29 +62,13 @@ def in_frames(equations: Equations, length: str = "m") -> Iterator[Finding]:
     exchanges = [w for w in wrong if w.other is not None]
     if exchanges:
         # An exchange that many places tell of is put right before few places are compared.
-        clean = [_put_right(s, exchanges) for s in clean]
+        clean = [put_right(s, exchanges) for s in clean]
         fits, wrong = _compared([*clean, given])
         known_ones = {frozenset((w.key, w.other)) for w in exchanges}
         further = [w for w in wrong if frozenset((w.key, w.other)) not in known_ones]
         wrong = [*exchanges, *further]
-    yield from _gross(equations, wrong)
+    yield from gross_places(equations, wrong)
     yield from _open_loops(fits)
-
-
-@dataclass(frozen=True)
-class Wrong:
-    """A place that does not fit in a pair of systems."""
-
-    key: int
-    """Number of the place."""
-    systems: tuple[str, str]
-    """Names of both systems."""
-    size: float
-    """Its error if it alone is wrong, unit of the second system."""
-    tolerance: float
-    """The size that would be tolerated."""
-    other: int | None = None
-    """Number of the place with which it is exchanged; None: it is wrong by itself."""
 
 
 # -- what was measured ----------------------------------------------------------------------------
@@ -222,18 +201,6 @@ def _far_origins(
             )
 
 
-def _not_level(equations: Equations) -> Iterator[Finding]:
-    """Frames that are not level in a network with left-handed axes: no rotation leads to them."""
-    stated = equations.network.frames
-    names = [name for name, frame in stated.items() if not frame.constants[-1]]
-    if names:
-        yield Finding(
-            f"the axes of the network are left-handed, and frames are not level: {known(names)}; "
-            "no rotation leads from one to the other",
-            "choose axes en, nw, ws or se of the network, or state that the frames are level",
-        )
-
-
 def _mirrored(systems: list[System]) -> tuple[set[str], list[Finding]]:
     """Return the names of frames with left-handed axes, and what to say of them.
 
@@ -313,129 +280,15 @@ def _scaled(systems: list[System], length: str) -> tuple[set[str], list[Finding]
     return named, findings
 
 
-# -- gross errors ---------------------------------------------------------------------------------
-
-
 def _compared(systems: list[System]) -> tuple[list[Similarity], list[Wrong]]:
     """Return the similarities of frames, and the places that do not fit in any two systems."""
     fits: list[Similarity] = []
     wrong: list[Wrong] = []
     for pair in _pairs(systems):
-        fit = _without_gross(pair, wrong)
+        fit = without_gross(pair, wrong)
         if fit is not None and GIVEN not in (pair.first.name, pair.second.name):
             fits.append(fit)
     return fits, wrong
-
-
-def _inside(own: list[Wrong]) -> list[str]:
-    """Return the systems in which what is wrong with a place is: one, or two that contradict."""
-    counts = Counter(n for w in own for n in w.systems)
-    worst = max(own, key=lambda w: w.size / w.tolerance)
-    shared = [n for n, c in counts.items() if c == len(own) > 1 and n != GIVEN]
-    return shared or [n for n in worst.systems if n != GIVEN]
-
-
-def _put_right(system: System, exchanges: list[Wrong]) -> System:
-    """Return a system with the exchanges of places undone that are in it."""
-    x, sigma = system.x.copy(), system.sigma.copy()
-    for pair in {frozenset((w.key, w.other)) for w in exchanges}:
-        own = [w for w in exchanges if frozenset((w.key, w.other)) == pair]
-        rows = np.flatnonzero(np.isin(system.keys, [w.key for w in own]))
-        if _inside(own)[0] == system.name and len(rows) == len(pair):
-            x[rows], sigma[rows] = x[rows[::-1]], sigma[rows[::-1]]
-    return replace(system, x=x, sigma=sigma)
-
-
-def _without_gross(pair: Pair, wrong: list[Wrong]) -> Similarity | None:
-    """Return the similarity of the places that fit, none if they fix none; note the others.
-
-    Two places that fit when they are exchanged are no gross errors but an exchange.
-    """
-    while pair.determined:
-        fit = pair.fitted()
-        if len(pair.a) < LEAST:
-            return fit
-        error, share = _shares(fit)
-        worst = int(np.argmax(share))
-        if share[worst] <= 1.0:
-            return fit
-        names = (pair.first.name, pair.second.name)
-        sizes = np.linalg.norm(error, axis=1)
-        tolerances = sizes / np.sqrt(np.maximum(share, 1e-300))
-        exchanged = _exchanged(pair, share)
-        if exchanged is not None:
-            for i, j in (exchanged, exchanged[::-1]):
-                size = float(np.linalg.norm(pair.b[i] - pair.b[j]))
-                own = float(tolerances[i])
-                wrong.append(Wrong(int(pair.keys[i]), names, size, own, int(pair.keys[j])))
-            pair = pair.exchanged(*exchanged)
-            continue
-        wrong.append(
-            Wrong(int(pair.keys[worst]), names, float(sizes[worst]), float(tolerances[worst]))
-        )
-        pair = pair.without(worst)
-    return None
-
-
-def _shares(fit: Similarity) -> tuple[Array, Array]:
-    """Return ∇ (n, d) of every place and its test value in units of its limit, (n,)."""
-    error, test, freedom = fit.tests()
-    limit = chi2_upper_quantile(ALPHA / len(test), np.maximum(freedom, 1))
-    return error, np.where(freedom > 0, test / limit, 0.0)
-
-
-def _exchanged(pair: Pair, share: Array) -> tuple[int, int] | None:
-    """Return two places that fit when they are exchanged; none: no two do.
-
-    They must be controlled, and the worst of the others must not fit worse than before.
-    """
-    if len(pair.a) <= LEAST:
-        return None
-    tried = np.argsort(-share, kind="stable")[:TRIED].tolist()
-    best: tuple[float, tuple[int, int]] | None = None
-    for i, j in combinations(tried, 2):
-        if max(share[i], share[j]) <= 1.0:
-            continue
-        _, other = _shares(pair.exchanged(i, j).fitted())
-        left = float(other.max())
-        if max(other[i], other[j]) <= 1.0 and left < share.max():
-            best = min(best or (left, (i, j)), (left, (i, j)))
-    return None if best is None else best[1]
-
-
-def _gross(equations: Equations, wrong: list[Wrong]) -> Iterator[Finding]:
-    """Places that do not fit, each once: in the frame that all its comparisons share."""
-    unknowns = equations.unknowns
-    names = [f"point {n!r}" for n in unknowns["point"].names]
-    names += [f"photo {n!r}" for n in unknowns["pose"].names]
-    found: list[tuple[float, Finding]] = []
-    told: set[tuple[int, int | None]] = set()
-    for key, other in dict.fromkeys((w.key, w.other) for w in wrong):
-        if other is not None and (other, key) in told:
-            continue
-        told.add((key, other))
-        own = [w for w in wrong if (w.key, w.other) == (key, other)]
-        counts = Counter(n for w in own for n in w.systems)
-        worst = max(own, key=lambda w: w.size / w.tolerance)
-        inside = _inside(own)
-        others = [n for n in counts if n not in inside]
-        between = f"beside {known(others)}" if others else "each other"
-        verb = "does" if others or len(inside) == 1 else "do"
-        if other is None:
-            what = f"{names[key]} in {' and '.join(inside)} {verb} not fit {between}, by the places"
-            what += " that they have in common"
-            remedy = "look for a wrong reading, or for a name confused with another"
-        else:
-            where = inside[0] if len(inside) == 1 else f"one of {' and '.join(inside)}"
-            what = f"{names[key]} and {names[other]} are exchanged in {where}: they fit {between}"
-            what += " with the names of each other, apart"
-            remedy = "exchange their names"
-        size, most = 1e3 * worst.size, 1e3 * worst.tolerance
-        finding = Finding(what, remedy, size, most, "mm")
-        found.append((worst.size / worst.tolerance, finding))
-    found.sort(key=lambda each: -each[0])
-    for _, finding in found[:WORST]:
-        yield finding
 
 
 # -- loops ----------------------------------------------------------------------------------------
