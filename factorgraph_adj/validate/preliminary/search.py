@@ -14,6 +14,7 @@ from .heights import heights
 from .in_frames import in_frames
 from .repeated import repeated
 from .scale import traverse_scale
+from .surfaces import surfaces
 from .traverses import traverses
 from .undetermined import undetermined
 
@@ -39,7 +40,8 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
     and traverses; places in frames of their own, and loops of such frames; distances measured
     several times, height differences forth and back; readings that are there twice; angles beyond
     the circle, and zenith angles that are level in another unit; heights of instruments within a
-    set-up; units, signs, frames, axes and rotations against given coordinates;
+    set-up; stated heights of surfaces, units, signs, frames, axes
+    and rotations against given coordinates;
     points that these leave undetermined, or at either of two places. Nothing is changed.
 
     Args:
@@ -64,6 +66,7 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
         *closures(equations),
         *traverses(network),
         *in_frames(equations, length),
+        *surfaces(equations),
         # Where given coordinates are wrong they say nothing of geometry.
         *(() if compared else undetermined(equations)),
     )
