@@ -21,8 +21,9 @@ NAMED = 6
 
 _LIST = re.compile(r"; (?:valid|known|it takes):.*", re.DOTALL)
 _ANY = re.compile(r"'[^']*'|\"[^\"]*\"|[-+]?\d[\d.,]*(?:e[-+]?\d+)?")
-_QUOTED = re.compile(r"'[^']*'")
 _PLACE = re.compile(r"([^\s:(]+\.\w+):(\d+)")
+_LABEL = re.compile(_PLACE.pattern + r":(?: [^\s:;,]+)*")
+_QUOTED = re.compile(r"'[^']*'")
 
 
 def kind_of(problem: object) -> tuple[str, str]:
@@ -33,8 +34,9 @@ def kind_of(problem: object) -> tuple[str, str]:
     """
     text = str(problem)
     place = _PLACE.search(text)
-    said = str(getattr(problem, "remedy", None) or getattr(problem, "what", text))
-    return (place[1] if place else "", _ANY.sub("#", _LIST.sub("", said)))
+    said = _LABEL.sub("", _LIST.sub("", str(getattr(problem, "what", text))))
+    remedy = getattr(problem, "remedy", "")
+    return (place[1] if place else "", _ANY.sub("#", f"{said}; {remedy}"))
 
 
 def summed_up(problems: Sequence[object]) -> list[str]:

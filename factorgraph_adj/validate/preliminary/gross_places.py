@@ -80,7 +80,7 @@ def without_gross(pair: Pair, wrong: list[Wrong]) -> Similarity | None:
         tolerances = sizes / np.sqrt(np.maximum(share, 1e-300))
         exchanged = _exchanged(pair, share)
         if exchanged is not None:
-            for i, j in (exchanged, exchanged[::-1]):
+            for i, j in (sorted(exchanged), sorted(exchanged)[::-1]):
                 size = float(np.linalg.norm(pair.b[i] - pair.b[j]))
                 own = float(tolerances[i])
                 wrong.append(Wrong(int(pair.keys[i]), names, size, own, int(pair.keys[j])))
