@@ -1082,7 +1082,7 @@ def _(p: Project) -> None:
 def _(p: Project) -> None:
     without_places(p)
     own = [r for r in p.tables["observations.csv"] if r["kind"] != "zenith_angle"]
-    rows = p.rows("zenith_angle", station="S3")
+    rows = p.rows("zenith_angle", station="S2")
     for row in rows:
         times(row, "value", 0.9)
     p.tables["observations.csv"] = [*own, *rows]
@@ -1130,7 +1130,8 @@ def _(p: Project) -> None:
     "the same, with coordinates of the held points alone",
     CHECK,
     DOUBTFUL,
-    "6 traverses between held points are as long as these are apart with the factor 1000, as metres",
+    "6 traverses between held points are as long as these are apart with the factor 1000, as "
+    "metres",
 )
 def _(p: Project) -> None:
     state_length(p, "mm", 1000.0)

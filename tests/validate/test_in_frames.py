@@ -105,7 +105,8 @@ def test_an_exchange_and_a_wrong_place_are_both_told() -> None:
     first, second = value(network, "station", "P5"), value(network, "station", "P7")
     changed(network, "station", "P5", value=tuple(second))
     changed(network, "station", "P7", value=tuple(first))
-    changed(network, "scan", "P4", value=tuple(value(network, "scan", "P4") + [0.0, 0.05, 0.0]))
+    off = value(network, "scan", "P4") + np.array((0.0, 0.05, 0.0))
+    changed(network, "scan", "P4", value=tuple(off))
     found = told(network)
     assert len(found) == 2
     assert any("'P5' and point 'P7' are exchanged in frame 'station'" in f for f in found)
