@@ -142,6 +142,11 @@ def told(case: Told) -> list[str]:
     return [str(f) for f in found]
 
 
+def falsely_told(network: Network) -> bool:
+    """Return whether one of these checks tells something of a network without a mistake."""
+    return any(p in text for text in told(Told(network, "")) for p in PARTS)
+
+
 def plain_site(seed: int) -> Network:
     """Return a building site without a mistake."""
     return read_site(seed, lambda o: o)
@@ -171,8 +176,8 @@ def main(cases: int = CASES, networks: int = NETWORKS) -> None:
     n = sum(map(by_snooping, range(cases)))
     print(f"two targets of a scan exchanged, by snooping: first in {n} of {cases}", flush=True)
     for name, some in (("sites", plain_site), ("halls", plain_hall)):
-        alarms = sum(bool(told(Told(some(seed), ""))) for seed in range(cases))
-        print(f"without a mistake: anything told in {alarms} of {cases} {name}", flush=True)
+        alarms = sum(falsely_told(some(seed)) for seed in range(cases))
+        print(f"without a mistake: told in {alarms} of {cases} {name}", flush=True)
     drawn = alarms = 0
     for seed in range(networks):
         try:
@@ -180,7 +185,7 @@ def main(cases: int = CASES, networks: int = NETWORKS) -> None:
         except InputError:
             continue
         drawn += 1
-        alarms += any(p in text for text in told(Told(network, "")) for p in PARTS)
+        alarms += falsely_told(network)
     print(f"without a mistake: told in {alarms} of {drawn} networks")
 
 

@@ -17,7 +17,7 @@ from ...observations import KINDS, Observation
 from ...types import Array, Mask
 from ...units import ANGLE, TURN, decimal_angle, format_angle
 from .finding import Finding
-from .given_rows import BETTER, LEAST
+from .given_rows import BETTER
 
 ROUNDING = 1e-9
 """Share of a circle that a reading may lie beyond it by rounding: 400 gon is a valid reading."""
@@ -27,6 +27,10 @@ PLAIN = ("gon", "deg", "rad")
 """Units of circles of instruments."""
 SUMS = 2
 """Smallest number of sums of two readings that tell a unit."""
+SIGHTS = 6
+"""Smallest number of sights that tell a unit because they are nearly level."""
+MOST = 0.9
+"""Share of readings that must be nearer to what is right in another unit."""
 NOUNS = {"deg": "degrees", "rad": "radians"}
 """Names of units in sentences, where they differ."""
 
@@ -63,7 +67,7 @@ def level_sights(network: Network, unit: str, compared: frozenset[str]) -> Itera
     """Iterate over kinds whose level sights read what is level in another unit.
 
     Sums of both faces, and of sights forth and back, decide where there are some. Where there are
-    none, the readings must lie `BETTER` times nearer to the level of the other unit.
+    none, at least `SIGHTS` readings must lie `BETTER` times nearer to the level of the other unit.
 
     Args:
         network: the network.
@@ -82,19 +86,21 @@ def level_sights(network: Network, unit: str, compared: frozenset[str]) -> Itera
         sums = _sums(some)
         values: Array = np.array([_value(o) for o in some])
         second: Mask = np.array([getattr(o, "face", 1) == 2 for o in some])
-        if len(sums) < SUMS and len(values) < LEAST:
+        summed = len(sums) >= SUMS
+        if not summed and len(values) < SIGHTS:
             continue
-        left = {}
+        off: dict[str, Array] = {}
         for u in (*PLAIN, stated):
             factor = ANGLE[u] / ANGLE[stated]
             folded = np.where(second, TURN - factor * values, factor * values) / level
-            left[u] = _misfit(factor * sums if len(sums) >= SUMS else folded)
-        best = min(left, key=lambda u: left[u])
-        if left[best] * BETTER < left[stated]:
+            off[u] = np.abs((factor * sums if summed else folded) - 1.0)
+        best = min(off, key=lambda u: float(np.median(off[u])))
+        nearer = float(np.mean(off[best] < off[stated]))
+        if float(np.median(off[best])) * BETTER < float(np.median(off[stated])) and nearer > MOST:
             plain = level / ANGLE[best]
             why = (
                 f"{len(sums)} sums of both faces, or of sights forth and back, fit"
-                if len(sums) >= SUMS
+                if summed
                 else f"they lie near {plain:.4g}, which is level"
             )
             yield Finding(
@@ -103,11 +109,6 @@ def level_sights(network: Network, unit: str, compared: frozenset[str]) -> Itera
                 f"state their unit; in {_noun(stated)} a level sight reads "
                 f"{level / ANGLE[stated]:.4g}",
             )
-
-
-def _misfit(share: Array) -> float:
-    """Return the median of the misfits of shares that are 1 in the right unit."""
-    return float(np.median(np.abs(share - 1.0)))
 
 
 def _sums(some: Sequence[Observation]) -> Array:
