@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import pi
 
 from ..models import position, sub_frame, terrestrial
 from . import records_flight, records_models, records_rigs, records_vertical
@@ -74,6 +75,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         "rad",
         weight=INCLINATIONS,
         instrument="station",
+        level_reading=pi / 2,
     ),
     ObservationKind(
         Direction,

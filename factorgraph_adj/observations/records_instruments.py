@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import pi
+
 from ..models import frame_sights
 from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .registry import ObservationKind
@@ -35,6 +37,7 @@ RECORDS = (
         weight=INCLINATIONS,
         tells="zenith",
         instrument="frame",
+        level_reading=pi / 2,
     ),
     ObservationKind(
         FrameDistance,

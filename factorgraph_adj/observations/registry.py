@@ -78,6 +78,9 @@ class ObservationKind:
     """What it tells of its point in its frame of its own, for approximate values and for checks."""
     by_axis: bool = False
     """Whether an observation has one row for each of its known coordinates, ``axes``."""
+    level_reading: float | None = None
+    """Reading of a level sight, radians, of an angle whose sights are nearly level as a rule; None
+    for other kinds. It tells a wrong unit."""
     choices: tuple[str, ...] = ()
     """Attributes of text that choose among forms of the observation, such as an angle."""
     moved: Callable[..., Array] | None = None

@@ -34,7 +34,7 @@ from ..solve.solution import Solution
 from ..types import Array, Mask
 from ..units import ANGLE, LENGTH
 from . import axes
-from .doubts import above_critical, doubts_about, of_readings
+from .doubts import above_critical, doubts_about, of_network
 from .options import Provenance, ReportOptions
 from .rows import ReportRows
 from .set_aside import SetAside, set_aside
@@ -159,7 +159,7 @@ class Report:
         name = "τ" if self.pope else "w"
         return [
             *doubts_about(self.solution),
-            *of_readings(self.network),
+            *of_network(self.network),
             *above_critical(values, critical, name, self.options.alpha),
             *self.likelier,
         ]
