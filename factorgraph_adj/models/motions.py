@@ -184,7 +184,10 @@ def of_verticals(motions: Motions, values: Array, at: Index) -> Array:
 
 
 def of_orientations(motions: Motions, values: Array, at: Index) -> Array:
-    """Return the motions of orientation unknowns, for horizontal circles fixed in the object."""
+    """Return the motions of orientation unknowns, for horizontal circles fixed in the object.
+
+    So move the constants of gyrotheodolites, whose readings stay as azimuths turn.
+    """
     return motions.at_stations(at).orientation[:, None, :]
 
 
@@ -262,14 +265,3 @@ def of_profiles(motions: Motions, values: Array, at: Index) -> Array:
     out[:, 1:3, 6] = values[:, 1:3] / motions.size
     out[:, 3, 6] = -(1.0 + values[:, 3]) / motions.size
     return out
-
-
-def of_gyros(motions: Motions, values: Array, at: Index) -> Array:
-    """Return the motions of constants of gyrotheodolites, whose readings stay as azimuths turn.
-
-    The azimuths are those at the centre; those of other stations turn by the same angle, but for
-    what the convergence of meridians changes between them.
-    """
-    centre, none = motions.centre[None], np.zeros((1, 2))
-    turn = motions.at_places(centre, none, np.zeros(1, dtype=bool)).orientation
-    return np.tile(turn[:, None, :], (len(values), 1, 1))

@@ -28,6 +28,7 @@ from scipy.sparse.csgraph import connected_components
 from ..frames import LocalFrame
 from ..graph.equations import Equations
 from ..graph.variables import State, Variables
+from ..models.height import heights
 from ..models.motions import Motions
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import parameter_name
@@ -59,6 +60,12 @@ geocentric coordinates."""
 CONVERGING = 10.0
 """Times D/R, what azimuths tell of a shift along the Earth, by the convergence of meridians,
 relative to what they tell of a rotation, at most: tan φ up to latitudes of 84°."""
+DIRECTED = 0.01
+"""Standard deviation, radians, of the direction of the network by azimuths of unknown constant, up
+to which convergence of meridians counts: a direction that is known less well is no longer linear in
+azimuths near a pole. Beside it, the distance from the pole is known to the same part of itself."""
+UPRIGHT = 0.7
+"""Cosine of the angle between a rotation and the vertical from which it is a turn about it."""
 SAGGING = 4.0
 """Times D/R, what heights above a surface tell of a scale by the curvature of the surface, relative
 to what they tell of tilts, at most: the sagitta d²/2R of a distance d up to 8 D."""
@@ -90,7 +97,10 @@ def generators(equations: Equations, state: State, about: About | None = None) -
         record = UNKNOWNS[kind]
         on = np.flatnonzero(table.offset >= 0)
         if record.motions is not None and len(on):
-            moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
+            if record.at_stations:
+                moved = _by_stations(equations, motions, kind, state[kind], on)
+            else:
+                moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
             if record.held_motions is not None:
                 moved = record.held_motions(state[kind][on], moved, ~table.free[on])
             for j in range(moved.shape[1]):
@@ -98,6 +108,37 @@ def generators(equations: Equations, state: State, about: About | None = None) -
                 g[table.offset[on[has]] + j] = moved[has, j]
     g[~unknowns.free] = 0.0
     return g
+
+
+def _by_stations(
+    equations: Equations, motions: Motions, kind: VariableKind, values: Array, on: Index
+) -> Array:
+    """Return the motions (len(on), k, 7) of unknowns that many stations share.
+
+    They are the means over the observations of what the motions would be at each station, by the
+    weights of the observations: the best that an unknown can do to keep them as they are.
+
+    Args:
+        equations: the network.
+        motions: the seven motions.
+        kind: kind of the unknowns.
+        values: values of all unknowns of the kind, (n, s).
+        on: numbers of the unknowns.
+    """
+    move = UNKNOWNS[kind].motions
+    assert move is not None
+    total = np.zeros((len(values), UNKNOWNS[kind].size, 7))
+    weight = np.zeros(len(values))
+    for block in equations.blocks:
+        own = [index for what, index in block.variables if what == kind]
+        stations = [index for what, index in block.variables if what == "point"]
+        if block.prior or not own or not stations:
+            continue
+        p = block.sigma[:, 0] ** -2.0
+        moved = move(motions, values[own[0]], stations[0])
+        np.add.at(total, own[0], p[:, None, None] * moved)
+        np.add.at(weight, own[0], p)
+    return np.asarray(total[on] / np.where(weight[on] > 0.0, weight[on], 1.0)[:, None, None])
 
 
 def motions_of(equations: Equations, state: State, about: About | None = None) -> Motions:
@@ -342,18 +383,57 @@ def _unnoticed(
         if rows.own.any():
             held = ease[:, None] * system.times(np.where(rows.own[:, None], 0.0, among))
         on_earth = size / system.equations.network.frame.radius
+        turned = np.zeros((7, basis.shape[1]))
+        turned[real] = basis
+        middle_point = system.state["point"].mean(axis=0, keepdims=True)
+        up = heights(system.equations.network.frame, middle_point)[1][0]
+        # Azimuths come last, as tilts that surfaces tell would mix with turns that these tell less.
         for which, factor, least in (
-            (rows.azimuths, CONVERGING, UNNOTICED_BY_AZIMUTHS),
             (rows.surfaces, SAGGING, threshold),
+            (rows.azimuths & ~rows.constant, CONVERGING, UNNOTICED_BY_AZIMUTHS),
+            (rows.azimuths & rows.constant, CONVERGING, UNNOTICED_BY_AZIMUTHS),
         ):
             told = held[which] @ null
             most = float(np.linalg.norm(told, 2)) if told.size else 0.0
-            null = _null(noticed[which], null, max(least, factor * on_earth * most))
+            limit = max(least, factor * on_earth * most)
+            if np.any(which & rows.constant & rows.azimuths):
+                null = _undirected(noticed[which], null, turned[3:6] / size, up, (least, limit))
+            else:
+                null = _null(noticed[which], null, limit)
     if null.shape[1] == 0:
         return None
     mixture = np.zeros((7, null.shape[1]))
     mixture[real] = basis @ null
     return np.asarray(mixture / np.linalg.norm(mixture, axis=0))
+
+
+def _undirected(
+    noticed: Array, among: Array, radians: Array, up: Array, limits: tuple[float, float]
+) -> Array:
+    """Return the motions among some of which azimuths of unknown constant say nothing.
+
+    Convergence of meridians tells a turn about the vertical. It counts above the upper limit, where
+    its standard deviation is `DIRECTED` at most. Where it counts, so does what convergence tells of
+    the distance from the pole, above the lower limit.
+
+    Args:
+        noticed: what the azimuths notice of each motion, relative to σ, (rows, n).
+        among: combinations of the motions, orthonormal, (n, d).
+        radians: rotation vectors of the motions, (3, n).
+        up: the vertical, (3,).
+        limits: lower and upper limit.
+    """
+    told = noticed @ among
+    _, values, right = np.linalg.svd(told, full_matrices=len(told) < told.shape[1])
+    padded = np.zeros(told.shape[1])
+    padded[: len(values)] = values
+    turns = radians @ among @ right.T
+    upright = np.abs(up @ turns) > UPRIGHT * np.linalg.norm(turns, axis=0)
+    above = padded > limits[1]
+    counts = above & (np.linalg.norm(turns, axis=0) <= DIRECTED * padded)
+    if np.any(counts & upright) and not np.any(above & ~counts):
+        counts |= padded > limits[0]
+    return np.asarray(among @ right[~counts].T)
 
 
 def _null(noticed: Array, among: Array, threshold: float) -> Array:
@@ -380,6 +460,8 @@ class _Rows:
     """Whether they may tell where it is: all but sights, heights and weighted tilts."""
     azimuths: Mask
     """Whether they are azimuths."""
+    constant: Mask
+    """Whether an unknown constant, or the unknown height of a surface, belongs to the row."""
     surfaces: Mask
     """Whether they are heights above level surfaces or surfaces of pressure."""
     own: Mask
@@ -395,6 +477,7 @@ class _Rows:
         """Return the rows of a linearised network."""
         places = np.ones(len(system.every_residual), dtype=bool)
         azimuths, surfaces = np.zeros_like(places), np.zeros_like(places)
+        constant = np.zeros_like(places)
         own = np.zeros(system.unknowns.n_columns, dtype=bool)
         for block in system.equations.blocks:
             sights = block.fixes in ("nothing", "direction") and not block.prior
@@ -407,10 +490,11 @@ class _Rows:
             surfaces[block.rows] = bool(standing) and block.fixes == "nothing"
             for kind, index in standing:
                 table = system.unknowns[kind]
+                constant[block.rows] |= np.repeat(table.offset[index] >= 0, block.dimension)
                 offset = table.offset[np.unique(index)]
                 for j in range(table.free.shape[1]):
                     own[offset[offset >= 0] + j] = True
-        return cls(places, azimuths, surfaces, own)
+        return cls(places, azimuths, constant, surfaces, own)
 
 
 def _flat(equations: Equations) -> bool:
