@@ -115,6 +115,9 @@ class UnknownKind:
     """Whether the first three components are a shift of observed coordinates along x, y, z."""
     at_point: bool = False
     """Whether the unknown belongs to a point, whose name is the first key."""
+    across: bool = False
+    """Whether the two components point north and east: they turn with the object about the
+    vertical."""
     at_stations: bool = False
     """Whether the unknown belongs to the stations of its observations together: in a motion of the
     whole it changes by the mean of what it would change by at each of them."""

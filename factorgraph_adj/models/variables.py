@@ -125,6 +125,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         short="vertical of",
         motions=motions.of_verticals,
         connects=True,
+        across=True,
         table=UnknownTable("verticals", ("station",)),
         default=(0.0, 0.0),
         absent="default",

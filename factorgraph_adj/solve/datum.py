@@ -30,12 +30,13 @@ from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.height import heights
 from ..models.motions import Motions
-from ..models.variables import UNKNOWNS, VariableKind
-from ..network.entities import parameter_name
+from ..models.variables import UNKNOWNS
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
+from .shrinking import without_shrinking
+from .stations import by_stations, places_of
 from .stiff import eased
-from .turns import without_turns
+from .turns import without_turned_deflections, without_turns
 
 MOTIONS = (
     "shift in x",
@@ -98,7 +99,7 @@ def generators(equations: Equations, state: State, about: About | None = None) -
         on = np.flatnonzero(table.offset >= 0)
         if record.motions is not None and len(on):
             if record.at_stations:
-                moved = _by_stations(equations, motions, kind, state[kind], on)
+                moved = by_stations(equations, motions, kind, state[kind], on)
             else:
                 moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
             if record.held_motions is not None:
@@ -108,37 +109,6 @@ def generators(equations: Equations, state: State, about: About | None = None) -
                 g[table.offset[on[has]] + j] = moved[has, j]
     g[~unknowns.free] = 0.0
     return g
-
-
-def _by_stations(
-    equations: Equations, motions: Motions, kind: VariableKind, values: Array, on: Index
-) -> Array:
-    """Return the motions (len(on), k, 7) of unknowns that many stations share.
-
-    They are the means over the observations of what the motions would be at each station, by the
-    weights of the observations: the best that an unknown can do to keep them as they are.
-
-    Args:
-        equations: the network.
-        motions: the seven motions.
-        kind: kind of the unknowns.
-        values: values of all unknowns of the kind, (n, s).
-        on: numbers of the unknowns.
-    """
-    move = UNKNOWNS[kind].motions
-    assert move is not None
-    total = np.zeros((len(values), UNKNOWNS[kind].size, 7))
-    weight = np.zeros(len(values))
-    for block in equations.blocks:
-        own = [index for what, index in block.variables if what == kind]
-        stations = [index for what, index in block.variables if what == "point"]
-        if block.prior or not own or not stations:
-            continue
-        p = block.sigma[:, 0] ** -2.0
-        moved = move(motions, values[own[0]], stations[0])
-        np.add.at(total, own[0], p[:, None, None] * moved)
-        np.add.at(weight, own[0], p)
-    return np.asarray(total[on] / np.where(weight[on] > 0.0, weight[on], 1.0)[:, None, None])
 
 
 def motions_of(equations: Equations, state: State, about: About | None = None) -> Motions:
@@ -156,23 +126,6 @@ def motions_of(equations: Equations, state: State, about: About | None = None) -
         state["vertical"][which],
         free[which],
     )
-
-
-def places_of(equations: Equations, kind: VariableKind, on: Index) -> Index:
-    """Return the number of the point at which each variable stands; −1: at no point."""
-    unknowns = equations.unknowns
-    if UNKNOWNS[kind].constants:
-        stated = equations.network.of_kind(kind)
-        origins = [stated[unknowns[kind].names[i]].origin for i in on.tolist()]
-        return np.array([unknowns["point"].number.get(n, -1) for n in origins], dtype=np.intp)
-    if not UNKNOWNS[kind].at_point:
-        return np.full(len(on), -1, dtype=np.intp)
-    point_of = {
-        parameter_name(key): key if isinstance(key, str) else key[0]
-        for key in equations.network.of_kind(kind)
-    }
-    names = [point_of[unknowns[kind].names[i]] for i in on.tolist()]
-    return np.array([unknowns["point"].number[n] for n in names], dtype=np.intp)
 
 
 def middle(state: State) -> About:
@@ -275,7 +228,12 @@ class Defect:
 
 
 def find_defects(
-    system: LinearSystem, state: State, diagonal: Array, *, free: bool
+    system: LinearSystem,
+    state: State,
+    diagonal: Array,
+    *,
+    free: bool,
+    shrinking: bool = False,
 ) -> list[Defect]:
     """Return the datum defects of each connected part.
 
@@ -284,6 +242,7 @@ def find_defects(
         state: the state at which it was linearised.
         diagonal: diagonal of N, (n_columns,).
         free: whether a free network is asked for.
+        shrinking: whether a scale is unnoticed by residuals that only shrink with it.
     """
     unknowns = system.unknowns
     about = middle(state)
@@ -309,7 +268,7 @@ def find_defects(
     for part in found:
         inside = (label == part) | (shared & (len(found) == 1))
         part_g = np.where(inside[:, None], g, 0.0)
-        defect = _unnoticed(system, part_g, diagonal, ratio, about[1])
+        defect = _unnoticed(system, part_g, diagonal, ratio, about[1], shrinking=shrinking)
         if defect is not None:
             columns = np.flatnonzero(label == part)
             out.append(Defect(columns, part_g @ defect, defect, about, inside))
@@ -347,7 +306,13 @@ def unnoticed_ratio(equations: Equations, about: About, *, free: bool) -> float:
 
 
 def _unnoticed(
-    system: LinearSystem, g: Array, diagonal: Array, threshold: float, size: float
+    system: LinearSystem,
+    g: Array,
+    diagonal: Array,
+    threshold: float,
+    size: float,
+    *,
+    shrinking: bool,
 ) -> Array | None:
     """Return the mixtures (7, d) of motions that no observation notices.
 
@@ -357,6 +322,7 @@ def _unnoticed(
         diagonal: diagonal of N, (n_columns,).
         threshold: limit of what is noticed, see `unnoticed_ratio`.
         size: mean distance of the points from their centre, metres.
+        shrinking: as in `find_defects`.
     """
     diagonal, ease = eased(system, diagonal)
     weighted = np.sqrt(diagonal)[:, None] * g
@@ -369,7 +335,15 @@ def _unnoticed(
     keep = s > 1e-9 * s[0]
     basis = (vt[keep].T / s[keep]) / length[real][:, None]
     among = g[:, real] @ basis
-    noticed = ease[:, None] * without_turns(system, system.times(among))
+    radians = np.zeros((3, basis.shape[1]))
+    turning = np.flatnonzero(real[3:6])
+    radians[turning] = basis[np.cumsum(real)[3 + turning] - 1] / size
+    told = without_turns(system, system.times(among))
+    told = without_turned_deflections(system, told, radians)
+    if shrinking:
+        scale = basis[-1] / size if real[6] else np.zeros(basis.shape[1])
+        told = without_shrinking(system, told, scale)
+    noticed = ease[:, None] * told
     every = np.eye(basis.shape[1])
     if threshold < UNNOTICED_IF_FREE or _flat(system.equations):
         null = _null(noticed, every, threshold)
@@ -383,8 +357,6 @@ def _unnoticed(
         if rows.own.any():
             held = ease[:, None] * system.times(np.where(rows.own[:, None], 0.0, among))
         on_earth = size / system.equations.network.frame.radius
-        turned = np.zeros((7, basis.shape[1]))
-        turned[real] = basis
         middle_point = system.state["point"].mean(axis=0, keepdims=True)
         up = heights(system.equations.network.frame, middle_point)[1][0]
         # Azimuths come last, as tilts that surfaces tell would mix with turns that these tell less.
@@ -397,7 +369,7 @@ def _unnoticed(
             most = float(np.linalg.norm(told, 2)) if told.size else 0.0
             limit = max(least, factor * on_earth * most)
             if np.any(which & rows.constant & rows.azimuths):
-                null = _undirected(noticed[which], null, turned[3:6] / size, up, (least, limit))
+                null = _undirected(noticed[which], null, radians, up, (least, limit))
             else:
                 null = _null(noticed[which], null, limit)
     if null.shape[1] == 0:

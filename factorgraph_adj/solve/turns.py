@@ -1,12 +1,14 @@
-"""Turns of residuals across axes of shapes, of which nothing is to be learnt about a datum."""
+"""Turns of residuals across axes and verticals, which tell nothing about a datum."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ..models.variables import UNKNOWNS
 from ..observations import KINDS
 from ..types import Array
 from .linear import LinearSystem
+from .stations import places_of
 
 
 def without_turns(system: LinearSystem, noticed: Array) -> Array:
@@ -40,4 +42,40 @@ def without_turns(system: LinearSystem, noticed: Array) -> Array:
                 turn = np.einsum("ni,nid->d", w[own], rows[own]) / square
                 rows[own] -= w[own][:, :, None] * turn
         out[block.rows] = rows.reshape(2 * block.n, -1)
+    return out
+
+
+def without_turned_deflections(system: LinearSystem, noticed: Array, radians: Array) -> Array:
+    """Return what rows notice without turns of weighted deflections about the vertical.
+
+    A deflection (ξ, η) turns with the object about the vertical. Where it is expected to be zero,
+    both components with one σ, only its size counts, which stays: A g has the part ω (η, −ξ)/σ,
+    and vᵀPv knows nothing of the turn ω.
+
+    Args:
+        system: the linearised network.
+        noticed: A G, (n_rows, d).
+        radians: rotation vectors of the motions G, (3, d).
+    """
+    out = noticed
+    state, frame = system.state, system.equations.network.frame
+    for block in system.equations.blocks:
+        kind, numbers = block.variables[0]
+        if not block.prior or not UNKNOWNS[kind].across:
+            continue
+        which = block.constants["which"].astype(int)
+        at = places_of(system.equations, kind, numbers)
+        enu = frame.basis(state["point"][at], np.zeros((len(at), 2))).enu
+        turn = np.linalg.det(enu)[:, None] * (enu[:, 2] @ radians)
+        for number in np.unique(numbers).tolist():
+            own = np.flatnonzero(numbers == number)
+            sigma = block.sigma[own, 0]
+            if len(own) < 2 or np.any(block.observed[own]) or sigma[0] != sigma[1]:
+                continue
+            xi, eta = state[kind][number]
+            rows = np.arange(block.rows.start, block.rows.stop)[own]
+            moved = np.array([eta, -xi])[which[own]]
+            if out is noticed:
+                out = noticed.copy()
+            out[rows] -= (moved / sigma)[:, None] * turn[own]
     return out

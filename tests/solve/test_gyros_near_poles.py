@@ -64,7 +64,7 @@ def stations(
 
 
 def least_noticed(solution: fga.Solution) -> tuple[Array, Array]:
-    """Return what A notices of unit vectors, ascending, and the vectors, by dense SVD of A alone."""
+    """Return what A notices of vectors, ascending, and the vectors, by dense SVD of A alone."""
     dense = Dense.at(solution.equations, solution.state)
     scale = np.linalg.norm(dense.design, axis=0)
     _, s, vt = np.linalg.svd(dense.design / scale, full_matrices=True)
