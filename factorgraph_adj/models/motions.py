@@ -146,7 +146,7 @@ def of_frames(motions: Motions, values: Array, at: Index) -> Array:
     return out
 
 
-def without_held(values: Array, moved: Array, held: Mask) -> Array:
+def without_held(values: Array, moved: Array, held: Mask, still: Array) -> Array:
     """Return the motions of frames with the turns and scales that are not held.
 
     A shape is held where it is symmetric: a cylinder about its axis. Where the object turns by ω or
@@ -159,11 +159,13 @@ def without_held(values: Array, moved: Array, held: Mask) -> Array:
         values: stored frames, (n, 17).
         moved: motions of all components, (n, 7, 7).
         held: held components, (n, 7).
+        still: the place about which turns leave what is measured, instead of q = 0, (n, 3): the
+            mean of distances from a line that are not zero, which its offset takes up.
     """
     offset = values[:, 9:12]
     kept = np.where(held[:, :, None], moved, 0.0)
     out = np.where(held[:, :, None], 0.0, moved)
-    about = -skew(offset) @ kept[:, :3] + offset[:, :, None] * kept[:, 6:]
+    about = -skew(offset + still) @ kept[:, :3] + offset[:, :, None] * kept[:, 6:]
     out[:, 3:6] += np.where(held[:, 3:6, None], 0.0, about)
     return np.asarray(out)
 

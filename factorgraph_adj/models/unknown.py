@@ -21,8 +21,8 @@ from .base import within
 
 Quantity: TypeAlias = Literal["length", "angle", "ppm", "number"]
 """Quantity of a component: metres, radians, a ratio shown in millionths, or a plain number."""
-Held: TypeAlias = Callable[[Array, Array, Mask], Array]
-"""(stored values (n, s), G (n, k, 7), held components (n, k)) → G (n, k, 7)."""
+Held: TypeAlias = Callable[[Array, Array, Mask, Array], Array]
+"""(stored values (n, s), G (n, k, 7), held components (n, k), places that stay (n, 3)) → G."""
 MoveBy: TypeAlias = Callable[["motions.Motions", Array, Index], Array]
 """(motions, stored values (n, s), numbers (n,) of the points of the unknowns) → G (n, k, 7)."""
 

@@ -34,9 +34,9 @@ from ..models.variables import UNKNOWNS
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
 from .shrinking import without_shrinking
-from .stations import by_stations, places_of
+from .stations import by_stations, places_of, still_places
 from .stiff import eased
-from .turns import without_turned_deflections, without_turns
+from .turns import turning_rows, without_turned_deflections, without_turns
 
 MOTIONS = (
     "shift in x",
@@ -62,9 +62,9 @@ CONVERGING = 10.0
 """Times D/R, what azimuths tell of a shift along the Earth, by the convergence of meridians,
 relative to what they tell of a rotation, at most: tan φ up to latitudes of 84°."""
 DIRECTED = 0.01
-"""Standard deviation, radians, of the direction of the network by azimuths of unknown constant, up
-to which convergence of meridians counts: a direction that is known less well is no longer linear in
-azimuths near a pole. Beside it, the distance from the pole is known to the same part of itself."""
+"""Standard deviation, radians, of a turn of the network up to which it counts as told by
+convergence of meridians, or by distances from lines that are not zero: a turn that is known less
+well is no longer linear. By convergence, the distance from the pole is known to the same part."""
 UPRIGHT = 0.7
 """Cosine of the angle between a rotation and the vertical from which it is a turn about it."""
 SAGGING = 4.0
@@ -103,7 +103,9 @@ def generators(equations: Equations, state: State, about: About | None = None) -
             else:
                 moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
             if record.held_motions is not None:
-                moved = record.held_motions(state[kind][on], moved, ~table.free[on])
+                moved = record.held_motions(
+                    state[kind][on], moved, ~table.free[on], still_places(equations, kind)[on]
+                )
             for j in range(moved.shape[1]):
                 has = j < table.size[on]
                 g[table.offset[on[has]] + j] = moved[has, j]
@@ -345,6 +347,11 @@ def _unnoticed(
         told = without_shrinking(system, told, scale)
     noticed = ease[:, None] * told
     every = np.eye(basis.shape[1])
+    across = turning_rows(system)
+    if across.any():
+        every = _null(np.where(across[:, None], 0.0, noticed), every, threshold)
+        every = _undirected(noticed[across], every, radians, None, (threshold, threshold))
+        noticed = np.where(across[:, None], 0.0, noticed)
     if threshold < UNNOTICED_IF_FREE or _flat(system.equations):
         null = _null(noticed, every, threshold)
     else:
@@ -380,19 +387,21 @@ def _unnoticed(
 
 
 def _undirected(
-    noticed: Array, among: Array, radians: Array, up: Array, limits: tuple[float, float]
+    noticed: Array, among: Array, radians: Array, up: Array | None, limits: tuple[float, float]
 ) -> Array:
-    """Return the motions among some of which azimuths of unknown constant say nothing.
+    """Return the motions among some of which rows say nothing that counts.
 
-    Convergence of meridians tells a turn about the vertical. It counts above the upper limit, where
-    its standard deviation is `DIRECTED` at most. Where it counts, so does what convergence tells of
-    the distance from the pole, above the lower limit.
+    What tells a turn counts above the upper limit, where the standard deviation of the turn is
+    `DIRECTED` at most: convergence of meridians tells a turn about the vertical to azimuths of
+    unknown constant, and a distance from a line that is not zero a turn about the line. Where a
+    turn about the vertical counts, so does what convergence tells of the distance from the pole,
+    above the lower limit.
 
     Args:
-        noticed: what the azimuths notice of each motion, relative to σ, (rows, n).
+        noticed: what the rows notice of each motion, relative to σ, (rows, n).
         among: combinations of the motions, orthonormal, (n, d).
         radians: rotation vectors of the motions, (3, n).
-        up: the vertical, (3,).
+        up: the vertical, (3,); None: no turn about it is told apart.
         limits: lower and upper limit.
     """
     told = noticed @ among
@@ -400,11 +409,12 @@ def _undirected(
     padded = np.zeros(told.shape[1])
     padded[: len(values)] = values
     turns = radians @ among @ right.T
-    upright = np.abs(up @ turns) > UPRIGHT * np.linalg.norm(turns, axis=0)
     above = padded > limits[1]
     counts = above & (np.linalg.norm(turns, axis=0) <= DIRECTED * padded)
-    if np.any(counts & upright) and not np.any(above & ~counts):
-        counts |= padded > limits[0]
+    if up is not None and not np.any(above & ~counts):
+        upright = np.abs(up @ turns) > UPRIGHT * np.linalg.norm(turns, axis=0)
+        if np.any(counts & upright):
+            counts |= padded > limits[0]
     return np.asarray(among @ right[~counts].T)
 
 

@@ -8,6 +8,7 @@ from ..graph.equations import Equations
 from ..models.motions import Motions
 from ..models.variables import UNKNOWNS, VariableKind
 from ..network.entities import parameter_name
+from ..observations import KINDS
 from ..types import Array, Index
 
 
@@ -57,3 +58,23 @@ def by_stations(
         np.add.at(total, own[0], p[:, None, None] * moved)
         np.add.at(weight, own[0], p)
     return np.asarray(total[on] / np.where(weight[on] > 0.0, weight[on], 1.0)[:, None, None])
+
+
+def still_places(equations: Equations, kind: VariableKind) -> Array:
+    """Return the mean distances from their axes of what is observed on shapes, (n, 3) metres.
+
+    Args:
+        equations: the network.
+        kind: kind of the frames of shapes.
+    """
+    n = len(equations.unknowns[kind].names)
+    total, weight = np.zeros((n, 3)), np.zeros((n, 3))
+    for block in equations.blocks:
+        record = KINDS.get(block.kind)
+        if record is None or not record.turns or block.unit != "m":
+            continue
+        shape = next(index for what, index in block.variables if what == kind)
+        p = block.sigma**-2.0
+        np.add.at(total[:, :2], shape, p * block.observed)
+        np.add.at(weight[:, :2], shape, p)
+    return np.asarray(total / np.where(weight > 0.0, weight, 1.0))

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..models.variables import UNKNOWNS
 from ..observations import KINDS
-from ..types import Array
+from ..types import Array, Mask
 from .linear import LinearSystem
 from .stations import places_of
 
@@ -16,7 +16,8 @@ def without_turns(system: LinearSystem, noticed: Array) -> Array:
 
     The frame of a line is held about its axis, so that its two residuals v turn with the object:
     A g has the part (−v₂, v₁) times the turn. It says nothing of the turn, as vᵀPv stays, if both
-    distances have one weight. So do the two inclinations of an axis parallel to that of a shape.
+    distances have one weight, and hardly anything otherwise: v is of the size of σ. So do the two
+    inclinations of an axis parallel to that of a shape.
 
     Args:
         system: the linearised network.
@@ -27,10 +28,9 @@ def without_turns(system: LinearSystem, noticed: Array) -> Array:
         record = KINDS.get(block.kind)
         if record is None or not record.turns or block.whitener is not None:
             continue
-        if np.any(block.sigma[:, 0] != block.sigma[:, 1]):
-            continue
         v = system.residual[block.rows].reshape(-1, 2)
-        w = np.column_stack([-v[:, 1], v[:, 0]])
+        ratio = block.sigma[:, 1] / block.sigma[:, 0]
+        w = np.column_stack([-v[:, 1] * ratio, v[:, 0] / ratio])
         if out is noticed:
             out = noticed.copy()
         rows = out[block.rows].reshape(block.n, 2, -1)
@@ -42,6 +42,15 @@ def without_turns(system: LinearSystem, noticed: Array) -> Array:
                 turn = np.einsum("ni,nid->d", w[own], rows[own]) / square
                 rows[own] -= w[own][:, :, None] * turn
         out[block.rows] = rows.reshape(2 * block.n, -1)
+    return out
+
+
+def turning_rows(system: LinearSystem) -> Mask:
+    """Return which rows, extra rows last, are residuals in two directions across an axis."""
+    out = np.zeros(len(system.every_residual), dtype=bool)
+    for block in system.equations.blocks:
+        record = KINDS.get(block.kind)
+        out[block.rows] = record is not None and record.turns
     return out
 
 

@@ -13,8 +13,8 @@ import factorgraph_adj as fga
 from factorgraph_adj import observations as o
 from factorgraph_adj.frames import TopocentricFrame
 from factorgraph_adj.simulation.simulate import disturb, measure
-from factorgraph_adj.types import Array
 from tests.support.dense import Dense
+from tests.support.inner import assert_sigmas, bordered, least_noticed
 
 LATITUDES = (80.0, 84.0, 86.0, 89.0, 89.9, 89.999, 90.0, -86.0, -89.9, -90.0)
 SIGMA = 3e-5
@@ -61,39 +61,6 @@ def stations(
     if known is not None:
         network.add(o.Azimuth("P0", "P3", 0.0, sigma=known))
     return disturb(measure(network, seed=seed), seed=seed, points=coarse)
-
-
-def least_noticed(solution: fga.Solution) -> tuple[Array, Array]:
-    """Return what A notices of vectors, ascending, and the vectors, by dense SVD of A alone."""
-    dense = Dense.at(solution.equations, solution.state)
-    scale = np.linalg.norm(dense.design, axis=0)
-    _, s, vt = np.linalg.svd(dense.design / scale, full_matrices=True)
-    values = np.zeros(len(vt))
-    values[: len(s)] = s
-    return values[::-1], (vt[::-1] / scale).T
-
-
-def bordered(solution: fga.Solution, motions: Array) -> Array:
-    """Return Q (n_columns, n_columns) of min |A x + v| where G_Dᵀ x_D = 0, exactly, densely."""
-    dense = Dense.at(solution.equations, solution.state)
-    scale = np.linalg.norm(dense.design, axis=0)
-    assert solution.datum is not None
-    held = np.where(solution.datum.columns[dense.free, None], motions, 0.0) / scale[:, None]
-    every, _ = np.linalg.qr(held, mode="complete")
-    left = every[:, motions.shape[1] :]
-    half = left @ np.linalg.inv(np.linalg.qr(dense.design / scale @ left, mode="r"))
-    half /= scale[:, None]
-    q = np.zeros((len(dense.free),) * 2)
-    q[np.ix_(dense.free, dense.free)] = half @ half.T
-    return q
-
-
-def assert_sigmas(solution: fga.Solution, q: Array, *, rtol: float) -> None:
-    unknowns = solution.equations.unknowns
-    for name in solution.network.points:
-        columns = unknowns.columns("point", unknowns["point"].number[name])
-        wanted = np.sqrt(np.diag(q)[columns])
-        np.testing.assert_allclose(solution.standard_deviations(name), wanted, rtol=rtol)
 
 
 @pytest.mark.parametrize("size", SIZES)
