@@ -36,6 +36,7 @@ from .linear import LinearSystem
 from .shrinking import without_shrinking
 from .stations import by_stations, places_of, still_places
 from .stiff import eased
+from .told import independent, undirected, untold
 from .turns import turning_rows, without_turned_deflections, without_turns
 
 MOTIONS = (
@@ -61,12 +62,6 @@ geocentric coordinates."""
 CONVERGING = 10.0
 """Times D/R, what azimuths tell of a shift along the Earth, by the convergence of meridians,
 relative to what they tell of a rotation, at most: tan φ up to latitudes of 84°."""
-DIRECTED = 0.01
-"""Standard deviation, radians, of a turn of the network up to which it counts as told by
-convergence of meridians, or by distances from lines that are not zero: a turn that is known less
-well is no longer linear. By convergence, the distance from the pole is known to the same part."""
-UPRIGHT = 0.7
-"""Cosine of the angle between a rotation and the vertical from which it is a turn about it."""
 SAGGING = 4.0
 """Times D/R, what heights above a surface tell of a scale by the curvature of the surface, relative
 to what they tell of tilts, at most: the sagitta d²/2R of a distance d up to 8 D."""
@@ -329,7 +324,7 @@ def _unnoticed(
     diagonal, ease = eased(system, diagonal)
     weighted = np.sqrt(diagonal)[:, None] * g
     length = np.linalg.norm(weighted, axis=0)
-    real = _independent(weighted, length)
+    real = independent(weighted, length)
     if not real.any():
         return None
     # An orthonormal basis of the motions in the norm of the diagonal of N.
@@ -349,16 +344,16 @@ def _unnoticed(
     every = np.eye(basis.shape[1])
     across = turning_rows(system)
     if across.any():
-        every = _null(np.where(across[:, None], 0.0, noticed), every, threshold)
-        every = _undirected(noticed[across], every, radians, None, (threshold, threshold))
+        every = untold(np.where(across[:, None], 0.0, noticed), every, threshold)
+        every = undirected(noticed[across], every, radians, None, (threshold, threshold))
         noticed = np.where(across[:, None], 0.0, noticed)
     if threshold < UNNOTICED_IF_FREE or _flat(system.equations):
-        null = _null(noticed, every, threshold)
+        null = untold(noticed, every, threshold)
     else:
         rows = _Rows.of(system)
-        null = _null(np.where(rows.told_apart[:, None], 0.0, noticed), every, threshold)
+        null = untold(np.where(rows.told_apart[:, None], 0.0, noticed), every, threshold)
         # What tells where the network is counts, however weak it is beside all else.
-        null = _null(noticed[rows.places], null, UNNOTICED_IF_FREE)
+        null = untold(noticed[rows.places], null, UNNOTICED_IF_FREE)
         # What azimuths and heights would tell if their own unknowns stayed.
         held = noticed
         if rows.own.any():
@@ -376,62 +371,14 @@ def _unnoticed(
             most = float(np.linalg.norm(told, 2)) if told.size else 0.0
             limit = max(least, factor * on_earth * most)
             if np.any(which & rows.constant & rows.azimuths):
-                null = _undirected(noticed[which], null, radians, up, (least, limit))
+                null = undirected(noticed[which], null, radians, up, (least, limit))
             else:
-                null = _null(noticed[which], null, limit)
+                null = untold(noticed[which], null, limit)
     if null.shape[1] == 0:
         return None
     mixture = np.zeros((7, null.shape[1]))
     mixture[real] = basis @ null
     return np.asarray(mixture / np.linalg.norm(mixture, axis=0))
-
-
-def _undirected(
-    noticed: Array, among: Array, radians: Array, up: Array | None, limits: tuple[float, float]
-) -> Array:
-    """Return the motions among some of which rows say nothing that counts.
-
-    What tells a turn counts above the upper limit, where the standard deviation of the turn is
-    `DIRECTED` at most: convergence of meridians tells a turn about the vertical to azimuths of
-    unknown constant, and a distance from a line that is not zero a turn about the line. Where a
-    turn about the vertical counts, so does what convergence tells of the distance from the pole,
-    above the lower limit.
-
-    Args:
-        noticed: what the rows notice of each motion, relative to σ, (rows, n).
-        among: combinations of the motions, orthonormal, (n, d).
-        radians: rotation vectors of the motions, (3, n).
-        up: the vertical, (3,); None: no turn about it is told apart.
-        limits: lower and upper limit.
-    """
-    told = noticed @ among
-    _, values, right = np.linalg.svd(told, full_matrices=len(told) < told.shape[1])
-    padded = np.zeros(told.shape[1])
-    padded[: len(values)] = values
-    turns = radians @ among @ right.T
-    above = padded > limits[1]
-    counts = above & (np.linalg.norm(turns, axis=0) <= DIRECTED * padded)
-    if up is not None and not np.any(above & ~counts):
-        upright = np.abs(up @ turns) > UPRIGHT * np.linalg.norm(turns, axis=0)
-        if np.any(counts & upright):
-            counts |= padded > limits[0]
-    return np.asarray(among @ right[~counts].T)
-
-
-def _null(noticed: Array, among: Array, threshold: float) -> Array:
-    """Return the motions among some of which rows notice less than a threshold.
-
-    Args:
-        noticed: what the rows notice of each motion, (rows, n).
-        among: combinations of the motions, orthonormal, (n, d).
-        threshold: limit.
-    """
-    told = noticed @ among
-    # With fewer rows than motions, the other motions are unnoticed too.
-    _, values, right = np.linalg.svd(told, full_matrices=len(told) < told.shape[1])
-    padded = np.zeros(told.shape[1])
-    padded[: len(values)] = values
-    return np.asarray(among @ right[padded < threshold].T)
 
 
 @dataclass(frozen=True)
@@ -483,24 +430,6 @@ def _flat(equations: Equations) -> bool:
     """Return whether a network stands on a plane."""
     frame = equations.network.frame
     return isinstance(frame, LocalFrame) and not frame.curvature
-
-
-def _independent(motions: Array, length: Array) -> Mask:
-    """Return which motions (n, 7) move something that those before them do not move likewise.
-
-    Where only heights of one point are free, its shift in z stands for rotations and scale too.
-    """
-    real = length > 1e-12 * max(float(length.max()), np.finfo(float).tiny)
-    basis = np.zeros((len(motions), 0))
-    for i in np.flatnonzero(real):
-        rest = motions[:, i] / length[i]
-        for _ in range(2):  # once more, or rounding leaves a part in the basis
-            rest = rest - basis @ (basis.T @ rest)
-        size = float(np.linalg.norm(rest))
-        real[i] = size > 1e-9
-        if real[i]:
-            basis = np.column_stack([basis, rest / size])
-    return real
 
 
 def minimal_datum(motions: Array, datum: Mask) -> Index:
