@@ -21,8 +21,8 @@ from .base import within
 
 Quantity: TypeAlias = Literal["length", "angle", "ppm", "number"]
 """Quantity of a component: metres, radians, a ratio shown in millionths, or a plain number."""
-Held: TypeAlias = Callable[[Array, Array, Mask], Array]
-"""(stored values (n, s), G (n, k, 7), held components (n, k)) → G (n, k, 7)."""
+Held: TypeAlias = Callable[[Array, Array, Mask, Array], Array]
+"""(stored values (n, s), G (n, k, 7), held components (n, k), places that stay (n, 3)) → G."""
 MoveBy: TypeAlias = Callable[["motions.Motions", Array, Index], Array]
 """(motions, stored values (n, s), numbers (n,) of the points of the unknowns) → G (n, k, 7)."""
 
@@ -120,6 +120,12 @@ class UnknownKind:
     """Whether the first three components are a shift of observed coordinates along x, y, z."""
     at_point: bool = False
     """Whether the unknown belongs to a point, whose name is the first key."""
+    across: bool = False
+    """Whether the two components point north and east: they turn with the object about the
+    vertical."""
+    at_stations: bool = False
+    """Whether the unknown belongs to the stations of its observations together: in a motion of the
+    whole it changes by the mean of what it would change by at each of them."""
     additional: bool = False
     """Whether the components are additional parameters, which are tested for significance."""
     reference: Literal["zero", "given"] = "zero"

@@ -19,9 +19,9 @@ from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index, Mask
-from .datum import places_of
 from .elimination import Layers, first_point
 from .places import Places
+from .stations import places_of
 
 WIDEST = 8
 """Largest number of columns of the node of a point: its coordinates, and some unknowns at it."""

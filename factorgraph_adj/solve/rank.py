@@ -140,6 +140,21 @@ def unnoticed(
     return np.asarray(z @ right[noticed < UNNOTICED].T)
 
 
+def _is_bound(diagonal: Array, system: LinearSystem, z: Array) -> bool:
+    """Return whether a search found as many combinations as it looks for: there may be more.
+
+    Args:
+        diagonal: diagonal of N, (n_columns,).
+        system: the linearised network.
+        z: what `null_space` found.
+    """
+    free = system.unknowns.free
+    unobserved = int(np.sum(free & (diagonal <= 0)))
+    listed = min(unobserved, MOST_UNOBSERVED)
+    found, live = z.shape[1] - listed, int(np.sum(free)) - unobserved
+    return unobserved > listed or MOST <= found < live
+
+
 def _motions(scale: Array, defects: Sequence[Defect]) -> Array:
     """Return an orthonormal basis (n_columns, d) of the motions of the datum, scaled."""
     none = np.zeros((len(scale), 0))
@@ -175,17 +190,17 @@ def undetermined(
     """
     try:
         z = null_space(system, diagonal)
+        bounded = _is_bound(diagonal, system, z)
     except SingularError:  # only the datum defects are known
-        z = np.zeros((len(diagonal), 0))
+        z, bounded = np.zeros((len(diagonal), 0)), True
     unknowns = system.unknowns
     scale = _scale(system, diagonal)[:, None]
     lines, names = [], []
     concerned: list[tuple[str, str]] = []
     motions = _motions(scale, defects)
-    at_least = "at least " if z.shape[1] >= MOST else ""
     z = _beside(z, motions)
     if z.shape[1] == 0 and known is not None:
-        z = _beside(known, motions)
+        z, bounded = _beside(known, motions), known.shape[1] >= PROBES
     n_datum = 0 if free else sum(d.size for d in defects)
     if not free:
         lines += describe_defects(unknowns, defects)
@@ -215,6 +230,7 @@ def undetermined(
     total = n_datum + z.shape[1]
     if total == 0:
         return None
+    at_least = "at least " if bounded else ""
     head = f"the network is not determined: {at_least}{total} defect{'s' * (total > 1)}"
     message = "\n  ".join([head, *lines])
     return DatumError(message, defect=total, names=names, unknowns=concerned)
@@ -245,6 +261,8 @@ def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Def
     g = generators(system.equations, system.state, about)
     moving = np.flatnonzero(np.linalg.norm(scale * g, axis=0) > 0)
     basis, r = np.linalg.qr(scale * g[:, moving])
+    if len(r) < len(moving):  # fewer unknowns than motions
+        return None, z
     if np.abs(np.diag(r)).min() < 1e-9 * np.abs(r).max():
         return None, z
     left, cosine, right = np.linalg.svd(basis.T @ z, full_matrices=False)
