@@ -83,6 +83,33 @@ def place_shapes(equations: Equations, state: State) -> list[Problem]:
     return problems
 
 
+def shape_anew(equations: Equations, state: State, f: int) -> State | None:
+    """Return a state with the free components and sizes of one shape from its points alone.
+
+    Args:
+        equations: the network.
+        state: its values.
+        f: number of the frame of the shape.
+
+    Returns:
+        The state; none where no shape was found.
+    """
+    parts = [part for number, part in _parts(equations) if number == f]
+    table = equations.unknowns["frame"]
+    given = np.where(table.free[f], np.nan, UNKNOWNS["frame"].given(state["frame"][f][None])[0])
+    keys = dict.fromkeys((k, int(i)) for p in parts for k, n in p.sizes for i in np.unique(n))
+    lost = [(k, i) for k, i in keys if equations.unknowns[k].free[i].any()]
+    anew = {**state, "frame": state["frame"].copy()}
+    anew["frame"][f, :13] = np.nan
+    for kind, number in lost:
+        anew[kind] = anew[kind].copy()
+        anew[kind][number] = np.nan
+    with np.errstate(all="ignore"):  # trials may be anything
+        what = _Fit(equations, anew, f, parts, lost, given).run()
+    found = not what and np.isfinite(anew["frame"][f]).all()
+    return anew if found else None
+
+
 def on_shapes(equations: Equations) -> set[int]:
     """Return the numbers of the frames of shapes."""
     return {f for f, _ in _parts(equations)}
