@@ -97,8 +97,7 @@ def shape_anew(equations: Equations, state: State, f: int) -> State | None:
     parts = [part for number, part in _parts(equations) if number == f]
     table = equations.unknowns["frame"]
     given = np.where(table.free[f], np.nan, UNKNOWNS["frame"].given(state["frame"][f][None])[0])
-    keys = dict.fromkeys((k, int(i)) for p in parts for k, n in p.sizes for i in np.unique(n))
-    lost = [(k, i) for k, i in keys if equations.unknowns[k].free[i].any()]
+    lost = sizes_of(equations, f)
     anew = {**state, "frame": state["frame"].copy()}
     anew["frame"][f, :13] = np.nan
     for kind, number in lost:
@@ -108,6 +107,13 @@ def shape_anew(equations: Equations, state: State, f: int) -> State | None:
         what = _Fit(equations, anew, f, parts, lost, given).run()
     found = not what and np.isfinite(anew["frame"][f]).all()
     return anew if found else None
+
+
+def sizes_of(equations: Equations, f: int) -> list[tuple[str, int]]:
+    """Return kind and number of the free sizes of a shape, by the number of its frame."""
+    parts = (part for number, part in _parts(equations) if number == f)
+    keys = dict.fromkeys((k, int(i)) for p in parts for k, n in p.sizes for i in np.unique(n))
+    return [(k, i) for k, i in keys if equations.unknowns[k].free[i].any()]
 
 
 def on_shapes(equations: Equations) -> set[int]:

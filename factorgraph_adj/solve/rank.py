@@ -245,6 +245,8 @@ def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Def
     g = generators(system.equations, system.state, about)
     moving = np.flatnonzero(np.linalg.norm(scale * g, axis=0) > 0)
     basis, r = np.linalg.qr(scale * g[:, moving])
+    if len(r) < len(moving):  # fewer unknowns than motions: they depend on each other
+        return None, z
     if np.abs(np.diag(r)).min() < 1e-9 * np.abs(r).max():
         return None, z
     left, cosine, right = np.linalg.svd(basis.T @ z, full_matrices=False)

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..approximate.shapes import on_shapes, shape_anew
+from ..approximate.shapes import on_shapes, shape_anew, sizes_of
 from ..errors import AdjustmentError
 from ..graph.equations import Equations
 from ..graph.variables import State
@@ -62,7 +62,23 @@ def look_at_shapes(
                 ended = go_on(run, ended.iterations)
                 if not ended.converged:
                     return ended
+    _make_sizes_positive(run, ended.vtpv)
     return ended
+
+
+def _make_sizes_positive(run: Run, vtpv: float) -> None:
+    """Turn shapes round that are the same with sizes of the opposite sign, as paraboloids are."""
+    equations = run.equations
+    for f in sorted(on_shapes(equations)):
+        sizes = [(k, i) for k, i in sizes_of(equations, f) if run.state[k][i, 0] < 0]
+        if not sizes:
+            continue
+        state = turned_round(run.state, f)
+        for kind, number in sizes:
+            state[kind] = state[kind].copy()
+            state[kind][number, 0] *= -1.0
+        if run.vtpv(state) <= vtpv + LOWER + ROUNDING * vtpv:
+            run.state, run.at_solution = state, None
 
 
 def _misfits(run: Run) -> list[tuple[int, Index]]:
