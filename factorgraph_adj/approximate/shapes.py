@@ -62,7 +62,7 @@ def place_shapes(equations: Equations, state: State) -> list[Problem]:
     """
     table = equations.unknowns["frame"]
     every: dict[int, list[OnIt]] = {}
-    for f, part in _parts(equations):
+    for f, part in every_part(equations):
         every.setdefault(f, []).append(part)
     problems = []
     for f, parts in every.items():
@@ -77,51 +77,18 @@ def place_shapes(equations: Equations, state: State) -> list[Problem]:
         else:
             stated = equations.network.frames[table.names[f]]
             with np.errstate(all="ignore"):  # trials may be anything
-                what = _Fit(equations, state, f, parts, lost, np.array(stated.values)).run()
+                what = Fit(equations, state, f, parts, lost, np.array(stated.values)).run()
         if what:
             problems.append(Problem(what, f"shape {table.names[f]!r}"))
     return problems
 
 
-def shape_anew(equations: Equations, state: State, f: int) -> State | None:
-    """Return a state with the free components and sizes of one shape from its points alone.
-
-    Args:
-        equations: the network.
-        state: its values.
-        f: number of the frame of the shape.
-
-    Returns:
-        The state; none where no shape was found.
-    """
-    parts = [part for number, part in _parts(equations) if number == f]
-    table = equations.unknowns["frame"]
-    given = np.where(table.free[f], np.nan, UNKNOWNS["frame"].given(state["frame"][f][None])[0])
-    lost = sizes_of(equations, f)
-    anew = {**state, "frame": state["frame"].copy()}
-    anew["frame"][f, :13] = np.nan
-    for kind, number in lost:
-        anew[kind] = anew[kind].copy()
-        anew[kind][number] = np.nan
-    with np.errstate(all="ignore"):  # trials may be anything
-        what = _Fit(equations, anew, f, parts, lost, given).run()
-    found = not what and np.isfinite(anew["frame"][f]).all()
-    return anew if found else None
-
-
-def sizes_of(equations: Equations, f: int) -> list[tuple[str, int]]:
-    """Return kind and number of the free sizes of a shape, by the number of its frame."""
-    parts = (part for number, part in _parts(equations) if number == f)
-    keys = dict.fromkeys((k, int(i)) for p in parts for k, n in p.sizes for i in np.unique(n))
-    return [(k, i) for k, i in keys if equations.unknowns[k].free[i].any()]
-
-
 def on_shapes(equations: Equations) -> set[int]:
     """Return the numbers of the frames of shapes."""
-    return {f for f, _ in _parts(equations)}
+    return {f for f, _ in every_part(equations)}
 
 
-def _parts(equations: Equations) -> Iterator[tuple[int, OnIt]]:
+def every_part(equations: Equations) -> Iterator[tuple[int, OnIt]]:
     """Yield the observations on each shape, by the number of its frame."""
     for block in equations.blocks:
         if block.prior or block.kind == "image":
@@ -137,7 +104,7 @@ def _parts(equations: Equations) -> Iterator[tuple[int, OnIt]]:
             yield f, OnIt(model, point[rows], block.observed[rows], own)
 
 
-class _Fit:
+class Fit:
     """A shape that is fitted to points which are known."""
 
     def __init__(

@@ -15,7 +15,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..approximate.shapes import on_shapes, shape_anew, sizes_of
+from ..approximate.shape_anew import shape_anew, sizes_of
+from ..approximate.shapes import on_shapes
 from ..errors import AdjustmentError
 from ..graph.equations import Equations
 from ..graph.variables import State
