@@ -404,6 +404,7 @@ class SnoopingSearch:
             self.test,
             reason,
             tuple(self._final_factors()),
+            self.first.solution if self.first.solution.weights is None else None,
             self._causes,
         )
 

@@ -24,7 +24,7 @@ from ...types import Array, Index
 from ...units import GON, significant
 from .closures import NAMED, WORST, Edges, loops
 from .finding import Finding
-from .gross_places import ALPHA, GIVEN, Wrong, gross_places, put_right, without_gross
+from .gross_places import ALPHA, GIVEN, Wrong, gross_places, ids_in, put_right, without_gross
 from .left_handed import left_handed
 from .scale import LARGE, meaning
 from .similar import PLANE, Pair, Similarity, System, common
@@ -53,10 +53,11 @@ def in_frames(equations: Equations, length: str = "m") -> Iterator[Finding]:
     yield from left_handed(equations.network)
     if equations.network.frame.left_handed:
         given = replace(given, horizon=_horizon(equations, np.zeros(3)))
+    network = equations.network
     mirrored, findings = _mirrored([*systems.values(), given])
-    yield from findings
+    yield from (replace(f, ids=ids_in(network, mirrored)) for f in findings)
     scaled, findings = _scaled([*systems.values(), given], length)
-    yield from findings
+    yield from (replace(f, ids=ids_in(network, scaled)) for f in findings)
     clean = [s for s in systems.values() if s.name not in mirrored | scaled]
     fits, wrong = _compared([*clean, given])
     exchanges = [w for w in wrong if w.other is not None]
