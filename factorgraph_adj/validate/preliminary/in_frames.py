@@ -26,8 +26,10 @@ from .closures import NAMED, WORST, Edges, loops
 from .finding import Finding
 from .gross_places import ALPHA, GIVEN, Wrong, gross_places, ids_in, put_right, without_gross
 from .left_handed import left_handed
+from .levelled import not_level
 from .scale import LARGE, meaning
 from .similar import PLANE, Pair, Similarity, System, common
+from .units_in_frames import wrong_circles
 
 BETTER = 5.0
 """How many times better places must fit with a mirror for it to be told."""
@@ -38,12 +40,13 @@ PAIRS = 2000
 """Largest number of pairs that are compared; those with the most common places come first."""
 
 
-def in_frames(equations: Equations, length: str = "m") -> Iterator[Finding]:
+def in_frames(equations: Equations, length: str = "m", angle: str = "gon") -> Iterator[Finding]:
     """Iterate over doubts about places in frames.
 
     Args:
         equations: the network.
         length: unit of lengths in its files.
+        angle: unit of angles in its files.
     """
     given = _given(equations)
     systems = _systems(equations, given)
@@ -58,7 +61,12 @@ def in_frames(equations: Equations, length: str = "m") -> Iterator[Finding]:
     yield from (replace(f, ids=ids_in(network, mirrored)) for f in findings)
     scaled, findings = _scaled([*systems.values(), given], length)
     yield from (replace(f, ids=ids_in(network, scaled)) for f in findings)
-    clean = [s for s in systems.values() if s.name not in mirrored | scaled]
+    turned, findings = wrong_circles(equations, [*systems.values(), given], angle)
+    yield from findings
+    clean = [s for s in systems.values() if s.name not in mirrored | scaled | turned]
+    tilted, findings = not_level(clean, given)
+    yield from (replace(f, ids=ids_in(network, tilted)) for f in findings)
+    clean = [replace(s, upright=s.upright and s.name not in tilted) for s in clean]
     fits, wrong = _compared([*clean, given])
     exchanges = [w for w in wrong if w.other is not None]
     if exchanges:
