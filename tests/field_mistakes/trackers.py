@@ -166,8 +166,10 @@ def rig(seed: int = 3) -> Project:
     rng = np.random.default_rng(seed)
     heading = {m: exp_rotation(np.array([[0.0, 0.9 * k, 0.0]]))[0] for k, m in enumerate(MEMBERS)}
     arm = {m: 0.2 * k * np.array([1.0, 0.3 * k, -0.5]) for k, m in enumerate(MEMBERS)}
-    ball = rng.normal(size=(60, 3))
-    places = 12.0 * ball / np.linalg.norm(ball, axis=1)[:, None] * rng.uniform(0.7, 1.3, (60, 1))
+    around = np.linspace(-0.4, 3.1, 72)
+    away = rng.uniform(8.0, 16.0, 72)
+    up = rng.uniform(-5.0, 5.0, 72)
+    places = np.stack([away * np.sin(around), up, away * np.cos(around)], axis=1)
     points: list[Row] = []
     for i, at in enumerate(places):
         held = i % 3 == 0
@@ -177,15 +179,15 @@ def rig(seed: int = 3) -> Project:
     images: list[Row] = []
     rows: list[Row] = []
     for moment in range(MOMENTS):
-        turn = exp_rotation(rng.normal(0.0, 0.3, (1, 3)))[0]
-        centre = rng.normal(0.0, 1.5, 3)
+        turn = exp_rotation(rng.normal(0.0, 0.1, (1, 3)))[0]
+        centre = rng.normal(0.0, 1.0, 3)
         for member in MEMBERS:
             photo = f"m{moment}_{member}"
             photos.append({"name": photo, "camera": "cam"})
             rotation, place = turn @ heading[member], centre + turn @ arm[member]
             for i, at in enumerate(places):
                 q = rotation.T @ (at - place)
-                xy = 8.0 * q[:2] / q[2] + 0.0015 * rng.normal(size=2)
+                xy = 8.0 * q[:2] / q[2] * (1.0, -1.0) + 0.0015 * rng.normal(size=2)
                 if q[2] > 1.0 and np.abs(xy).max() < 8.0:
                     cells = {a: f"{v:.5f}" for a, v in zip("xy", xy, strict=True)}
                     images.append({"photo": photo, "point": f"Q{i:02d}", **cells})

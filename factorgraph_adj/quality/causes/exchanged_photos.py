@@ -19,7 +19,7 @@ from ...graph.equations import Equations
 from ...network.network import Network
 from ...solve.batch import adjust
 from ...solve.solution import Solution
-from ...types import Array
+from ...types import Index
 from ..distributions import chi2_quantile
 from ..innovations import Innovations
 from .matches import Match
@@ -103,7 +103,7 @@ def _exchanged(network: Network, a: str, b: str) -> Network:
     out = network.copy()
     f, p, xy, sigma = network.images.columns()
     i, j = (list(network.photos).index(n) for n in (a, b))
-    other: Array = np.where(f == i, j, np.where(f == j, i, f))
+    other: Index = np.where(f == i, j, np.where(f == j, i, f))
     out.images.photo, out.images.point = [other], [p]
     out.images.xy, out.images.sigma = [xy], [sigma]
     return out
