@@ -62,7 +62,8 @@ def exchanged_photos(
         if solution.converged and np.mean(squares <= critical) >= FIT:
             best = min(best or (np.inf, (a, b)), (float(squares.sum()), (a, b)))
     if best is not None:
-        after, (a, b) = best
+        after, pair = best
+        a, b = sorted(pair)
         rays = _rays(equations, {a, b})
         yield Match("the images of two photos, exchanged:", f"{a!r} and {b!r}", rays, before, after)
 
