@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -22,8 +22,8 @@ from .base import within
 
 Quantity: TypeAlias = Literal["length", "angle", "ppm", "number"]
 """Quantity of a component: metres, radians, a ratio shown in millionths, or a plain number."""
-Held: TypeAlias = Callable[[Array, Array, Mask], Array]
-"""(stored values (n, s), G (n, k, 7), held components (n, k)) → G (n, k, 7)."""
+Held: TypeAlias = Callable[[Array, Array, Mask, Array], Array]
+"""(stored values (n, s), G (n, k, 7), held components (n, k), places that stay (n, 3)) → G."""
 MoveBy: TypeAlias = Callable[["motions.Motions", Array, Index], Array]
 """(motions, stored values (n, s), numbers (n,) of the points of the unknowns) → G (n, k, 7)."""
 
@@ -57,6 +57,9 @@ class Component:
     """Whether it is an angle of the whole circle, which results give in [0, 2π)."""
     largest_error: float = math.inf
     """Largest error, SI, that a given value may have; a larger one explains nothing."""
+    power: int = 0
+    """Power of the time t by which observations multiply it: its unit is one per unit of t to this
+    power, which reports say."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,8 @@ class UnknownKind:
     constants: tuple[str, ...] = ()
     """Names of numbers that belong to an unknown and never change; they are stored behind its
     components."""
+    words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Words that stand for several components where free ones are listed: ``rotation``."""
     late: int = 0
     """Place in the elimination: 0 with the points, 1 after them, 2 last; many observations
     touch an unknown that is eliminated late."""
@@ -118,6 +123,12 @@ class UnknownKind:
     """Whether the first three components are a shift of observed coordinates along x, y, z."""
     at_point: bool = False
     """Whether the unknown belongs to a point, whose name is the first key."""
+    across: bool = False
+    """Whether the two components point north and east: they turn with the object about the
+    vertical."""
+    at_stations: bool = False
+    """Whether the unknown belongs to the stations of its observations together: in a motion of the
+    whole it changes by the mean of what it would change by at each of them."""
     additional: bool = False
     """Whether the components are additional parameters, which are tested for significance."""
     reference: Literal["zero", "given"] = "zero"

@@ -65,6 +65,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         _HEIGHTS,
         "rad",
         weight=INCLINATIONS,
+        instrument="station",
     ),
     ObservationKind(
         ZenithAngle,
@@ -73,6 +74,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         (*_HEIGHTS, "face"),
         "rad",
         weight=INCLINATIONS,
+        instrument="station",
         level_reading=pi / 2,
     ),
     ObservationKind(
@@ -83,6 +85,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         "rad",
         weight=DIRECTIONS,
         circular=True,
+        instrument="station",
     ),
     ObservationKind(
         HorizontalAngle,
@@ -92,6 +95,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         "rad",
         weight=ANGLES,
         circular=True,
+        instrument="station",
     ),
     ObservationKind(
         Azimuth,
@@ -102,6 +106,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         weight=DIRECTIONS,
         circular=True,
         fixes="direction",
+        instrument="station",
     ),
     ObservationKind(
         HeightDifference,

@@ -26,6 +26,7 @@ RECORDS = (
         weight=DIRECTIONS,
         circular=True,
         tells="direction",
+        instrument="frame",
     ),
     ObservationKind(
         FrameZenith,
@@ -35,6 +36,7 @@ RECORDS = (
         "rad",
         weight=INCLINATIONS,
         tells="zenith",
+        instrument="frame",
         level_reading=pi / 2,
     ),
     ObservationKind(
@@ -43,6 +45,7 @@ RECORDS = (
         frame_sights.frame_distance,
         weight=LENGTHS,
         tells="distance",
+        instrument="frame",
     ),
 )
 """Records in the order of registration."""

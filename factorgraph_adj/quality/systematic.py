@@ -198,7 +198,7 @@ class Significance(Shown):
                 told |= {p.label, *p.partners}
                 out.append(
                     f"{describe(p.label)} is explained to {100 * p.explained_by_all:.1f} % by "
-                    f"{others} together"
+                    f"{others}{' together' * (len(p.partners) > 1)}"
                 )
         for p in self.parameters:
             for tie, one, many in (

@@ -22,6 +22,8 @@ from ..quality.losses import losses
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
+from ..quality.shapes import AdjustedShape, adjusted_shapes
+from ..quality.stiff import stiff_ties
 from ..quality.systematic import Label, Significance, TestedParameter, significance
 from ..quality.unit_weight import global_test
 from ..quality.variance_components import VarianceComponents
@@ -30,7 +32,7 @@ from ..solve.estimates import CalibrationEstimate
 from ..solve.geographic import Geographic, geographic
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
-from ..types import Array
+from ..types import Array, Mask
 from ..units import ANGLE, LENGTH
 from ..validate.preliminary.search import preliminary
 from . import axes
@@ -131,6 +133,12 @@ class Report:
     def no_reliability(self) -> str:
         """Reason why the reliability cannot be computed; empty if it can."""
         return self._reliability if isinstance(self._reliability, str) else ""
+
+    @cached_property
+    def stiff(self) -> Mask:
+        """Which rows are stiff ties of the model, (n_rows,); none without reliability."""
+        rel = self.reliability
+        return np.zeros(len(self.rows), dtype=bool) if rel is None else stiff_ties(rel)
 
     @property
     def pope(self) -> bool:
@@ -286,6 +294,11 @@ class Report:
             return ()
         named = None if pairs == "observed" else pairs
         return adjusted_lines(self.solution, named, confidence=self.options.confidence)
+
+    @cached_property
+    def shapes(self) -> tuple[AdjustedShape, ...]:
+        """Shapes as engineers state them; none where there is no covariance."""
+        return () if self.singular else adjusted_shapes(self.solution)
 
     @property
     def metre(self) -> float:

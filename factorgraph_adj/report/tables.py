@@ -29,6 +29,7 @@ from .observation_tables import figures, observations_table, snooping_table
 from .options import Provenance, ReportOptions
 from .precision import figure, photo_columns, point_columns
 from .rows import exact
+from .shapes import shapes_table
 from .summary import finite, summary
 from .text import render
 from .unknowns import small_unknowns
@@ -81,6 +82,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
         "points.csv": None,
         "unknowns.csv": None,
         "photos.csv": None,
+        "shapes.csv": shapes_table(report) or None,
         "relative.csv": lines_table(report) or None,
         "snooping.csv": snooping_table(report) or None,
         "variance_components.csv": None,
