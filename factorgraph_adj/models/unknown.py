@@ -54,6 +54,9 @@ class Component:
     a coordinate, or a rotation of any size."""
     circular: bool = False
     """Whether it is an angle of the whole circle, which results give in [0, 2π)."""
+    planned: float = float("nan")
+    """Value that a plan takes where none is given: no partial depends on it, or it is the natural
+    one, as no offset from an origin that was stated; NaN: a plan refuses the unknown."""
 
 
 @dataclass(frozen=True)
