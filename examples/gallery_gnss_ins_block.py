@@ -6,13 +6,18 @@ at every exposure. The boresight, and a shift and drift of the positions of each
 The flight is simulated; what was put on comes back.
 """
 
+import argparse
+
 import numpy as np
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.lens import NoDistortion
+from factorgraph_adj.report.plots import plot_network
 from factorgraph_adj.rotation import world_R_camera
 from factorgraph_adj.simulation.simulate import measure
 
+(parser := argparse.ArgumentParser()).add_argument("--plot", help="file of the picture")
+options, _ = parser.parse_known_args()
 STRIPS, EXPOSURES, ARM = 3, 8, (0.35, -0.22, 1.1)
 FREE, TURNS = ("x", "y", "z", "x_t", "y_t", "z_t"), {"rx": 0.002, "ry": -0.0014, "rz": 0.0044}
 rng = np.random.default_rng(11)
@@ -59,10 +64,12 @@ print("rejected:", ", ".join(r.id for r in found.rejected))
 imu = found.solution.unknown("mount", "imu")
 for name, true, value, sigma in zip(TURNS, TURNS.values(), imu.values, imu.sigmas, strict=False):
     print(f"{name} {1e6 * value:7.0f} ± {1e6 * sigma:2.0f} µrad, true {1e6 * true:5.0f}")
-e = [found.solution.unknown("drift", n) for n in plan.drifts]
-error = np.array([d.values - p.values for d, p in zip(e, plan.drifts.values(), strict=True)])
-w = error[:, :6] / np.array([d.sigmas[:6] for d in e])
+pairs = [(found.solution.unknown("drift", n), p) for n, p in plan.drifts.items()]
+w = np.array([(d.values - p.values)[:6] / d.sigmas[:6] for d, p in pairs])
 print(f"{w.size} shifts and drifts: largest error {np.abs(w).max():.2f} σ, rms {w.std():.2f} σ")
+
+if options.plot:
+    plot_network(found.solution).savefig(options.plot, dpi=150)
 
 # %%
 # Without control, the shifts take up the datum.

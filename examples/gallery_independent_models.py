@@ -38,7 +38,7 @@ if options.plot:
         axes.barh(places, lengths, height=0.22, color=colour, label=axis)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
-    axes.set_xlabel("RMS error at check points, cm")
+    axes.set_xlabel("RMS error at check points [cm]")
     axes.legend()
     figure.savefig(options.plot, dpi=150)
     print(f"{options.plot}: errors of the methods")

@@ -74,6 +74,6 @@ if options.plot:
     axes.plot(y, 1e3 * hanging, label="wire")
     axes.plot(places[:, 1], 1e3 * places[:, 2], "s", label="sensors")
     axes.axhline(1e3 * water.values[0], color="tab:cyan", label="water")
-    axes.set(xlabel="along the tunnel, m", ylabel="height, mm")
+    axes.set(xlabel="along the tunnel [m]", ylabel="height [mm]")
     axes.legend()
     figure.savefig(options.plot)

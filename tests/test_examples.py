@@ -33,6 +33,7 @@ SHOWN = {
     "not hold it: free shift of drift 'strip 0', drift 'strip 1', drift 'strip 2'",
     "gallery_two_faces": "set aside: zenith_angle S C, error 8.1 mgon, w -7.5 doubts that are "
     "left: 0",
+    "gallery_shapes_in_plan": "radius of the ball: 0.9994 ± 0.0003 m",
     "gallery_trackers": "frame_direction in T2: σ × 3.50 ± 0.47",
     "gallery_statoscope_and_lake": "set aside: profile_height 22 (id statoscope 22), error 5.5 m, "
     "w -16.0",
@@ -43,6 +44,7 @@ SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 ALONE = (
     "gallery_8_gtsam",
     "gallery_9_parts",
+    "gallery_shapes_in_plan",
     "gallery_tank",
     "gallery_trackers",
     "gallery_statoscope_and_lake",

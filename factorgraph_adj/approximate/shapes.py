@@ -62,7 +62,7 @@ def place_shapes(equations: Equations, state: State) -> list[Problem]:
     """
     table = equations.unknowns["frame"]
     every: dict[int, list[OnIt]] = {}
-    for f, part in _parts(equations):
+    for f, part in every_part(equations):
         every.setdefault(f, []).append(part)
     problems = []
     for f, parts in every.items():
@@ -77,7 +77,7 @@ def place_shapes(equations: Equations, state: State) -> list[Problem]:
         else:
             stated = equations.network.frames[table.names[f]]
             with np.errstate(all="ignore"):  # trials may be anything
-                what = _Fit(equations, state, f, parts, lost, np.array(stated.values)).run()
+                what = Fit(equations, state, f, parts, lost, np.array(stated.values)).run()
         if what:
             problems.append(Problem(what, f"shape {table.names[f]!r}"))
     return problems
@@ -85,10 +85,10 @@ def place_shapes(equations: Equations, state: State) -> list[Problem]:
 
 def on_shapes(equations: Equations) -> set[int]:
     """Return the numbers of the frames of shapes."""
-    return {f for f, _ in _parts(equations)}
+    return {f for f, _ in every_part(equations)}
 
 
-def _parts(equations: Equations) -> Iterator[tuple[int, OnIt]]:
+def every_part(equations: Equations) -> Iterator[tuple[int, OnIt]]:
     """Yield the observations on each shape, by the number of its frame."""
     for block in equations.blocks:
         if block.prior or block.kind == "image":
@@ -104,7 +104,7 @@ def _parts(equations: Equations) -> Iterator[tuple[int, OnIt]]:
             yield f, OnIt(model, point[rows], block.observed[rows], own)
 
 
-class _Fit:
+class Fit:
     """A shape that is fitted to points which are known."""
 
     def __init__(

@@ -16,7 +16,7 @@ from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.causes import likeliest
 from ..report.context import Report
-from ..report.doubts import doubts_about, of_readings
+from ..report.doubts import doubts_about, of_network
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
 from ..report.text import render
@@ -226,7 +226,7 @@ def _plot(options: argparse.Namespace) -> int:
 
 def _verdict(found: Adjusted, report: Report) -> int:
     """Print doubts about the result on stderr, and return the exit code."""
-    doubts = [*doubts_about(found.solution), *of_readings(found.solution.network)]
+    doubts = [*doubts_about(found.solution), *of_network(found.solution.network)]
     if found.components is not None and not found.components.converged:
         doubts.append(f"variance components not converged: {found.components.reason}")
     if found.snooping is not None:

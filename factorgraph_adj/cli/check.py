@@ -11,7 +11,7 @@ from ..io.readers import READERS
 from ..validate.check import check, start_problems
 from ..validate.preliminary.search import mistaken, preliminary
 from .exit_codes import BAD_INPUT, DOUBTFUL, FINE
-from .messages import MOST_PROBLEMS, complain
+from .messages import complain, listed
 from .options import add_project
 
 
@@ -19,6 +19,9 @@ def add_check(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
     """Add the command."""
     parser = commands.add_parser("check", help="find every problem of the input")
     add_project(parser)
+    parser.add_argument(
+        "--all", action="store_true", help="list problems that repeat one by one, without limit"
+    )
     parser.set_defaults(run=_check)
 
 
@@ -26,16 +29,21 @@ def _check(options: argparse.Namespace) -> int:
     try:
         project = READERS.load(options.project, allow_outside=options.allow_outside)
     except InputError as error:
-        complain(error.problems)
+        complain(error.problems, every=options.all)
         _hint_at_plan(options, len(error.problems))
         return BAD_INPUT
-    refuse_problems(project)
+    try:
+        refuse_problems(project)
+    except InputError as error:
+        complain(error.problems, every=options.all)
+        return BAD_INPUT
     network = project.network
     content = (
         f"{len(network.points)} points, {len(network.photos)} photos, {network.n_image_points} "
         f"image points and {len(network.observations)} other observations"
     )
-    found = [*project.warnings, *preliminary(network)]
+    length, angle = project.units.length, project.units.angle
+    found = [*project.warnings, *preliminary(network, length=length, angle=angle)]
     without = start_problems(network)
     name = network.name or "a network without a name"
     if not found and not without:
@@ -47,14 +55,12 @@ def _check(options: argparse.Namespace) -> int:
         print(
             f"{n} doubt{'s' * (n != 1)} about files, readings or given values; nothing was changed:"
         )
-        for finding in found[:MOST_PROBLEMS]:
-            print(f"  {finding}")
-        if n > MOST_PROBLEMS:
-            print(f"  … and {n - MOST_PROBLEMS} more")
+        for line in listed(found, every=options.all):
+            print(line)
     if without:
         print("adjust will find no approximate values for:")
-        for problem in without[:MOST_PROBLEMS]:
-            print(f"  {problem}")
+        for line in listed(without, every=options.all):
+            print(line)
     return DOUBTFUL
 
 
@@ -68,7 +74,8 @@ def refuse_problems(project: Project) -> None:
     if problems:
         # Points behind cameras are a symptom; images with y the wrong way are the cause. So is a
         # table that is not read because of its name.
-        causes = [Problem(str(f)) for f in mistaken(project.network)]
+        length, angle = project.units.length, project.units.angle
+        causes = [Problem(str(f)) for f in mistaken(project.network, length=length, angle=angle)]
         raise InputError([*project.warnings, *causes, *problems])
 
 

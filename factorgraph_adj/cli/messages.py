@@ -8,21 +8,41 @@ from contextlib import contextmanager
 from typing import TypeAlias
 
 from ..errors import Problem
+from .repeats import summed_up
 
 Show: TypeAlias = Callable[[str], None]
 """Function that replaces the line of progress by a text."""
 MOST_PROBLEMS = 200
-"""Largest number of listed problems; a shifted column gives a problem in every line of a file."""
+"""Largest number of lines of problems."""
 
 
-def complain(problems: Sequence[Problem]) -> None:
-    """List problems on stderr, one in each line."""
+def listed(problems: Sequence[object], *, every: bool = False) -> list[str]:
+    """Return the lines of a list of problems, indented.
+
+    Args:
+        problems: the problems.
+        every: whether each has a line; otherwise those that repeat are summed up, and at most
+            `MOST_PROBLEMS` lines are returned.
+    """
+    lines = [str(p) for p in problems] if every else summed_up(problems)
+    shown = lines if every else lines[:MOST_PROBLEMS]
+    out = [f"  {line}".replace("\n", "\n    ") for line in shown]
+    if len(lines) > len(shown):
+        out.append(f"  … and {len(lines) - len(shown)} more (check --all lists them)")
+    return out
+
+
+def complain(problems: Sequence[Problem], *, every: bool = False) -> None:
+    """List problems on stderr.
+
+    Args:
+        problems: the problems.
+        every: whether those that repeat are listed one by one.
+    """
     n = len(problems)
     print(f"{n} problem{'s' * (n != 1)}:", file=sys.stderr)
-    for problem in problems[:MOST_PROBLEMS]:
-        print(f"  {problem}".replace("\n", "\n    "), file=sys.stderr)
-    if n > MOST_PROBLEMS:
-        print(f"  … and {n - MOST_PROBLEMS} more", file=sys.stderr)
+    for line in listed(problems, every=every):
+        print(line, file=sys.stderr)
 
 
 def warn(warnings: Sequence[Problem]) -> None:

@@ -263,8 +263,17 @@ def _large(station: str, number: str, index: float, collimation: float) -> Itera
     """Iterate over errors of the instrument that it cannot have."""
     for noun, value in (("index", index), ("collimation", collimation)):
         if abs(value) > LARGE:
-            text = f"the two faces give {noun} {value * 200 / pi:.3f} gon"
+            text = f"the two faces give {noun} {value * 200 / pi:.3f} gon{_unit(noun, value)}"
             yield _Doubted(Problem(text, f"station {station!r}, set {number!r}"))
+
+
+def _unit(noun: str, value: float) -> str:
+    """Return the unit in which an index error is none: both faces add up to a full circle."""
+    if noun == "index":
+        for read, stated, ratio in (("gon", "degrees", 10 / 9), ("degrees", "gon", 9 / 10)):
+            if abs(value - pi * (ratio - 1.0)) < LARGE:
+                return f": both add up to a circle of {read}, not of {stated}; state their unit"
+    return ""
 
 
 def _distances(targets: dict[str, Target], sigma: float) -> Iterator[_Doubted]:

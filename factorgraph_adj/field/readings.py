@@ -8,6 +8,9 @@ from math import pi
 
 from ..errors import InputError, Problem
 
+CIRCLE = 2 * pi * (1.0 + 1e-9)
+"""The full circle with what rounding adds, radians; 400 gon is a valid reading."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FaceReading:
@@ -81,8 +84,13 @@ def checked_readings(readings: Iterable[FaceReading]) -> list[FaceReading]:
 
 def _face(r: FaceReading) -> tuple[list[str], FaceReading]:
     """Return what is wrong with the face of a reading, and the reading with its face."""
-    if r.zenith is not None and not 0.0 <= r.zenith <= 2 * pi:
-        return [f"a zenith reading lies between 0 and 400 gon, not at {_gon(r.zenith)} gon"], r
+    for noun, value in (("zenith", r.zenith), ("direction", r.direction)):
+        low = 0.0 if noun == "zenith" else -CIRCLE
+        if value is not None and not low <= value <= CIRCLE:
+            degrees = f"{value * 180 / pi:.4f}"
+            what = f"a {noun} reading lies between 0 and 400 gon, not at {_gon(value)} gon"
+            what += f" (in degrees: 0 and 360, {degrees})"
+            return [f"{what}: state the unit in which it was read"], r
     if r.face is None:
         if r.zenith is None:
             return ["the face is missing: give 1 or 2, or a zenith reading, which tells it"], r

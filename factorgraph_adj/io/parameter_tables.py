@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ..errors import InputError, similar
+from ..errors import InputError
 from ..models.variables import Component, UnknownKind, UnknownTable
 from ..network.entities import FREE_ORIENTATION, Key, Parameter
 from ..network.network import Network
@@ -113,14 +113,6 @@ def read_parameter(row: Row, kind: UnknownKind, key: Key, network: Network, unit
         network.of_kind(kind.name)[key] = FREE_ORIENTATION
 
 
-FRAME_WORDS = {
-    "rotation": ("rx", "ry", "rz"),
-    "offset": ("x", "y", "z"),
-    "scale": ("ln_scale",),
-}
-"""Words of the column ``free`` for several components of a frame."""
-
-
 def _read_frame(
     row: Row,
     name: str,
@@ -130,13 +122,7 @@ def _read_frame(
     units: Units,
 ) -> None:
     """Put the frame of a row into the network; problems are noted in the row."""
-    free: list[str] = []
-    for word in (row.text("free", default="") or "").split():
-        if word not in FRAME_WORDS and word not in given:
-            valid = ", ".join([*FRAME_WORDS, *given])
-            alike = similar(word, [*FRAME_WORDS, *given])
-            row.wrong(f"free must be some of {valid}, not {word!r}{alike}")
-        free += FRAME_WORDS.get(word, (word,))
+    free = row.text("free", default="") or ""
     point = row.text("origin", default="") or ""
     at = [row.number(f"origin_{a}", units.length) for a in "xyz"]
     if point and any(v is not None for v in at):

@@ -146,7 +146,7 @@ def of_frames(motions: Motions, values: Array, at: Index) -> Array:
     return out
 
 
-def without_held(values: Array, moved: Array, held: Mask) -> Array:
+def without_held(values: Array, moved: Array, held: Mask, still: Array) -> Array:
     """Return the motions of frames with the turns and scales that are not held.
 
     A shape is held where it is symmetric: a cylinder about its axis. Where the object turns by ω or
@@ -159,11 +159,13 @@ def without_held(values: Array, moved: Array, held: Mask) -> Array:
         values: stored frames, (n, 17).
         moved: motions of all components, (n, 7, 7).
         held: held components, (n, 7).
+        still: the place about which turns leave what is measured, instead of q = 0, (n, 3): the
+            mean of distances from a line that are not zero, which its offset takes up.
     """
     offset = values[:, 9:12]
     kept = np.where(held[:, :, None], moved, 0.0)
     out = np.where(held[:, :, None], 0.0, moved)
-    about = -skew(offset) @ kept[:, :3] + offset[:, :, None] * kept[:, 6:]
+    about = -skew(offset + still) @ kept[:, :3] + offset[:, :, None] * kept[:, 6:]
     out[:, 3:6] += np.where(held[:, 3:6, None], 0.0, about)
     return np.asarray(out)
 
@@ -184,7 +186,10 @@ def of_verticals(motions: Motions, values: Array, at: Index) -> Array:
 
 
 def of_orientations(motions: Motions, values: Array, at: Index) -> Array:
-    """Return the motions of orientation unknowns, for horizontal circles fixed in the object."""
+    """Return the motions of orientation unknowns, for horizontal circles fixed in the object.
+
+    So move the constants of gyrotheodolites, whose readings stay as azimuths turn.
+    """
     return motions.at_stations(at).orientation[:, None, :]
 
 
@@ -262,14 +267,3 @@ def of_profiles(motions: Motions, values: Array, at: Index) -> Array:
     out[:, 1:3, 6] = values[:, 1:3] / motions.size
     out[:, 3, 6] = -(1.0 + values[:, 3]) / motions.size
     return out
-
-
-def of_gyros(motions: Motions, values: Array, at: Index) -> Array:
-    """Return the motions of constants of gyrotheodolites, whose readings stay as azimuths turn.
-
-    The azimuths are those at the centre; those of other stations turn by the same angle, but for
-    what the convergence of meridians changes between them.
-    """
-    centre, none = motions.centre[None], np.zeros((1, 2))
-    turn = motions.at_places(centre, none, np.zeros(1, dtype=bool)).orientation
-    return np.tile(turn[:, None, :], (len(values), 1, 1))

@@ -23,14 +23,16 @@ f/|∇f|. (FRAMES F10; Kager, GESTALT.)
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..frames import Frame
 from ..types import Array
+from . import outlines
 from .base import Linearised, require
+from .outlines import Outline
 from .sub_frame import in_frame
 
 ON_THE_AXIS = "the point lies on the axis of the shape: the direction of its distance is open"
@@ -63,6 +65,8 @@ class Size:
     suffix: str | None = ""
     """What its name has behind that of the shape, if an observation names none; None: it is then
     held at zero."""
+    lifts: bool = False
+    """Whether it is the place of the centre along the axis."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,22 @@ class Shape:
     the object: so does the residual, while the frame is held about its axis."""
     axis: Literal["least", "most", "any"] = "any"
     """Where its z axis lies: along the least or the largest extent of its points, or anywhere."""
+    outline: Outline = field(kw_only=True)
+    """How it is drawn."""
+
+    @property
+    def slides(self) -> tuple[int, ...]:
+        """Axes of the frame along which symmetry leaves the place open.
+
+        They are those in a plane, and the axis of a line or a cylinder; a shape with a centre or
+        an apex has none.
+        """
+        return tuple(i for i, a in enumerate("xyz") if a not in self.free)
+
+    @property
+    def has_axis(self) -> bool:
+        """Whether the shape has a normal or an axis, its z axis; a sphere has none."""
+        return "rx" in self.free
 
     def __call__(
         self,
@@ -201,14 +221,23 @@ _RADIUS = Size("radius")
 SHAPES = {
     s.name: s
     for s in (
-        Shape("plane", plane, (*_TILTS, "z"), axis="least"),
-        Shape("line", line, (*_TILTS, "x", "y"), turns=True, axis="most"),
-        Shape("circle", circle, _ALL, (_RADIUS, Size("height", suffix=None)), axis="least"),
-        Shape("cylinder", cylinder, (*_TILTS, "x", "y"), (_RADIUS,)),
-        Shape("sphere", sphere, ("x", "y", "z"), (_RADIUS,)),
-        Shape("cone", cone, _ALL, (Size("angle", "angle"),)),
-        Shape("torus", torus, _ALL, (_RADIUS, Size("ring", suffix=" ring"))),
-        Shape("paraboloid", paraboloid, _ALL, (Size("focal"),)),
+        Shape("plane", plane, (*_TILTS, "z"), axis="least", outline=outlines.PLANE),
+        Shape("line", line, (*_TILTS, "x", "y"), turns=True, axis="most", outline=outlines.LINE),
+        Shape(
+            "circle",
+            circle,
+            _ALL,
+            (_RADIUS, Size("height", suffix=None, lifts=True)),
+            axis="least",
+            outline=outlines.CIRCLE,
+        ),
+        Shape("cylinder", cylinder, (*_TILTS, "x", "y"), (_RADIUS,), outline=outlines.CYLINDER),
+        Shape("sphere", sphere, ("x", "y", "z"), (_RADIUS,), outline=outlines.SPHERE),
+        Shape("cone", cone, _ALL, (Size("angle", "angle"),), outline=outlines.CONE),
+        Shape(
+            "torus", torus, _ALL, (_RADIUS, Size("ring", suffix=" ring")), outline=outlines.TORUS
+        ),
+        Shape("paraboloid", paraboloid, _ALL, (Size("focal"),), outline=outlines.PARABOLOID),
     )
 }
 """Shapes by name."""

@@ -8,8 +8,8 @@ given values of R are the rotation vector Log R. Steps of all other components a
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -21,8 +21,8 @@ from .base import within
 
 Quantity: TypeAlias = Literal["length", "angle", "ppm", "number"]
 """Quantity of a component: metres, radians, a ratio shown in millionths, or a plain number."""
-Held: TypeAlias = Callable[[Array, Array, Mask], Array]
-"""(stored values (n, s), G (n, k, 7), held components (n, k)) → G (n, k, 7)."""
+Held: TypeAlias = Callable[[Array, Array, Mask, Array], Array]
+"""(stored values (n, s), G (n, k, 7), held components (n, k), places that stay (n, 3)) → G."""
 MoveBy: TypeAlias = Callable[["motions.Motions", Array, Index], Array]
 """(motions, stored values (n, s), numbers (n,) of the points of the unknowns) → G (n, k, 7)."""
 
@@ -54,6 +54,9 @@ class Component:
     a coordinate, or a rotation of any size."""
     circular: bool = False
     """Whether it is an angle of the whole circle, which results give in [0, 2π)."""
+    power: int = 0
+    """Power of the time t by which observations multiply it: its unit is one per unit of t to this
+    power, which reports say."""
     planned: float = float("nan")
     """Value that a plan takes where none is given: no partial depends on it, or it is the natural
     one, as no offset from an origin that was stated; NaN: a plan refuses the unknown."""
@@ -103,6 +106,8 @@ class UnknownKind:
     constants: tuple[str, ...] = ()
     """Names of numbers that belong to an unknown and never change; they are stored behind its
     components."""
+    words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Words that stand for several components where free ones are listed: ``rotation``."""
     late: int = 0
     """Place in the elimination: 0 with the points, 1 after them, 2 last; many observations
     touch an unknown that is eliminated late."""
@@ -118,6 +123,12 @@ class UnknownKind:
     """Whether the first three components are a shift of observed coordinates along x, y, z."""
     at_point: bool = False
     """Whether the unknown belongs to a point, whose name is the first key."""
+    across: bool = False
+    """Whether the two components point north and east: they turn with the object about the
+    vertical."""
+    at_stations: bool = False
+    """Whether the unknown belongs to the stations of its observations together: in a motion of the
+    whole it changes by the mean of what it would change by at each of them."""
     additional: bool = False
     """Whether the components are additional parameters, which are tested for significance."""
     reference: Literal["zero", "given"] = "zero"

@@ -135,6 +135,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         short="vertical of",
         motions=motions.of_verticals,
         connects=True,
+        across=True,
         table=UnknownTable("verticals", ("station",)),
         default=(0.0, 0.0),
         absent="default",
@@ -201,6 +202,11 @@ _BUILT_IN: Sequence[UnknownKind] = (
         rotates=True,
         single_turns=True,
         constants=("origin_x", "origin_y", "origin_z", "level"),
+        words={
+            "rotation": ("rx", "ry", "rz"),
+            "offset": ("x", "y", "z"),
+            "scale": ("ln_scale",),
+        },
         motions=motions.of_frames,
         held_motions=motions.without_held,
         connects=True,
@@ -231,7 +237,11 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "drift",
         "drift",
         "d",
-        tuple(Component(a + power, "length") for power in ("", "_t", "_tt") for a in "xyz"),
+        tuple(
+            Component(a + power, "length", power=i)
+            for i, power in enumerate(("", "_t", "_tt"))
+            for a in "xyz"
+        ),
         motions=motions.of_drifts,
         shifts=True,
         late=2,
@@ -243,7 +253,11 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "attitude_drift",
         "drift of attitudes",
         "a",
-        tuple(Component(f"r{a}{power}", "angle") for power in ("", "_t") for a in "xyz"),
+        tuple(
+            Component(f"r{a}{power}", "angle", power=i)
+            for i, power in enumerate(("", "_t"))
+            for a in "xyz"
+        ),
         motions=motions.of_attitude_drifts,
         late=2,
         table=UnknownTable("attitude_drifts", held_unless_free=True),
@@ -297,7 +311,8 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "b",
         (
             Component("height", "length", whole=True),
-            *(Component("height" + power, "length") for power in ("_t", "_tt")),
+            Component("height_t", "length", power=1),
+            Component("height_tt", "length", power=2),
             Component("scale", "ppm"),
         ),
         short="profile",
@@ -315,8 +330,9 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "gyrotheodolite",
         "g",
         (Component("constant", "angle", np.nan, sign="E", column="value", planned=0.0),),
-        motions=motions.of_gyros,
+        motions=motions.of_orientations,
         connects=True,
+        at_stations=True,
         late=1,
         table=UnknownTable("gyros"),
         on_earth=True,

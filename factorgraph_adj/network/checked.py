@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError, Problem, known
+from ..errors import InputError, Problem, known, similar
 from ..models.lens import Lens
-from ..models.variables import UNKNOWNS
+from ..models.variables import UNKNOWNS, UnknownKind
 from ..rotation import world_R_camera
 from ..types import Array
 from .entities import (
@@ -208,6 +208,31 @@ def checked_photo(
     )
 
 
+def free_components(kind: UnknownKind, free: Iterable[str], where: str) -> list[str]:
+    """Return the components that ``free`` lists, by name or by the words of the kind.
+
+    Args:
+        kind: record of the kind.
+        free: names and words; a text has them separated by blanks, as the tables of projects do.
+        where: what is stated, for the message.
+
+    Raises:
+        InputError: a name that is neither a component nor a word.
+    """
+    wanted = free.split() if isinstance(free, str) else list(free)
+    valid = [*kind.words, *kind.names()]
+    wrong = next((w for w in wanted if w not in valid), None)
+    if wrong is not None:
+        apart = wrong.replace(",", " ").replace(";", " ").split()
+        if len(apart) > 1 and set(apart) <= set(valid):
+            asked = f"; write a list of them, or blanks between them: {' '.join(apart)!r}"
+        else:
+            asked = similar(wrong, valid)
+        what = f"free must be some of {', '.join(valid)}, not {wrong!r}{asked}"
+        raise InputError(Problem(what, where))
+    return list(dict.fromkeys(n for w in wanted for n in kind.words.get(w, (w,))))
+
+
 def refuse_wrong_parts(
     names: Sequence[str],
     free: Sequence[str],
@@ -235,8 +260,8 @@ def checked_frame(
     known_points: Mapping[str, Point],
 ) -> Parameter:
     """Return a frame; arguments and errors are those of `Network.add_frame`."""
-    where, kind, wanted = f"frame {name!r}", UNKNOWNS["frame"], list(free)
-    names = kind.names()
+    where, kind = f"frame {name!r}", UNKNOWNS["frame"]
+    names, wanted = kind.names(), free_components(kind, free, where)
     refuse_wrong_parts(names, wanted, values, sigma, where)
     station = origin if isinstance(origin, str) else ""
     if station and station not in known_points:

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import InputError, Problem, known
 from ..models.strip import HIGHEST
 from ..models.variables import VariableKind, unknown_kind
-from .checked import checked_frame, refuse_wrong_parts
+from .checked import checked_frame, free_components, refuse_wrong_parts
 from .entities import (
     REFRACTION_OF_THE_NETWORK,
     Key,
@@ -183,11 +183,11 @@ class StatedUnknowns(StatedShapes):
 
         Args:
             name: its name.
-            free: components to estimate without a prior; those that are neither free nor weighted
-                are held. Steps of a rotation are about the axes of the frame: with rx and ry held
-                its z axis keeps its direction. rz alone is held where nothing observes the turn
-                about z, as with shapes of revolution, or where rx and ry are small; rx or ry alone
-                cannot be held.
+            free: components to estimate without a prior, also by the words ``rotation``, ``offset``
+                and ``scale``; those that are neither free nor weighted are held. Steps of a
+                rotation are about the axes of the frame: with rx and ry held its z axis keeps its
+                direction. rz alone is held where nothing observes the turn about z, as with shapes
+                of revolution, or where rx and ry are small; rx or ry alone cannot be held.
             values: values of components by name, SI; a held or weighted component without one has
                 0; a free one without one is computed from common points.
             sigma: standard deviations of weighted components by name; of the rotations, rx and ry
@@ -452,8 +452,9 @@ class StatedUnknowns(StatedShapes):
 
         With ``first`` it has only the first components, up to the last one that is named.
         """
-        record, wanted = unknown_kind(kind), list(free)
+        record = unknown_kind(kind)
         where, names = f"{record.noun} {name!r}", record.names()
+        wanted = free_components(record, free, where)
         refuse_wrong_parts(names, wanted, values, sigma, where)
         if first:
             named = [names.index(n) for n in (*wanted, *values, *sigma)]

@@ -65,6 +65,11 @@ class Observation:
         return observation_kind(self.kind)
 
     @property
+    def stated(self) -> bool:
+        """Whether it was stated of the object or of an instrument, and not measured."""
+        return is_condition(self)
+
+    @property
     def further(self) -> tuple[tuple[str, Key], ...]:
         """Kind and key of the unknowns that it depends on beside those of its record."""
         return ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import pi
 
 from ..models import position, sub_frame, terrestrial
 from . import records_flight, records_models, records_rigs, records_vertical
@@ -64,6 +65,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         _HEIGHTS,
         "rad",
         weight=INCLINATIONS,
+        instrument="station",
     ),
     ObservationKind(
         ZenithAngle,
@@ -72,6 +74,8 @@ _BUILT_IN: Sequence[ObservationKind] = (
         (*_HEIGHTS, "face"),
         "rad",
         weight=INCLINATIONS,
+        instrument="station",
+        level_reading=pi / 2,
     ),
     ObservationKind(
         Direction,
@@ -81,6 +85,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         "rad",
         weight=DIRECTIONS,
         circular=True,
+        instrument="station",
     ),
     ObservationKind(
         HorizontalAngle,
@@ -90,6 +95,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         "rad",
         weight=ANGLES,
         circular=True,
+        instrument="station",
     ),
     ObservationKind(
         Azimuth,
@@ -100,6 +106,7 @@ _BUILT_IN: Sequence[ObservationKind] = (
         weight=DIRECTIONS,
         circular=True,
         fixes="direction",
+        instrument="station",
     ),
     ObservationKind(
         HeightDifference,

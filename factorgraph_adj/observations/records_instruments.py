@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import pi
+
 from ..models import frame_sights
 from .frame_sights import FrameDirection, FrameDistance, FrameZenith
 from .registry import ObservationKind
@@ -24,6 +26,7 @@ RECORDS = (
         weight=DIRECTIONS,
         circular=True,
         tells="direction",
+        instrument="frame",
     ),
     ObservationKind(
         FrameZenith,
@@ -33,6 +36,8 @@ RECORDS = (
         "rad",
         weight=INCLINATIONS,
         tells="zenith",
+        instrument="frame",
+        level_reading=pi / 2,
     ),
     ObservationKind(
         FrameDistance,
@@ -40,6 +45,7 @@ RECORDS = (
         frame_sights.frame_distance,
         weight=LENGTHS,
         tells="distance",
+        instrument="frame",
     ),
 )
 """Records in the order of registration."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..models import inclinations, offsets, wires
+from ..models.outlines import WIRE
 from .offsets import (
     HydrostaticReading,
     LineOffset,
@@ -38,9 +39,19 @@ RECORDS = (
         offsets.line_offset,
     ),
     ObservationKind(
-        SightPlaneOffset, _SIGHT, offsets.sight_plane_offset, ("horizontal", *_HEIGHTS)
+        SightPlaneOffset,
+        _SIGHT,
+        offsets.sight_plane_offset,
+        ("horizontal", *_HEIGHTS),
+        instrument="station",
     ),
-    ObservationKind(SightOffset, _SIGHT, offsets.sight_offset, ("horizontal", "zenith", *_HEIGHTS)),
+    ObservationKind(
+        SightOffset,
+        _SIGHT,
+        offsets.sight_offset,
+        ("horizontal", "zenith", *_HEIGHTS),
+        instrument="station",
+    ),
     ObservationKind(
         RadialOffset,
         (("point", "point"),),
@@ -55,7 +66,9 @@ RECORDS = (
         offsets.hydrostatic_reading,
         ("undulation", "expansion", "side"),
     ),
-    ObservationKind(WireReading, (("frame", "frame"), *_WIRE), wires.wire_reading, ("length",)),
+    ObservationKind(
+        WireReading, (("frame", "frame"), *_WIRE), wires.wire_reading, ("length",), outline=WIRE
+    ),
     ObservationKind(
         WireReadingOnBody,
         (
@@ -67,6 +80,7 @@ RECORDS = (
         ),
         wires.wire_reading_on_body,
         ("length",),
+        outline=WIRE,
     ),
     ObservationKind(FrameInclination, _INCLINED, inclinations.frame_inclination, unit="rad"),
     ObservationKind(FrameRoll, _INCLINED, inclinations.frame_roll, unit="rad"),

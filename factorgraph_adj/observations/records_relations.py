@@ -54,6 +54,13 @@ RECORDS: Sequence[ObservationKind] = (
     ObservationKind(relations.ParallelAxes, _SHAPES, axes.parallel_axes, unit="rad", turns=True),
     ObservationKind(relations.AxisAngle, _SHAPES, axes.axis_angle, unit="rad"),
     ObservationKind(relations.PlaneDistance, _SHAPES, axes.plane_distance),
-    ObservationKind(relations.ImageLine, _LINE, image_lines.image_line, ("x", "y"), unit="image"),
+    ObservationKind(
+        relations.ImageLine,
+        _LINE,
+        image_lines.image_line,
+        ("x", "y"),
+        unit="image",
+        shape="line",
+    ),
 )
 """The records."""

@@ -20,7 +20,9 @@ def on_shape(cls: type[_OnShape]) -> ObservationKind:
         ("vertical", "shape.origin"),
         *((s.kind, s.attribute) for s in shape.sizes),
     )
-    return ObservationKind(cls, variables, shape, turns=shape.turns)
+    return ObservationKind(
+        cls, variables, shape, shape=shape.name, turns=shape.turns, outline=shape.outline
+    )
 
 
 RECORDS: Sequence[ObservationKind] = tuple(

@@ -37,6 +37,7 @@ RECORDS: Sequence[ObservationKind] = (
         weight=DIRECTIONS,
         circular=True,
         fixes="direction",
+        instrument="station",
     ),
 )
 """The records, in order."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..errors import InputError, Problem, known
 from ..models.base import Linearised
+from ..models.outlines import Outline
 from ..models.variables import ENTITIES, UNKNOWNS
 from ..stochastic import PARTS
 from ..types import Array
@@ -77,6 +78,9 @@ class ObservationKind:
     """What it tells of its point in its frame of its own, for approximate values and for checks."""
     by_axis: bool = False
     """Whether an observation has one row for each of its known coordinates, ``axes``."""
+    level_reading: float | None = None
+    """Reading of a level sight, radians, of an angle whose sights are nearly level as a rule; None
+    for other kinds. It tells a wrong unit."""
     choices: tuple[str, ...] = ()
     """Attributes of text that choose among forms of the observation, such as an angle."""
     moved: Callable[..., Array] | None = None
@@ -84,9 +88,17 @@ class ObservationKind:
     −change; None: the sum. Readings of rotations do not add."""
     follower: Follower | None = None
     """Variable that steps keep with its carrier, however small the standard deviations are."""
+    shape: str = ""
+    """Shape that its first frame is, a key of `factorgraph_adj.models.shapes.SHAPES`; empty: it
+    says nothing of a shape."""
     turns: bool = False
     """Whether its two values are counted along two axes of its first frame, and turn about the
     third with the object while the frame is held about it, as the distances from a line do."""
+    instrument: str = ""
+    """Attribute that tells where its instrument was set up: over a point, or in the zero of a
+    frame of its own; empty if it needs no such setup, as a tape or a level."""
+    outline: Outline | None = None
+    """How plans draw what its first frame is, from the points that it has: a shape, a wire."""
 
     @property
     def name(self) -> str:
@@ -192,6 +204,23 @@ class ObservationKind:
             found.append(f"its unit must be m, rad, image or mixed, not {self.unit!r}")
         if self.circular and self.unit != "rad":
             found.append("it is circular, so that its unit must be rad")
+        return found + self._problems_of_drawing()
+
+    def _problems_of_drawing(self) -> list[str]:
+        found, names = [], {a for _, a in self.variables}
+        if self.instrument and self.instrument not in (*self.points, *self.frames):
+            found.append(
+                f"its instrument {self.instrument!r} must be an attribute that names a point or a "
+                "frame"
+            )
+        if self.outline is not None:
+            found += [
+                f"its class has no attribute {a!r} for its outline"
+                for a in self.outline.takes
+                if a not in names and a not in self.constants
+            ]
+            if not self.frames or not self.points:
+                found.append("it has an outline, so that it must name a frame and a point")
         return found
 
     def _problems_of_attributes(self) -> list[str]:

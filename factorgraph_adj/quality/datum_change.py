@@ -28,7 +28,7 @@ from ..errors import DatumError, InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import Unknowns
 from ..solve.datum import FreeDatum, find_defects, generators
-from ..solve.free_network import carry, datum_columns
+from ..solve.free_network import carry, datum_columns, held_gradient
 from ..solve.linear import LinearSystem
 from ..solve.normal import NormalEquations
 from ..solve.rank import describe_defects
@@ -151,7 +151,7 @@ def _carried(solution: Solution, names: tuple[str, ...]) -> Solution:
             factor = normal.factorise(solution.constraint)
         except SingularError:
             return None
-        return Step.of(factor, normal.gradient)
+        return Step.of(factor, held_gradient(normal, solution.defects, solution.constraint))
 
     carried = carry(
         equations,

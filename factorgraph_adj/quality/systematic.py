@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.sparse import block_diag
@@ -199,7 +199,7 @@ class Significance(Shown):
                 told |= {p.label, *p.partners}
                 out.append(
                     f"{describe(p.label)} is explained to {100 * p.explained_by_all:.1f} % by "
-                    f"{others} together"
+                    f"{others}{' together' * (len(p.partners) > 1)}"
                 )
         for p in self.parameters:
             for tie, one, many in (
@@ -279,7 +279,7 @@ def significance(
     parameters: list[TestedParameter] = []
     among: list[Array] = []
     tested = np.concatenate([np.zeros(0, np.intp), *(v.columns for v in variables)])
-    by_steps = block_diag([v.by_step for v in variables], format="csr") if variables else None
+    by_steps: Any = block_diag([v.by_step for v in variables], format="csr") if variables else None
     for v in variables:
         unit = np.zeros((solution.equations.unknowns.n_columns, len(v.columns)))
         unit[v.columns] = v.by_step.T

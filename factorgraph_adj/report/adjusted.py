@@ -86,7 +86,7 @@ def lists_every_row(report: Report) -> bool:
 
 def short_r(r: float) -> str:
     """Write a redundancy number with two decimals, small ones with three digits."""
-    return f"{r:.2f}" if r >= 0.1 or r < ROUNDING else short(r)
+    return decimal(r, 2) if r >= 0.1 or r < ROUNDING else short(r)
 
 
 def _units(row: Row) -> tuple[str, str]:

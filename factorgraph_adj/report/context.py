@@ -21,6 +21,8 @@ from ..quality.lines import AdjustedLine, adjusted_lines
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
+from ..quality.shapes import AdjustedShape, adjusted_shapes
+from ..quality.stiff import stiff_ties
 from ..quality.systematic import Label, Significance, TestedParameter, significance
 from ..quality.unit_weight import global_test
 from ..quality.variance_components import VarianceComponents
@@ -29,10 +31,10 @@ from ..solve.estimates import CalibrationEstimate
 from ..solve.geographic import Geographic, geographic
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
-from ..types import Array
+from ..types import Array, Mask
 from ..units import ANGLE, LENGTH
 from . import axes
-from .doubts import above_critical, doubts_about, of_readings
+from .doubts import above_critical, doubts_about, of_network
 from .options import Provenance, ReportOptions
 from .rows import ReportRows
 from .set_aside import SetAside, set_aside
@@ -130,6 +132,12 @@ class Report:
         """Reason why the reliability cannot be computed; empty if it can."""
         return self._reliability if isinstance(self._reliability, str) else ""
 
+    @cached_property
+    def stiff(self) -> Mask:
+        """Which rows are stiff ties of the model, (n_rows,); none without reliability."""
+        rel = self.reliability
+        return np.zeros(len(self.rows), dtype=bool) if rel is None else stiff_ties(rel)
+
     @property
     def pope(self) -> bool:
         """Whether the test values are τ (Pope) and not w (Baarda)."""
@@ -151,7 +159,7 @@ class Report:
         name = "τ" if self.pope else "w"
         return [
             *doubts_about(self.solution),
-            *of_readings(self.network),
+            *of_network(self.network),
             *above_critical(values, critical, name, self.options.alpha),
             *self.likelier,
         ]
@@ -258,6 +266,11 @@ class Report:
             return ()
         named = None if pairs == "observed" else pairs
         return adjusted_lines(self.solution, named, confidence=self.options.confidence)
+
+    @cached_property
+    def shapes(self) -> tuple[AdjustedShape, ...]:
+        """Shapes as engineers state them; none where there is no covariance."""
+        return () if self.singular else adjusted_shapes(self.solution)
 
     @property
     def metre(self) -> float:

@@ -87,7 +87,15 @@ def photos(report: Report) -> list[str]:
         pose = report.poses[name]
         place = [decimal(v / report.metre, 4) for v in pose.position]
         angles = [format_angle(v, units.angle, digits) for v in pose.angles]
-        rows.append([name, str(counts[name]), f"{norms[name]:.2f}", *place, *angles])
+        rows.append(
+            [
+                name,
+                str(counts[name]),
+                f"{norms[name]:.2f}" if counts[name] else "–",
+                *place,
+                *angles,
+            ]
+        )
         if not report.free("pose", name):
             rows.append(["", "", "", *["held"] * 6])
             continue

@@ -9,6 +9,7 @@ import numpy as np
 from ..network.network import Network
 from ..quality.unit_weight import Adjusted, global_test
 from ..types import Array
+from ..validate.preliminary.left_handed import left_handed
 
 
 class Ended(Adjusted, Protocol):
@@ -45,14 +46,20 @@ def doubts_about(solution: Ended) -> list[str]:
     return found
 
 
-def of_readings(network: Network) -> list[str]:
-    """Return how many readings did not agree when they were reduced, and the first of them."""
+def of_network(network: Network) -> list[str]:
+    """Return doubts about what was adjusted.
+
+    They are how many readings did not agree when they were reduced, with the first of them, and
+    frames that no rotation leads to.
+    """
     n = len(network.doubts)
-    if not n:
-        return []
-    return [
-        f"{n} doubt{'s' * (n != 1)} about the two faces of targets, the first: {network.doubts[0]}"
-    ]
+    found = [str(f) for f in left_handed(network)]
+    if n:
+        first = network.doubts[0]
+        found.append(
+            f"{n} doubt{'s' * (n != 1)} about the two faces of targets, the first: {first}"
+        )
+    return found
 
 
 def above_critical(values: Array, critical: float, name: str, alpha: float) -> list[str]:

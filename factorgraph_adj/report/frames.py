@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import exp, expm1, sqrt
+from math import exp, sqrt
 
 import numpy as np
 
 from ..models.sub_frame import split_frame
 from ..network.entities import Parameter
+from ..observations import observation_kind
+from ..quality.posed import PLACE, place_of_frame
 from ..rotation import TURN_ABOUT_X, angles_by_rotation, omega_phi_kappa
 from ..units import ANGLE, decimal, decimal_angle
 from .context import Report
 from .layout import decimals, paragraph, short, table, title
 
-NEAR_ONE = 0.01
-"""Largest |ℓ| for which a scale is shown as 1 + ppm, and not as e^ℓ."""
 MEANING = (
     "X = O + Eᵀ e^ℓ R (q + c): rotation R of ω, φ, κ, offset c of x, y, z, scale e^ℓ; E: the "
     "horizon at the origin O of a level frame. Offset and v are in the unit of the frame, which is "
-    "e^ℓ times that of the network. Under each value its σ, (w) where it was weighted"
+    "e^ℓ times that of the network. X, Y, Z: the place of the zero of the frame in the network, "
+    "where a scanner or tracker stands. Under each value its σ, (w) where it was weighted"
 )
 
 
@@ -28,7 +29,7 @@ class _Seen:
     """What was measured in a frame."""
 
     places: int
-    """Number of observations."""
+    """Number of points and projection centres that were measured in it."""
     rms: float
     """Root mean square of residuals that are lengths, unit of the frame; NaN: there are none."""
     normalised: float
@@ -37,15 +38,17 @@ class _Seen:
 
 def frames(report: Report) -> list[str]:
     """Return the frames: origin, places, residuals; rotation, offset and scale with their σ."""
-    stated = report.network.frames
-    if not stated:
+    stated, seen, units = report.network.frames, _seen(report), report.units
+    number = report.solution.equations.unknowns["frame"].number
+    own = _own(report, seen)
+    if not own:
         return []
-    names, note = report.cut(list(stated), "frames", "unknowns.csv")
-    units, seen = report.units, _seen(report)
+    names, note = report.cut(own, "frames", "unknowns.csv")
     overview: list[list[str]] = []
     rows: list[list[str]] = []
+    places: list[list[str]] = []
     for name in names:
-        found = seen[report.solution.equations.unknowns["frame"].number[name]]
+        found = seen[number[name]]
         overview.append(
             [
                 name,
@@ -57,6 +60,7 @@ def frames(report: Report) -> list[str]:
             ]
         )
         rows += _values(report, name, stated[name])
+        places += _place(report, name)
     angle = decimal_angle(units.angle)
     header = [
         "frame",
@@ -78,8 +82,34 @@ def frames(report: Report) -> list[str]:
         *note,
         "",
         *table([*second, "scale"], [r if r[0] else [f"  {small}", *r[1:]] for r in rows]),
+        "",
+        *table(
+            ["frame", *(f"{a} [{units.length}]" for a in PLACE)],
+            [r if r[0] else [f"  σ [{units.sigma_length}]", *r[1:]] for r in places],
+        ),
         *paragraph(MEANING),
     ]
+
+
+def measured_frames(report: Report) -> list[str]:
+    """Return the frames in which something was measured, and those that are no shapes."""
+    return _own(report, _seen(report))
+
+
+def _own(report: Report, seen: list[_Seen]) -> list[str]:
+    """Return the frames of the section; a shape has a table of its own instead."""
+    number = report.solution.equations.unknowns["frame"].number
+    shapes = {s.name for s in report.shapes}
+    return [n for n in report.network.frames if n not in shapes or seen[number[n]].places]
+
+
+def _place(report: Report, name: str) -> list[list[str]]:
+    """Return two rows of the table of places: X, Y, Z of a frame's zero, and their σ."""
+    e = place_of_frame(report.solution, name)
+    small = [float(s) / report.small for s in e.sigmas]
+    digits = decimals([s * report.small / report.metre for s in small], default=4, most=9)
+    values = [decimal(float(v) / report.metre, digits) for v in e.values]
+    return [[name, *values], ["", *("held" if s == 0 else short(s) for s in small)]]
 
 
 def _origin(report: Report, stated: Parameter) -> str:
@@ -98,14 +128,21 @@ def _seen(report: Report) -> list[_Seen]:
     """Return what was measured in each frame, by number."""
     equations = report.solution.equations
     n = len(equations.unknowns["frame"].names)
-    places = np.zeros(n, dtype=int)
+    places: list[set[tuple[str, int]]] = [set() for _ in range(n)]
     lengths, scalars, square, norm = np.zeros((4, n))
     for block in equations.blocks:
-        index = next((i for what, i in block.variables if what == "frame"), None)
-        if block.prior or index is None:
+        if (
+            not block.named
+            or block.variables[0][0] != "frame"
+            or observation_kind(block.kind).shape
+        ):
             continue
+        index = block.variables[0][1]
+        for (kind, numbers), attribute in zip(block.variables, block.named, strict=True):
+            if kind in ("point", "pose") and "." not in attribute:
+                for i, number in np.unique(np.stack([index, numbers], 1), axis=0).tolist():
+                    places[i].add((kind, number))
         v = report.solution.observations.residuals[block.rows].reshape(block.observed.shape)
-        places += np.bincount(index, minlength=n)
         scalars += block.dimension * np.bincount(index, minlength=n)
         norm += np.bincount(index, np.sum((v / block.sigma) ** 2, axis=1), n)
         if block.unit == "m":
@@ -113,7 +150,7 @@ def _seen(report: Report) -> list[_Seen]:
             square += np.bincount(index, np.sum(v**2, axis=1), n)
     with np.errstate(invalid="ignore"):
         found = zip(places, np.sqrt(square / lengths), np.sqrt(norm / scalars), strict=True)
-    return [_Seen(int(p), float(v), float(w)) for p, v, w in found]
+    return [_Seen(len(p), float(v), float(w)) for p, v, w in found]
 
 
 def _values(report: Report, name: str, stated: Parameter) -> list[list[str]]:
@@ -149,12 +186,8 @@ def _values(report: Report, name: str, stated: Parameter) -> list[list[str]]:
 
 
 def _scale(ln_scale: float, sigma_ppm: float) -> str:
-    """Return a scale as 1 + ppm, or as e^ℓ."""
+    """Return a scale as the factor e^ℓ, to the second digit of its σ."""
     if ln_scale == 0 and sigma_ppm == 0:
         return "1"
-    if abs(ln_scale) < NEAR_ONE:
-        places = decimals([sigma_ppm], default=1, most=4)
-        part = decimal(1e6 * expm1(ln_scale), places)
-        return f"1 {part[0] if part[0] == '-' else '+'} {part.lstrip('-')} ppm"
     scale = exp(ln_scale)
     return decimal(scale, decimals([1e-6 * sigma_ppm * scale], default=6, most=12))

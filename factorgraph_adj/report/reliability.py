@@ -9,7 +9,7 @@ import numpy as np
 from ..quality.groups import GroupReliability
 from ..quality.reliability import Reliability
 from ..quality.unit_weight import global_test
-from ..types import Index
+from ..types import Mask
 from ..units import decimal, significant
 from .adjusted import lists_every_row, short_r
 from .context import Report
@@ -36,7 +36,8 @@ def reliability(report: Report) -> list[str]:
         return []
     limits = f"α0 = {percent(rel.alpha)}, power {percent(rel.power)}: δ0 = {rel.delta0:.2f}"
     groups = report.rows.groups()
-    rows = [_of_group(rel, g) for g in groups]
+    uncontrolled = ~rel.controlled & ~report.stiff
+    rows = [_of_group(rel, g, uncontrolled) for g in groups]
     extra = report.solution.n_extra
     if extra:
         r = rel.redundancy_of_extra_factors
@@ -46,21 +47,21 @@ def reliability(report: Report) -> list[str]:
         total = numbers.sum() + rel.redundancy_of_extra_factors
         n = len(numbers) + extra
         low, high = _two(numbers.min()), _two(numbers.max())
-        free = _count(rel, np.arange(len(numbers)))
+        free = _count(uncontrolled)
         rows.append(["all", str(n), f"{total:.2f}", low, f"{total / n:.2f}", high, "", free])
     header = ["kind", "scalars", "Σr", "min r", "mean r", "max r", "median ∇", "uncontrolled"]
     out = [*title(f"Reliability ({limits})"), *table(header, rows), *_words(report, rel)]
     return out
 
 
-def _of_group(rel: Reliability, group: Group) -> list[str]:
+def _of_group(rel: Reliability, group: Group, uncontrolled: Mask) -> list[str]:
     r, mdb = rel.redundancy_numbers[group.rows], rel.mdb[group.rows]
     finite = mdb[np.isfinite(mdb)]
     middle = ""
     if len(finite) and group.scale.small:
         middle = f"{short(float(np.median(finite)) / group.scale.size)} {group.scale.small}"
     figures = [_two(x) for x in (r.sum(), r.min(), r.mean(), r.max())]
-    return [group.label, str(group.scalars), *figures, middle, _count(rel, group.rows)]
+    return [group.label, str(group.scalars), *figures, middle, _count(uncontrolled[group.rows])]
 
 
 def _two(r: float) -> str:
@@ -68,8 +69,8 @@ def _two(r: float) -> str:
     return f"{r + 0.0 if abs(r) >= 0.005 else 0.0:.2f}"
 
 
-def _count(rel: Reliability, rows: Index) -> str:
-    return str(int(np.sum(~rel.controlled[rows])) or "–")
+def _count(rows: Mask) -> str:
+    return str(int(rows.sum()) or "–")
 
 
 def _words(report: Report, rel: Reliability) -> list[str]:
@@ -81,7 +82,7 @@ def _words(report: Report, rel: Reliability) -> list[str]:
         out.append(
             "one redundant observation: an error would show, but not which observation it is in"
         )
-    numbers = np.flatnonzero(~rel.controlled)
+    numbers = np.flatnonzero(~rel.controlled & ~report.stiff)
     if len(numbers):
         shown = [whole(f"{r.kind_name} {r.what}") for r in report.rows.at(numbers[:NAMED])]
         more = f" … ({len(numbers)} in all, see {report.where('observations.csv')})"
@@ -96,7 +97,21 @@ def _words(report: Report, rel: Reliability) -> list[str]:
         if len(lonely):
             named = listed([names[i] for i in lonely], NAMED)
             out.append(f"points with no controlled observation: {named}")
+    if report.stiff.any():
+        out.append(_ties(report, rel))
     return [line for text in out for line in paragraph(text)]
+
+
+def _ties(report: Report, rel: Reliability) -> str:
+    """Return a sentence about the stiff ties, which the lists of weak observations leave out."""
+    rows = report.rows.at(np.flatnonzero(report.stiff))
+    kinds = ", ".join(sorted({r.kind_name for r in rows}))
+    largest = short(float(np.abs(rel.redundancy_numbers[report.stiff]).max()))
+    return (
+        f"{len({r.id for r in rows})} stiff ties ({kinds}; r up to {largest}) are not listed as "
+        "weak or uncontrolled: they were stated of the model and not measured; a larger σ (of a "
+        "member of a rig: more play) lets an error in them show where others see the same"
+    )
 
 
 def weakest(report: Report) -> list[str]:
@@ -106,10 +121,11 @@ def weakest(report: Report) -> list[str]:
         return []
     points = _weakest_points(report, rel)
     few = int(rel.controlled.sum()) <= report.options.n_suspects
-    if few and not _above(report):
+    shown = rel.controlled & ~report.stiff
+    if not shown.any() or (few and not _above(report)):
         return points  # the lists of test values contain all observations with their r
-    r = np.where(rel.controlled, rel.redundancy_numbers, np.inf)
-    order = np.argsort(r, kind="stable")[: min(WEAKEST, int(rel.controlled.sum()))]
+    r = np.where(shown, rel.redundancy_numbers, np.inf)
+    order = np.argsort(r, kind="stable")[: min(WEAKEST, int(shown.sum()))]
     unit = report.units.sigma_length
     rows = []
     for row in report.rows.at(order.tolist()):
@@ -288,7 +304,7 @@ def _groups(report: Report, rel: Reliability) -> list[str]:
         [
             _members(report, g),
             str(g.dof),
-            f"{g.redundancy:.2f}",
+            decimal(g.redundancy, 2),
             f"{g.test:.2f}",
             f"{g.critical:.2f}",
         ]

@@ -21,6 +21,7 @@ from .lines import lines
 from .options import Provenance, ReportOptions, Run
 from .precision import centres
 from .reliability import reliability, suspects, weakest
+from .shapes import shapes
 from .snooping import components, snooping
 from .unknowns import calibrations, orientations, others, overparametrised
 
@@ -36,10 +37,10 @@ def protocol(
 
     The protocol contains: the run, the network, the number of observations of each kind, datum,
     iterations and the reason of their end, σ̂0 and its test, redundancy numbers by kind, weakest
-    observations and points, adjusted coordinates, corrections of weighted ones, photos, frames,
-    calibrations and other unknowns with their standard deviations and tests, check points, the
-    lines that the options ask for, the adjusted observations station by station, and the largest
-    test values with estimated errors and inseparable observations.
+    observations and points, adjusted coordinates, corrections of weighted ones, photos, shapes,
+    frames, calibrations and other unknowns with their standard deviations and tests, check points,
+    the lines that the options ask for, the adjusted observations station by station, and the
+    largest test values with estimated errors and inseparable observations.
 
     Args:
         solution: the result of `adjust`.
@@ -58,6 +59,7 @@ def render(report: Report) -> str:
         check_points,
         photos,
         centres,
+        shapes,
         frames,
         calibrations,
         orientations,

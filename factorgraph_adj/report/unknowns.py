@@ -21,6 +21,8 @@ _USUAL = {"refraction": "refraction", "vertical": "verticals", "edm": "distance 
 """Kinds that the heading of their table names first, and in what words."""
 _APART = ("frame",)
 """Kinds with a table of their own in the protocol."""
+_PER = ("", "/t", "/t²")
+"""What stands behind the unit of a component that observations multiply by a power of t."""
 STRONG = 0.8
 """Smallest absolute correlation of calibration parameters that is reported as strong."""
 
@@ -139,6 +141,8 @@ class SmallUnknown:
     """Estimate, SI."""
     sigma: float
     """Standard deviation, SI."""
+    power: int
+    """Power of the unit of time by which ``unit`` is divided."""
     state: Literal["held", "weighted", "free"]
     """Whether the component was held, weighted or free."""
 
@@ -178,6 +182,7 @@ def small_unknowns(report: Report) -> Iterator[SmallUnknown]:
                     size,
                     float(e.values[i]),
                     float(e.sigmas[i]),
+                    component.power,
                     _state(parameter, i),
                 )
 
@@ -191,7 +196,12 @@ def _state(parameter: Parameter, i: int) -> Literal["held", "weighted", "free"]:
 def others(report: Report) -> list[str]:
     """Return refraction, deflections of the vertical, distance meters and further kinds."""
     rows, shown_ones = [], []
-    found = [u for u in small_unknowns(report) if u.kind not in _APART]
+    of_shapes = {(size.kind, size.name) for one in report.shapes for size in one.sizes}
+    found = [
+        u
+        for u in small_unknowns(report)
+        if u.kind not in _APART and (u.kind, u.name) not in of_shapes
+    ]
     for u in found:
         if u.state == "held" and u.value == 0 and UNKNOWNS[u.kind].size > MOST_HELD:
             continue
@@ -200,7 +210,7 @@ def others(report: Report) -> list[str]:
         # A held turn keeps its component of the rotation vector only where the others are held.
         still = u.state == "held" and sigma == 0
         shown = f"{value + 0.0:.5g}" if still else with_sigma(value, sigma)
-        label = f"{u.sign} [{u.unit}]" if u.unit else u.sign
+        label = f"{u.sign} [{u.unit}{_PER[u.power]}]" if u.unit else u.sign
         what = f"{UNKNOWNS[u.kind].title} {u.name}".strip()
         test = _verdict(report.tested(u.kind, u.name, u.component))
         rows.append([what, label, shown, "held" if still else short(sigma), *test])
@@ -216,4 +226,6 @@ def others(report: Report) -> list[str]:
         header, shown_rows = header[:4], [r[:4] for r in shown_rows]
     else:
         note = [*note, _meaning(report)]
+    if any(u.power for u in shown_ones):
+        note = [*note, "  t of units: the time or place along a strip, in the unit of observations"]
     return [*heading, *table(header, shown_rows, left=2), *note]

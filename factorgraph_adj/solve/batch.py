@@ -21,6 +21,7 @@ from .iterate import ITERATION, Ended, Progress, iterate, step_from
 from .memory import refuse_too_large
 from .normal import Solver
 from .run import Run
+from .shapes_anew import look_at_shapes
 from .sides import refuse_points_behind
 from .solution import Solution
 from .start import Start, start_of
@@ -235,6 +236,8 @@ def _minimise(
             ended, found = look_both_ways(run, ended, go_on, examine)
             # With the next weights the iteration begins at a place, and finds nothing between.
             told = found or told
+        if ended.converged:
+            ended = look_at_shapes(run, ended, go_on, examine)
         iterations, state = ended.iterations, run.state
         extrapolated = run.extrapolated
         before, weighed = weighed, weighed.weighted_at(state)

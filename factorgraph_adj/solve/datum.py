@@ -28,13 +28,16 @@ from scipy.sparse.csgraph import connected_components
 from ..frames import LocalFrame
 from ..graph.equations import Equations
 from ..graph.variables import State, Variables
+from ..models.height import heights
 from ..models.motions import Motions
-from ..models.variables import UNKNOWNS, VariableKind
-from ..network.entities import parameter_name
+from ..models.variables import UNKNOWNS
 from ..types import Array, Index, Mask
 from .linear import LinearSystem
+from .shrinking import without_shrinking
+from .stations import by_stations, places_of, still_places
 from .stiff import eased
-from .turns import without_turns
+from .told import independent, undirected, untold
+from .turns import turning_rows, without_turned_deflections, without_turns
 
 MOTIONS = (
     "shift in x",
@@ -90,9 +93,14 @@ def generators(equations: Equations, state: State, about: About | None = None) -
         record = UNKNOWNS[kind]
         on = np.flatnonzero(table.offset >= 0)
         if record.motions is not None and len(on):
-            moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
+            if record.at_stations:
+                moved = by_stations(equations, motions, kind, state[kind], on)
+            else:
+                moved = record.motions(motions, state[kind][on], places_of(equations, kind, on))
             if record.held_motions is not None:
-                moved = record.held_motions(state[kind][on], moved, ~table.free[on])
+                moved = record.held_motions(
+                    state[kind][on], moved, ~table.free[on], still_places(equations, kind)[on]
+                )
             for j in range(moved.shape[1]):
                 has = j < table.size[on]
                 g[table.offset[on[has]] + j] = moved[has, j]
@@ -115,23 +123,6 @@ def motions_of(equations: Equations, state: State, about: About | None = None) -
         state["vertical"][which],
         free[which],
     )
-
-
-def places_of(equations: Equations, kind: VariableKind, on: Index) -> Index:
-    """Return the number of the point at which each variable stands; −1: at no point."""
-    unknowns = equations.unknowns
-    if UNKNOWNS[kind].constants:
-        stated = equations.network.of_kind(kind)
-        origins = [stated[unknowns[kind].names[i]].origin for i in on.tolist()]
-        return np.array([unknowns["point"].number.get(n, -1) for n in origins], dtype=np.intp)
-    if not UNKNOWNS[kind].at_point:
-        return np.full(len(on), -1, dtype=np.intp)
-    point_of = {
-        parameter_name(key): key if isinstance(key, str) else key[0]
-        for key in equations.network.of_kind(kind)
-    }
-    names = [point_of[unknowns[kind].names[i]] for i in on.tolist()]
-    return np.array([unknowns["point"].number[n] for n in names], dtype=np.intp)
 
 
 def middle(state: State) -> About:
@@ -234,7 +225,12 @@ class Defect:
 
 
 def find_defects(
-    system: LinearSystem, state: State, diagonal: Array, *, free: bool
+    system: LinearSystem,
+    state: State,
+    diagonal: Array,
+    *,
+    free: bool,
+    shrinking: bool = False,
 ) -> list[Defect]:
     """Return the datum defects of each connected part.
 
@@ -243,6 +239,7 @@ def find_defects(
         state: the state at which it was linearised.
         diagonal: diagonal of N, (n_columns,).
         free: whether a free network is asked for.
+        shrinking: whether a scale is unnoticed by residuals that only shrink with it.
     """
     unknowns = system.unknowns
     about = middle(state)
@@ -268,7 +265,7 @@ def find_defects(
     for part in found:
         inside = (label == part) | (shared & (len(found) == 1))
         part_g = np.where(inside[:, None], g, 0.0)
-        defect = _unnoticed(system, part_g, diagonal, ratio, about[1])
+        defect = _unnoticed(system, part_g, diagonal, ratio, about[1], shrinking=shrinking)
         if defect is not None:
             columns = np.flatnonzero(label == part)
             out.append(Defect(columns, part_g @ defect, defect, about, inside))
@@ -306,7 +303,13 @@ def unnoticed_ratio(equations: Equations, about: About, *, free: bool) -> float:
 
 
 def _unnoticed(
-    system: LinearSystem, g: Array, diagonal: Array, threshold: float, size: float
+    system: LinearSystem,
+    g: Array,
+    diagonal: Array,
+    threshold: float,
+    size: float,
+    *,
+    shrinking: bool,
 ) -> Array | None:
     """Return the mixtures (7, d) of motions that no observation notices.
 
@@ -316,11 +319,12 @@ def _unnoticed(
         diagonal: diagonal of N, (n_columns,).
         threshold: limit of what is noticed, see `unnoticed_ratio`.
         size: mean distance of the points from their centre, metres.
+        shrinking: as in `find_defects`.
     """
     diagonal, ease = eased(system, diagonal)
     weighted = np.sqrt(diagonal)[:, None] * g
     length = np.linalg.norm(weighted, axis=0)
-    real = _independent(weighted, length)
+    real = independent(weighted, length)
     if not real.any():
         return None
     # An orthonormal basis of the motions in the norm of the diagonal of N.
@@ -328,48 +332,53 @@ def _unnoticed(
     keep = s > 1e-9 * s[0]
     basis = (vt[keep].T / s[keep]) / length[real][:, None]
     among = g[:, real] @ basis
-    noticed = ease[:, None] * without_turns(system, system.times(among))
+    radians = np.zeros((3, basis.shape[1]))
+    turning = np.flatnonzero(real[3:6])
+    radians[turning] = basis[np.cumsum(real)[3 + turning] - 1] / size
+    told = without_turns(system, system.times(among))
+    told = without_turned_deflections(system, told, radians)
+    if shrinking:
+        scale = basis[-1] / size if real[6] else np.zeros(basis.shape[1])
+        told = without_shrinking(system, told, scale)
+    noticed = ease[:, None] * told
     every = np.eye(basis.shape[1])
+    across = turning_rows(system)
+    if across.any():
+        every = untold(np.where(across[:, None], 0.0, noticed), every, threshold)
+        every = undirected(noticed[across], every, radians, None, (threshold, threshold))
+        noticed = np.where(across[:, None], 0.0, noticed)
     if threshold < UNNOTICED_IF_FREE or _flat(system.equations):
-        null = _null(noticed, every, threshold)
+        null = untold(noticed, every, threshold)
     else:
         rows = _Rows.of(system)
-        null = _null(np.where(rows.told_apart[:, None], 0.0, noticed), every, threshold)
+        null = untold(np.where(rows.told_apart[:, None], 0.0, noticed), every, threshold)
         # What tells where the network is counts, however weak it is beside all else.
-        null = _null(noticed[rows.places], null, UNNOTICED_IF_FREE)
+        null = untold(noticed[rows.places], null, UNNOTICED_IF_FREE)
         # What azimuths and heights would tell if their own unknowns stayed.
         held = noticed
         if rows.own.any():
             held = ease[:, None] * system.times(np.where(rows.own[:, None], 0.0, among))
         on_earth = size / system.equations.network.frame.radius
+        middle_point = system.state["point"].mean(axis=0, keepdims=True)
+        up = heights(system.equations.network.frame, middle_point)[1][0]
+        # Azimuths come last, as tilts that surfaces tell would mix with turns that these tell less.
         for which, factor, least in (
-            (rows.azimuths, CONVERGING, UNNOTICED_BY_AZIMUTHS),
             (rows.surfaces, SAGGING, threshold),
+            (rows.azimuths & ~rows.constant, CONVERGING, UNNOTICED_BY_AZIMUTHS),
+            (rows.azimuths & rows.constant, CONVERGING, UNNOTICED_BY_AZIMUTHS),
         ):
             told = held[which] @ null
             most = float(np.linalg.norm(told, 2)) if told.size else 0.0
-            null = _null(noticed[which], null, max(least, factor * on_earth * most))
+            limit = max(least, factor * on_earth * most)
+            if np.any(which & rows.constant & rows.azimuths):
+                null = undirected(noticed[which], null, radians, up, (least, limit))
+            else:
+                null = untold(noticed[which], null, limit)
     if null.shape[1] == 0:
         return None
     mixture = np.zeros((7, null.shape[1]))
     mixture[real] = basis @ null
     return np.asarray(mixture / np.linalg.norm(mixture, axis=0))
-
-
-def _null(noticed: Array, among: Array, threshold: float) -> Array:
-    """Return the motions among some of which rows notice less than a threshold.
-
-    Args:
-        noticed: what the rows notice of each motion, (rows, n).
-        among: combinations of the motions, orthonormal, (n, d).
-        threshold: limit.
-    """
-    told = noticed @ among
-    # With fewer rows than motions, the other motions are unnoticed too.
-    _, values, right = np.linalg.svd(told, full_matrices=len(told) < told.shape[1])
-    padded = np.zeros(told.shape[1])
-    padded[: len(values)] = values
-    return np.asarray(among @ right[padded < threshold].T)
 
 
 @dataclass(frozen=True)
@@ -380,6 +389,8 @@ class _Rows:
     """Whether they may tell where it is: all but sights, heights and weighted tilts."""
     azimuths: Mask
     """Whether they are azimuths."""
+    constant: Mask
+    """Whether an unknown constant, or the unknown height of a surface, belongs to the row."""
     surfaces: Mask
     """Whether they are heights above level surfaces or surfaces of pressure."""
     own: Mask
@@ -395,6 +406,7 @@ class _Rows:
         """Return the rows of a linearised network."""
         places = np.ones(len(system.every_residual), dtype=bool)
         azimuths, surfaces = np.zeros_like(places), np.zeros_like(places)
+        constant = np.zeros_like(places)
         own = np.zeros(system.unknowns.n_columns, dtype=bool)
         for block in system.equations.blocks:
             sights = block.fixes in ("nothing", "direction") and not block.prior
@@ -407,34 +419,17 @@ class _Rows:
             surfaces[block.rows] = bool(standing) and block.fixes == "nothing"
             for kind, index in standing:
                 table = system.unknowns[kind]
+                constant[block.rows] |= np.repeat(table.offset[index] >= 0, block.dimension)
                 offset = table.offset[np.unique(index)]
                 for j in range(table.free.shape[1]):
                     own[offset[offset >= 0] + j] = True
-        return cls(places, azimuths, surfaces, own)
+        return cls(places, azimuths, constant, surfaces, own)
 
 
 def _flat(equations: Equations) -> bool:
     """Return whether a network stands on a plane."""
     frame = equations.network.frame
     return isinstance(frame, LocalFrame) and not frame.curvature
-
-
-def _independent(motions: Array, length: Array) -> Mask:
-    """Return which motions (n, 7) move something that those before them do not move likewise.
-
-    Where only heights of one point are free, its shift in z stands for rotations and scale too.
-    """
-    real = length > 1e-12 * max(float(length.max()), np.finfo(float).tiny)
-    basis = np.zeros((len(motions), 0))
-    for i in np.flatnonzero(real):
-        rest = motions[:, i] / length[i]
-        for _ in range(2):  # once more, or rounding leaves a part in the basis
-            rest = rest - basis @ (basis.T @ rest)
-        size = float(np.linalg.norm(rest))
-        real[i] = size > 1e-9
-        if real[i]:
-            basis = np.column_stack([basis, rest / size])
-    return real
 
 
 def minimal_datum(motions: Array, datum: Mask) -> Index:

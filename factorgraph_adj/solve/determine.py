@@ -12,6 +12,7 @@ from .free_network import datum_columns
 from .normal import NormalEquations
 from .rank import LISTED, describe_defects, undetermined, unnoticed
 from .run import Run
+from .shrinking import lengths_of_zero
 from .singular import SingularError
 
 GROSS = 30.0
@@ -30,6 +31,8 @@ def settle_datum(run: Run, normal: NormalEquations) -> None:
         explain(run, normal)
     defects = find_defects(normal.system, run.state, normal.diagonal, free=run.free)
     run.defects = tuple(defects)
+    if run.free:
+        refuse_shrinking(run, normal, sum(d.size for d in defects))
     if not defects:
         return
     if not run.free:
@@ -48,6 +51,35 @@ def settle_datum(run: Run, normal: NormalEquations) -> None:
     run.constraint = np.zeros_like(run.constraint)  # a run that goes on chooses anew
     run.constraint[held] = normal.diagonal[held]
     run.datum = FreeDatum(motions, columns)
+
+
+def refuse_shrinking(run: Run, normal: NormalEquations, known: int) -> None:
+    """Raise an error if a free network has no minimum, as its residuals in metres shrink with it.
+
+    Args:
+        run: the adjustment.
+        normal: its normal equations.
+        known: number of its datum defects.
+
+    Raises:
+        DatumError: nothing in the network has a length.
+    """
+    found = list(lengths_of_zero(normal.system))
+    if not found:
+        return
+    every = find_defects(normal.system, run.state, normal.diagonal, free=True, shrinking=True)
+    size = sum(d.size for d in every)
+    scaled = any("scale" in d.names() for d in every)
+    if not scaled or (size == known and any("scale" in d.names() for d in run.defects)):
+        return
+    counts = ", ".join(f"{int(zero.sum())} {b.kind.replace('_', ' ')}" for b, zero in found)
+    raise DatumError(
+        "nothing in the free network has a length, so that it has no size at which it fits best: "
+        f"residuals in metres ({counts}) are lengths that should be zero, and shrink with the "
+        "network\n  give it a length: a distance, two control points, a known size of a shape "
+        "(hold its size), or a frame of known scale",
+        defect=size,
+    )
 
 
 def refuse_unnoticed(run: Run, normal: NormalEquations) -> None:

@@ -13,7 +13,7 @@ small network has no points of the first layer.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -44,7 +44,10 @@ MOST_SPREAD = 60
 are full columns of the reduced system."""
 FEW_PLACED = 8
 """Largest number of frames, sizes and levels that are full columns too; more of them are nodes,
-whose width all nodes then have."""
+whose width all nodes then have. The same number for drifts and mounts of a few photos."""
+WIDEST_OF_PHOTOS = 9
+"""Largest number of components of an unknown of a few photos that is a node: a shift with linear
+and quadratic terms."""
 
 
 @dataclass
@@ -61,8 +64,9 @@ class Layers:
     """Variables of the second layer."""
     in_fronts: bool = False
     """Whether the terrestrial side is in the third layer too, and the second one is empty."""
-    nodes_alone: bool = False
-    """Whether frames, sizes and levels are nodes, and not columns that touch everything."""
+    alone: Mapping[VariableKind, Index] = field(default_factory=dict)
+    """Numbers of the variables at no point that are nodes, and not columns that touch everything:
+    frames, sizes and levels, and what only a few photos have, such as the drift of a strip."""
     kept: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     """Columns that are not eliminated, because other parts of the network have them too, (m,)."""
     ordering: gtsam.Ordering | None = None
@@ -141,20 +145,21 @@ def layers_of(
     # Rows beside the observations join what they touch as if it were a part of the tree.
     size = len(tree) + int(touched.sum()) // UNKNOWNS["pose"].size
     placed = sum(is_placed(kind) for kind, _ in tree)
-    nodes_alone = placed > FEW_PLACED
+    many_placed = placed > FEW_PLACED
     large = size > largest or _joined(equations, cameras, tree) > MOST_JOINED
-    large &= _spread(tree) - nodes_alone * placed <= MOST_SPREAD
+    nodes = _of_few_photos(equations, tree)
+    if many_placed:
+        nodes |= _numbers(tree, is_placed)
+    large &= _spread(tree) - sum(len(numbers) for numbers in nodes.values()) <= MOST_SPREAD
     if kept is not None or (reduce_points and large):
-        if nodes_alone and reduce_points:
+        if many_placed and reduce_points:
             reduced = _seen_in_frames(equations, touched)
         every = np.ones(unknowns.n_columns, dtype=bool)
         first = table.offset[reduced]
         every[(first[:, None] + np.arange(3)).ravel()] = False
         if kept is None:
             kept = np.zeros(0, dtype=np.intp)
-        return Layers(
-            unknowns, reduced, every, (), in_fronts=True, nodes_alone=nodes_alone, kept=kept
-        )
+        return Layers(unknowns, reduced, every, (), in_fronts=True, alone=nodes, kept=kept)
     return Layers(unknowns, reduced, cameras, tuple(tree))
 
 
@@ -219,24 +224,56 @@ def _joined(equations: Equations, cameras: Mask, tree: Sequence[tuple[VariableKi
     """Return the largest number of photos that one unknown of a tree at no point joins."""
     offset = equations.unknowns["pose"].offset
     photos = (offset >= 0) & cameras[np.maximum(offset, 0)]
-    inside: dict[VariableKind, list[int]] = {}
-    for kind, number in tree:
-        if _stands_nowhere(kind):
-            inside.setdefault(kind, []).append(number)
     most = 0
-    for kind, numbers in inside.items():
-        pairs = [np.zeros((0, 2), dtype=np.intp)]
-        for block in equations.blocks:
-            own = [index for what, index in block.variables if what == kind]
-            of_photos = [index for what, index in block.variables if what == "pose"]
-            pairs += [
-                np.stack([a, b], axis=1)[photos[b] & np.isin(a, numbers)]
-                for a in own
-                for b in of_photos
-            ]
-        every = np.unique(np.concatenate(pairs), axis=0)
+    for kind, numbers in _numbers(tree, _stands_nowhere).items():
+        every = _photos_of(equations, kind)
+        every = every[photos[every[:, 1]] & np.isin(every[:, 0], numbers)]
         most = max(most, int(np.bincount(every[:, 0]).max(initial=0)))
     return most
+
+
+def _of_few_photos(
+    equations: Equations, tree: Sequence[tuple[VariableKind, int]]
+) -> dict[VariableKind, Index]:
+    """Return numbers of the variables that a few photos have, and no points; none if they are few.
+
+    Frames, sizes and levels are none of them.
+    """
+    out: dict[VariableKind, Index] = {}
+    for kind, numbers in _numbers(tree, lambda k: _stands_nowhere(k) and not is_placed(k)).items():
+        size = equations.unknowns[kind].size
+        met = _photos_of(equations, kind)
+        photos = np.bincount(met[:, 0], minlength=len(size))
+        few = (photos > 0) & (photos <= MOST_JOINED) & (size <= WIDEST_OF_PHOTOS)
+        for block in equations.blocks:
+            if any(what == "point" for what, _ in block.variables):
+                for what, index in block.variables:
+                    if what == kind:
+                        few[index[index >= 0]] = False
+        out[kind] = numbers[few[numbers]]
+    return out if sum(len(numbers) for numbers in out.values()) > FEW_PLACED else {}
+
+
+def _numbers(
+    tree: Sequence[tuple[VariableKind, int]], belongs: Callable[[VariableKind], bool]
+) -> dict[VariableKind, Index]:
+    """Return the numbers of the variables of some kinds in a tree, by kind."""
+    out: dict[VariableKind, list[int]] = {}
+    for kind, number in tree:
+        if belongs(kind):
+            out.setdefault(kind, []).append(number)
+    return {kind: np.array(numbers, dtype=np.intp) for kind, numbers in out.items()}
+
+
+def _photos_of(equations: Equations, kind: VariableKind) -> Index:
+    """Return the pairs of a variable of a kind and a photo that observations join, (m, 2)."""
+    n = max(len(equations.unknowns["pose"].names), 1)
+    codes = [np.zeros(0, dtype=np.intp)]
+    for block in equations.blocks:
+        own = [index for what, index in block.variables if what == kind]
+        photos = [index for what, index in block.variables if what == "pose"]
+        codes += [a[on] * n + b[on] for a in own for b in photos for on in ((a >= 0) & (b >= 0),)]
+    return np.stack(np.divmod(np.unique(np.concatenate(codes)), n), axis=1).astype(np.intp)
 
 
 def _stands_nowhere(kind: VariableKind) -> bool:

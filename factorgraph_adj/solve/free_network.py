@@ -233,6 +233,28 @@ def _bend(equations: Equations, state: State, r: Array, defect: Defect) -> Array
     return out / size**2
 
 
+def held_gradient(normal: NormalEquations, defects: tuple[Defect, ...], constraint: Array) -> Array:
+    """Return AᵀPv with the forces that a minimal datum exerts on what it holds, (n_columns,).
+
+    Observations may notice a datum defect a little, such as a turn by the convergence of meridians.
+    A term on the diagonal of N does not hold the network against them: every step would follow them
+    a little, and none would be the last. The forces f on the held columns make Gᵀ (AᵀPv − f) = 0,
+    so that the network stays where it is held. Where nothing notices the defect they are zero.
+
+    Args:
+        normal: the normal equations at a state.
+        defects: the datum defect.
+        constraint: terms that the minimal datum adds to the diagonal of N, (n_columns,).
+    """
+    held = np.flatnonzero(constraint)
+    if len(defects) != 1 or not len(held):
+        return normal.gradient
+    motions = defects[0].at(normal.system.equations, normal.state).motions
+    out = normal.gradient.copy()
+    out[held] -= np.linalg.lstsq(motions[held].T, motions.T @ out, rcond=None)[0]
+    return out
+
+
 @dataclass(frozen=True)
 class Carried:
     """A free network after its motion onto the inner constraints."""

@@ -28,6 +28,7 @@ from .determine import (
     what_is_undetermined,
 )
 from .extrapolation import Extrapolation
+from .free_network import held_gradient
 from .inner import follow
 from .newton import NEWTON, newton_step
 from .normal import NormalEquations
@@ -234,6 +235,7 @@ def step_from(
         return None
     if damping == 0.0:
         run.smallest_pivot = normal.smallest_pivot
+        return Step.of(factor, held_gradient(normal, run.defects, run.constraint))
     return Step.of(factor, normal.gradient, damped)
 
 

@@ -3,8 +3,9 @@
 A photo with the calibration that no other photo has is a node. Where the terrestrial side is
 eliminated in dense fronts too (`Layers.in_fronts`), each of its points is a node, together with the
 orientation unknowns and the vertical at the point; further ones, and those at held points, are
-nodes of their own, and so are frames, sizes and levels if there are more than a few. What touches
-everything is the border: calibrations that several photos share, distance meters, refraction.
+nodes of their own, and so are frames, sizes and levels, and drifts and mounts that few photos have,
+if there are more than a few. What touches everything is the border: calibrations that several
+photos share, distance meters, refraction.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from ..graph.equations import Equations
 from ..graph.variables import State, Variables
 from ..models.variables import UNKNOWNS, VariableKind
 from ..types import Array, Index, Mask
-from .datum import places_of
-from .elimination import Layers, first_point, is_placed
+from .elimination import Layers, first_point
 from .places import Places
+from .stations import places_of
 
 WIDEST = 8
 """Largest number of columns of the node of a point: its coordinates, and some unknowns at it."""
@@ -48,12 +49,11 @@ class Nodes(Places):
         self._columns: list[Index] = []
         self._border: list[Index] = [np.zeros(0, dtype=np.intp)]
         self._stands: list[Index] = []
-        self._middles: list[csr_array] = []
+        self._middles: list[dict[VariableKind, csr_array]] = []
         self._photos(equations)
         if layers.in_fronts:
             self._points(equations)
-            if layers.nodes_alone:
-                self._placed(equations)
+            self._alone(equations)
         node, position, column = (
             np.concatenate([np.zeros(0, dtype=np.intp), *x])
             for x in (self._nodes, self._positions, self._columns)
@@ -145,8 +145,7 @@ class Nodes(Places):
                 self._at_points(other, on, places_of(equations, kind, on), node, filled)
                 filled = np.concatenate([filled, np.full(self.n - len(filled), WIDEST)])
                 continue
-            if self.layers.nodes_alone and is_placed(kind):
-                continue
+            on = np.setdiff1d(on, self.layers.alone.get(kind, ()))
             for number in on.tolist():
                 size = np.arange(other.size[number])
                 self._border.append(_free_columns(unknowns.free, int(other.offset[number]), size))
@@ -184,13 +183,13 @@ class Nodes(Places):
             column = table.offset[on[has]] + c
             self._put(at[has], start[has] + c, np.where(free[column], column, -1))
 
-    def _placed(self, equations: Equations) -> None:
-        """Give frames, sizes and levels nodes, which stand in the middle of their points."""
+    def _alone(self, equations: Equations) -> None:
+        """Give the variables that are nodes alone their nodes, in the middle of what they meet."""
         free = self.layers.unknowns.free
-        for kind, table in self.layers.unknowns.tables.items():
-            on = np.flatnonzero(table.offset >= 0)
-            on = on[self.layers.cameras[table.offset[on]]]
-            if not is_placed(kind) or not len(on):
+        for kind, numbers in self.layers.alone.items():
+            table = self.layers.unknowns[kind]
+            on = numbers[self.layers.cameras[table.offset[numbers]]]
+            if not len(on):
                 continue
             for i, number in enumerate(on.tolist()):
                 own = table.offset[number] + np.arange(table.size[number])
@@ -210,31 +209,53 @@ class Nodes(Places):
     def positions(self, state: State) -> Array:
         """Return the projection centres and points of the nodes, (n, 3) metres.
 
-        A node without a point stands in the middle of those that its observations join.
+        A node without a point stands in the middle of the points that its observations join, or
+        of their photos.
         """
-        centres = state["pose"][self.photos, 9:]
-        points = state["point"]
-        middles = [
-            (incidence @ points) / np.maximum(incidence.sum(axis=1), 1.0)[:, None]
-            for incidence in self._middles
-        ]
-        return np.concatenate([centres, *(points[p] for p in self._stands), *middles])
+        at = {"point": state["point"], "pose": state["pose"][:, 9:]}
+        middles = []
+        for incidence in self._middles:
+            sums = sum(times @ at[kind] for kind, times in incidence.items())
+            count = sum(times.sum(axis=1) for times in incidence.values())
+            middles.append(sums / np.maximum(count, 1.0)[:, None])
+        centres = at["pose"][self.photos]
+        return np.concatenate([centres, *(at["point"][p] for p in self._stands), *middles])
 
 
-def _around(equations: Equations, kind: VariableKind, numbers: Index) -> csr_array:
-    """Return how often some variables of a kind meet each point, (k, number of points)."""
+def _around(
+    equations: Equations, kind: VariableKind, numbers: Index
+) -> dict[VariableKind, csr_array]:
+    """Return how often variables of a kind meet each point, and each photo where there is none.
+
+    Args:
+        equations: the network.
+        kind: kind of the variables.
+        numbers: their numbers, (k,).
+
+    Returns:
+        A matrix (k, number of points) and one (k, number of photos).
+    """
     table = equations.unknowns[kind]
     local = np.full(len(table.names), -1, dtype=np.intp)
     local[numbers] = np.arange(len(numbers))
-    shape = (len(numbers), len(equations.unknowns["point"].names))
-    out = csr_array(shape)
+    out = {
+        other: csr_array((len(numbers), len(equations.unknowns[other].names)))
+        for other in ("point", "pose")
+    }
     for block in equations.blocks:
         target = first_point(block)
+        if target is None:
+            photos = (j for j, (what, _) in enumerate(block.variables) if what == "pose")
+            target = next(photos, None)
+        if target is None:
+            continue
+        other, met = block.variables[target]
         for what, index in block.variables:
-            if what == kind and target is not None:
+            if what == kind:
                 on = np.flatnonzero(local[index] >= 0)
-                places = (local[index[on]], block.variables[target][1][on])
-                out = out + csr_array((np.ones(len(on)), places), shape=shape)
+                places = (local[index[on]], met[on])
+                times = csr_array((np.ones(len(on)), places), shape=out[other].shape)
+                out[other] = out[other] + times
     return out
 
 

@@ -140,6 +140,21 @@ def unnoticed(
     return np.asarray(z @ right[noticed < UNNOTICED].T)
 
 
+def _is_bound(diagonal: Array, system: LinearSystem, z: Array) -> bool:
+    """Return whether a search found as many combinations as it looks for: there may be more.
+
+    Args:
+        diagonal: diagonal of N, (n_columns,).
+        system: the linearised network.
+        z: what `null_space` found.
+    """
+    free = system.unknowns.free
+    unobserved = int(np.sum(free & (diagonal <= 0)))
+    listed = min(unobserved, MOST_UNOBSERVED)
+    found, live = z.shape[1] - listed, int(np.sum(free)) - unobserved
+    return unobserved > listed or MOST <= found < live
+
+
 def _motions(scale: Array, defects: Sequence[Defect]) -> Array:
     """Return an orthonormal basis (n_columns, d) of the motions of the datum, scaled."""
     none = np.zeros((len(scale), 0))
@@ -175,17 +190,17 @@ def undetermined(
     """
     try:
         z = null_space(system, diagonal)
+        bounded = _is_bound(diagonal, system, z)
     except SingularError:  # only the datum defects are known
-        z = np.zeros((len(diagonal), 0))
+        z, bounded = np.zeros((len(diagonal), 0)), True
     unknowns = system.unknowns
     scale = _scale(system, diagonal)[:, None]
     lines, names = [], []
     concerned: list[tuple[str, str]] = []
     motions = _motions(scale, defects)
-    at_least = "at least " if z.shape[1] >= MOST else ""
     z = _beside(z, motions)
     if z.shape[1] == 0 and known is not None:
-        z = _beside(known, motions)
+        z, bounded = _beside(known, motions), known.shape[1] >= PROBES
     n_datum = 0 if free else sum(d.size for d in defects)
     if not free:
         lines += describe_defects(unknowns, defects)
@@ -195,7 +210,7 @@ def undetermined(
     if z.shape[1]:
         shares = _shares(unknowns, z)
         concerned = [(kind, unknowns[kind].names[number]) for kind, number, *_ in shares]
-        for kind, number, share, weakest in shares[:LISTED]:
+        for kind, number, weakest, share in shares[:LISTED]:
             name = unknowns[kind].names[number]
             names.append(name)
             why = _support(system, kind, number, diagonal)
@@ -215,6 +230,7 @@ def undetermined(
     total = n_datum + z.shape[1]
     if total == 0:
         return None
+    at_least = "at least " if bounded else ""
     head = f"the network is not determined: {at_least}{total} defect{'s' * (total > 1)}"
     message = "\n  ".join([head, *lines])
     return DatumError(message, defect=total, names=names, unknowns=concerned)
@@ -245,6 +261,8 @@ def _nearly_unnoticed(system: LinearSystem, z: Array, scale: Array) -> tuple[Def
     g = generators(system.equations, system.state, about)
     moving = np.flatnonzero(np.linalg.norm(scale * g, axis=0) > 0)
     basis, r = np.linalg.qr(scale * g[:, moving])
+    if len(r) < len(moving):  # fewer unknowns than motions
+        return None, z
     if np.abs(np.diag(r)).min() < 1e-9 * np.abs(r).max():
         return None, z
     left, cosine, right = np.linalg.svd(basis.T @ z, full_matrices=False)
@@ -303,19 +321,26 @@ def _names_in(unknowns: Unknowns, columns: Index) -> list[str]:
     return out
 
 
-def _shares(unknowns: Unknowns, z: Array) -> list[tuple[VariableKind, int, float, str]]:
-    """Return kind, number, share and weakest component of the variables in z, largest first."""
+def _shares(unknowns: Unknowns, z: Array) -> list[tuple[VariableKind, int, str, float]]:
+    """Return the variables in z, largest first: kind, number, weakest component and its share.
+
+    The order is that of the squares of all components of a variable, whose sum is the number of
+    combinations that it holds alone, up to that of its components. The share is that of one
+    component, the square of the cosine between it and the undetermined combinations, from 0 to 1:
+    with 1 it is open whatever the others are.
+    """
     leverage = np.sum(z * z, axis=1)
     out = []
     for kind, number in unknowns.active():
         columns = unknowns.columns(kind, number)
         own = leverage[columns]
         component = unknowns.component_names(kind, number)[int(np.argmax(own))]
-        out.append((kind, number, float(own.sum()), component))
-    out.sort(key=lambda item: -item[2])
-    # In a network that turns as a whole, every unknown has a small share.
-    least = min(CONCERNED, 0.5 * out[0][2])
-    return [item for item in out if item[2] > least]
+        # Rounding leaves columns of z that are longer than 1 in the last digits.
+        out.append((float(own.sum()), (kind, number, component, min(float(own.max()), 1.0))))
+    out.sort(key=lambda item: -item[0])
+    # In a network that turns as a whole, every unknown has a small part.
+    least = min(CONCERNED, 0.5 * out[0][0])
+    return [item for together, item in out if together > least]
 
 
 def _moved_along(

@@ -12,7 +12,8 @@ from ..models.sub_frame import split_frame
 from ..models.variables import ROTATION
 from ..rotation import exp_rotation
 from ..types import Array, Index, Mask
-from .datum import Defect, in_part, places_of
+from .datum import Defect, in_part
+from .stations import places_of
 
 
 def transform(equations: Equations, state: State, defect: Defect, amounts: Array) -> State:

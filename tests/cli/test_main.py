@@ -293,13 +293,37 @@ def test_a_terminal_gets_progress_with_and_without_rich(block, monkeypatch, caps
     assert terminal.getvalue() != ""
 
 
-def test_very_many_problems_are_cut(tmp_path, here):
+def test_problems_that_repeat_are_summed_up(tmp_path, here):
     rows = "".join(f"slope_distance,a{i},A,X,1,,\n" for i in range(250))
-    result = here("check", write(tmp_path, observations=OBSERVATIONS + rows))
-    lines = result.stderr.splitlines()
+    folder = write(tmp_path, observations=OBSERVATIONS + rows)
+    first = OBSERVATIONS.count("\n") + 1
+    lines = here("check", folder).stderr.splitlines()
     assert lines[0] == "250 problems:"
-    assert lines[-1] == "  … and 50 more"
-    assert len(lines) == 202
+    assert len(lines) == 5
+    assert lines[-1] == (
+        f"  and 247 more of this kind: observations.csv, lines {first + 3} to {first + 249}"
+    )
+    every = here("check", folder, "--all").stderr.splitlines()
+    assert len(every) == 251
+    assert f"observations.csv:{first + 249}:" in every[-1]
+
+
+def test_names_of_problems_that_repeat_are_listed(tmp_path, here):
+    rows = "".join(f"slope_distance,a{i},A,X{i % 20},1,,\n" for i in range(60))
+    lines = here("check", write(tmp_path, observations=OBSERVATIONS + rows)).stderr.splitlines()
+    assert lines[0] == "60 problems:"
+    assert len(lines) == 5
+    assert (
+        "and 57 more of this kind ('X3', 'X4', 'X5', 'X6', 'X7', 'X8', … (20 in all))" in lines[-1]
+    )
+
+
+def test_problems_of_very_many_kinds_are_cut(tmp_path, here):
+    words = [f"slope{chr(97 + i // 20)}{chr(97 + i % 20)}" for i in range(250)]
+    header = "kind,id,station,target,value,sigma_mm," + ",".join(words)
+    rows = header + "\nslope_distance,1,A,B,1,1," + "," * 249 + "\n"
+    result = here("check", write(tmp_path, observations=rows))
+    assert len(result.stderr.splitlines()) <= 202
 
 
 def test_a_project_without_cameras_needs_no_photos(tmp_path, here):

@@ -1014,3 +1014,294 @@ def _(p: Project) -> None:
 )
 def _(p: Project) -> None:
     exchange_axes(p, "2")
+
+
+# -- units ----------------------------------------------------------------------------------------
+
+
+def without_places(p: Project) -> None:
+    """Take out the coordinates of points that are not held."""
+    for row in p.tables["points.csv"]:
+        if not row["fixed"]:
+            row["x"] = row["y"] = row["z"] = ""
+
+
+def in_degrees(p: Project) -> None:
+    """State degrees, where gon was read."""
+    p.toml = p.toml.replace('angle = "gon"', 'angle = "deg"')
+
+
+def state_length(p: Project, unit: str, factor: float, *, digits: int = 4) -> None:
+    """State another unit of lengths, and give the coordinates of points another size."""
+    p.toml = p.toml.replace("[units]\n", f'[units]\nlength = "{unit}"\n')
+    for row in p.tables["points.csv"]:
+        for axis in "xyz":
+            if row[axis]:
+                times(row, axis, factor, digits)
+
+
+@mistake(
+    "directions in gon, the project in degrees",
+    CHECK,
+    DOUBTFUL,
+    "observations.csv:2: direction S1 A: 375.2990 degrees is more than the full circle of 360 "
+    "degrees, which no instrument reads; it is valid in gon (0 to 400)",
+)
+def _(p: Project) -> None:
+    in_degrees(p)
+
+
+@mistake(
+    "a direction with a wrong first digit, in gon",
+    CHECK,
+    DOUBTFUL,
+    "is more than the full circle of 400 gon, which no instrument reads; it is valid in mgon",
+)
+def _(p: Project) -> None:
+    add(p.rows("direction", station="S2")[1], "value", 500.0)
+
+
+@mistake(
+    "zenith angles in gon, the project in degrees, sights forth and back",
+    CHECK,
+    DOUBTFUL,
+    "the values of 21 zenith angles are in gon, not in degrees: 3 sums of both faces, or of sights "
+    "forth and back, fit in gon",
+)
+def _(p: Project) -> None:
+    in_degrees(p)
+    without_places(p)
+
+
+@mistake(
+    "zenith angles in degrees, the project in gon, from one station alone",
+    CHECK,
+    DOUBTFUL,
+    "the values of 7 zenith angles are in degrees, not in gon: they lie near 90, which is level",
+)
+def _(p: Project) -> None:
+    without_places(p)
+    own = [r for r in p.tables["observations.csv"] if r["kind"] != "zenith_angle"]
+    rows = p.rows("zenith_angle", station="S2")
+    for row in rows:
+        times(row, "value", 0.9)
+    p.tables["observations.csv"] = [*own, *rows]
+
+
+@mistake(
+    "a field book in gon, the project in degrees",
+    CHECK,
+    DOUBTFUL,
+    "gon: both add up to a circle of gon, not of degrees; state their unit",
+    field_book,
+)
+def _(p: Project) -> None:
+    in_degrees(p)
+    for row in p.tables["readings.csv"]:  # directions that degrees allow
+        row["direction"] = f"{float(row['direction']) % 360:.4f}"
+
+
+@mistake(
+    "both faces in gon, the project in degrees",
+    CHECK,
+    DOUBTFUL,
+    "the values of 42 zenith angles are in gon, not in degrees: 24 sums of both faces",
+    book_of_both,
+)
+def _(p: Project) -> None:
+    in_degrees(p)
+    without_places(p)
+    for row in p.tables["readings.csv"]:
+        row["direction"] = f"{float(row['direction']) % 360:.4f}"
+
+
+@mistake(
+    "coordinates in millimetres, as stated, and distances in metres",
+    CHECK,
+    DOUBTFUL,
+    "times better as metres; state their unit, or that of the coordinates (mm is stated): the "
+    "factor is 1000",
+)
+def _(p: Project) -> None:
+    state_length(p, "mm", 1000.0)
+
+
+@mistake(
+    "the same, with coordinates of the held points alone",
+    CHECK,
+    DOUBTFUL,
+    "6 traverses between held points are as long as these are apart with the factor 1000, as "
+    "metres",
+)
+def _(p: Project) -> None:
+    state_length(p, "mm", 1000.0)
+    without_places(p)
+
+
+@mistake(
+    "coordinates in feet, the project in metres",
+    CHECK,
+    DOUBTFUL,
+    "times better as they stand, with the coordinates in feet; state their unit, or that of the "
+    "coordinates (m is stated): the factor is 3.281",
+)
+def _(p: Project) -> None:
+    state_length(p, "m", 1.0 / 0.3048, digits=6)
+
+
+@mistake(
+    "scans in millimetres, the project in metres",
+    CHECK,
+    DOUBTFUL,
+    "with the factor 0.001, as millimetres; state the unit of its places",
+    hall,
+)
+def _(p: Project) -> None:
+    for row in p.rows("frame_coordinate"):
+        for axis in "xyz":
+            times(row, axis, 1000.0, 1)
+
+
+# -- exchanges in scans, surfaces, axes -----------------------------------------------------------
+
+
+def exchange_in_scan(p: Project) -> None:
+    """Exchange two targets of a scan."""
+    for row in p.rows("frame_coordinate", frame="scan2"):
+        row["point"] = {"H0": "H4", "H4": "H0"}.get(row["point"], row["point"])
+
+
+@mistake(
+    "two targets exchanged in one scan",
+    CHECK,
+    DOUBTFUL,
+    "1 doubt about files, readings or given values; nothing was changed: point 'H0' and point 'H4' "
+    "are exchanged in frame 'scan2'",
+    hall,
+)
+def _(p: Project) -> None:
+    exchange_in_scan(p)
+
+
+@mistake(
+    "two targets exchanged in one scan, with data snooping",
+    SNOOP,
+    DOUBTFUL,
+    "1. two targets, exchanged: 'H0' and 'H4' in frame 'scan2'",
+    hall,
+)
+def _(p: Project) -> None:
+    exchange_in_scan(p)
+
+
+def polar(p: Project) -> None:
+    """Turn the coordinates of scans into directions, zenith angles and distances."""
+    out = []
+    for row in p.tables["observations.csv"]:
+        q = np.array([float(row[a]) for a in "xyz"])
+        length = float(np.linalg.norm(q))
+        common = {"frame": row["frame"], "point": row["point"]}
+        for kind, value in (
+            ("frame_direction", np.arctan2(q[0], q[1]) * 200 / np.pi % 400),
+            ("frame_zenith", np.arccos(q[2] / length) * 200 / np.pi),
+            ("frame_distance", length),
+        ):
+            out.append({"kind": kind, **common, "value": f"{value:.5f}"})
+    p.tables["observations.csv"] = out
+    p.toml += "[sigma.frame_direction]\nsigma_mgon = 15\n[sigma.frame_zenith]\nsigma_mgon = 15\n"
+    p.toml += "[sigma.frame_distance]\nsigma_mm = 2\n"
+
+
+def polar_hall() -> Project:
+    """Return the hall with polar points."""
+    out = hall()
+    polar(out)
+    return out
+
+
+@mistake(
+    "two polar points of a scan exchanged",
+    CHECK,
+    DOUBTFUL,
+    "1 doubt about files, readings or given values; nothing was changed: point 'H0' and point 'H4' "
+    "are exchanged in frame 'scan2'",
+    hall,
+)
+def _(p: Project) -> None:
+    exchange_in_scan(p)
+    polar(p)
+
+
+@mistake(
+    "two polar points of a scan exchanged, with data snooping",
+    SNOOP,
+    DOUBTFUL,
+    "1. two targets, exchanged: 'H0' and 'H4' in frame 'scan2'",
+    hall,
+)
+def _(p: Project) -> None:
+    exchange_in_scan(p)
+    polar(p)
+
+
+def lake(p: Project, value: str, fixed: str) -> None:
+    """Add the shore of a lake at 103.2 m, with a stated height."""
+    p.toml += "[sigma.level_height]\nsigma_mm = 20\n"
+    p.tables["levels.csv"] = [{"name": "lake", "value_m": value, "fixed": fixed}]
+    for name, above in (("A", -3.2), ("B", -2.0), ("C", 0.3), ("S3", -0.6)):
+        row = {"kind": "level_height", "point": name, "level": "lake", "value": f"{above}"}
+        p.tables["observations.csv"].append(row)
+
+
+@mistake(
+    "the height of a lake with two digits exchanged, held",
+    CHECK,
+    DOUBTFUL,
+    "level surface 'lake': its held height of 130.2 m contradicts the given heights of the 3 "
+    "points on it, by which it is 103.2 m",
+)
+def _(p: Project) -> None:
+    lake(p, "130.2", "yes")
+
+
+@mistake(
+    "the height of a lake with two digits exchanged, approximate",
+    CHECK,
+    DOUBTFUL,
+    "level surface 'lake': its approximate height of 130.2 m contradicts",
+)
+def _(p: Project) -> None:
+    lake(p, "130.2", "")
+
+
+def yard_with_lake() -> Project:
+    """Return the yard with a lake whose height is right."""
+    out = yard()
+    lake(out, "103.2", "yes")
+    return out
+
+
+def full_circle() -> Project:
+    """Return the yard with a direction of exactly a full circle, which is zero."""
+    out = yard()
+    rows = out.rows("direction", station="S1")
+    zero = float(rows[0]["value"])
+    for row in rows:
+        row["value"] = f"{(float(row['value']) - zero) % 400:.4f}"
+    rows[0]["value"] = "400.0"
+    return out
+
+
+@mistake(
+    "frames that are not level in a network of north, east",
+    ADJUST,
+    DOUBTFUL,
+    "the axes of the network are left-handed, and frames are not level: scan1, scan2, scan3; no "
+    "rotation leads from one to the other",
+    hall,
+)
+def _(p: Project) -> None:
+    p.toml += '[frame]\nkind = "local"\naxes = "ne"\n'
+    for row in p.tables["points.csv"]:
+        if row["fixed"]:
+            row["x"], row["y"] = row["y"], row["x"]

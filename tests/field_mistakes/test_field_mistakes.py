@@ -6,7 +6,15 @@ import pytest
 
 from factorgraph_adj.cli.main import main
 
-from .mistakes import MISTAKES, POLES, Mistake, in_pixels
+from .mistakes import (
+    MISTAKES,
+    POLES,
+    Mistake,
+    full_circle,
+    in_pixels,
+    polar_hall,
+    yard_with_lake,
+)
 from .projects import Project, book_of_both, facade, field_book, hall, yard, yard_on_earth
 
 
@@ -34,9 +42,11 @@ def test_a_mistake_is_named(mistake: Mistake, tmp_path, capsys) -> None:
     assert code == mistake.code
 
 
-@pytest.mark.parametrize(
-    "project", [yard, facade, field_book, hall, book_of_both, pixels, poles, yard_on_earth]
-)
+FAULTLESS = [yard, facade, field_book, hall, book_of_both, pixels, poles, yard_on_earth]
+FAULTLESS += [polar_hall, yard_with_lake, full_circle]
+
+
+@pytest.mark.parametrize("project", FAULTLESS)
 @pytest.mark.parametrize("command", [("check",), ("adjust",), ("adjust", "--snoop")])
 def test_without_a_mistake_nothing_is_told(command, project, tmp_path, capsys) -> None:
     assert main([command[0], str(project().write(tmp_path / "yard")), *command[1:]]) == 0

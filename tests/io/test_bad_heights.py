@@ -141,7 +141,10 @@ def test_what_is_wrong_is_named_with_file_line_and_what_is_valid(what: str, tmp_
 @pytest.mark.parametrize(
     ("state", "message"),
     [
-        (lambda n: n.set_profile("p", free=("slope",)), "unknown component 'slope'; valid: height"),
+        (
+            lambda n: n.set_profile("p", free=("slope",)),
+            "free must be some of height, height_t, height_tt, scale, not 'slope'",
+        ),
         (lambda n: n.set_profile("p", free=("height",), sigma={"height": 1}), "either free or sig"),
         (lambda n: n.set_gyro("g", sigma=1e-4), "gyrotheodolite 'g': it is held or weighted, and"),
     ],

@@ -44,7 +44,10 @@ def test_a_project_keeps_them_to_the_bit(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("state", "message"),
     [
-        (lambda n: n.set_mount("m", free=("rw",)), "mount 'm': unknown component 'rw'"),
+        (
+            lambda n: n.set_mount("m", free=("rw",)),
+            "mount 'm': free must be some of rx, ry, rz, x, y, z, not 'rw'",
+        ),
         (lambda n: n.set_mount("m", sigma={"rz": 1.0}), "weight rx and ry, the tilts"),
         (lambda n: n.set_drift("d", free=("x",), sigma={"x": 1.0}), "x: either free or sigma"),
         (lambda n: n.set_drift("d", values={"x": np.inf}), "values must be finite"),

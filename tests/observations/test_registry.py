@@ -11,6 +11,7 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.models.base import Linearised
+from factorgraph_adj.models.outlines import LINE, SPHERE
 from factorgraph_adj.models.variables import unknown_kind
 from factorgraph_adj.observations import (
     KINDS,
@@ -83,6 +84,9 @@ INTERVAL = replace(KINDS["slope_distance"], observation=Interval)
         (replace(INTERVAL, unit="foot"), "its unit must be m, rad"),
         (replace(INTERVAL, circular=True), "its unit must be rad"),
         (replace(SAME_POINT, observation=Several), "names of its components are columns"),
+        (replace(INTERVAL, instrument="edm"), "instrument 'edm' must be an attribute that names"),
+        (replace(INTERVAL, outline=SPHERE), "no attribute 'radius' for its outline"),
+        (replace(INTERVAL, outline=LINE), "it must name a frame and a point"),
         (replace(INTERVAL, observation=int), "must be a frozen dataclass derived from Observation"),
     ],
 )

@@ -131,7 +131,7 @@ def test_a_hall_of_scanners_is_cut_into_small_fronts() -> None:
     network = network_of(hall(40, 6_000))
     solution = fga.adjust(network)
     layers, fronts = solution.solver.layers, solution.factor.fronts
-    assert solution.converged and layers.in_fronts and layers.nodes_alone
+    assert solution.converged and layers.in_fronts and len(layers.alone["frame"])
     assert int(layers.reduced.sum()) == sum(not all(p.fixed) for p in network.points.values())
     assert fronts is not None and len(fronts.fronts) > 1
     rel = fga.reliability(solution)

@@ -146,7 +146,9 @@ def test_a_project_keeps_deformations_to_the_bit(tmp_path) -> None:
 
 def test_bad_deformations_are_refused() -> None:
     network = deformed_block()
-    with pytest.raises(fga.InputError, match="unknown component 'x_yyy'; valid: x, y, z, affin"):
+    with pytest.raises(
+        fga.InputError, match=r"free must be some of x, y, z, affinity, .* not 'x_yyy'"
+    ):
         network.set_model_deformation("other", free=("x_yyy",))
     with pytest.raises(fga.InputError, match="unknown model deformation 'lens'; known: film, left"):
         network.add(

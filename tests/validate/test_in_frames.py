@@ -91,14 +91,26 @@ def test_a_gross_error_is_named_with_its_size_in_the_unit_of_the_frame() -> None
     assert size == pytest.approx(50.0, abs=5e3 * SIGMA)
 
 
-def test_two_names_exchanged_are_both_named() -> None:
+def test_two_names_exchanged_are_an_exchange() -> None:
     network = three_frames()
     first, second = value(network, "station", "P5"), value(network, "station", "P7")
     changed(network, "station", "P5", value=tuple(second))
     changed(network, "station", "P7", value=tuple(first))
+    (found,) = told(network)
+    assert found.startswith("point 'P5' and point 'P7' are exchanged in frame 'station'")
+
+
+def test_an_exchange_and_a_wrong_place_are_both_told() -> None:
+    network = three_frames()
+    first, second = value(network, "station", "P5"), value(network, "station", "P7")
+    changed(network, "station", "P5", value=tuple(second))
+    changed(network, "station", "P7", value=tuple(first))
+    off = value(network, "scan", "P4") + np.array((0.0, 0.05, 0.0))
+    changed(network, "scan", "P4", value=tuple(off))
     found = told(network)
-    assert all("in frame 'station' does not fit" in f for f in found)
-    assert sorted(f[6:10] for f in found) == ["'P5'", "'P7'"]
+    assert len(found) == 2
+    assert any("'P5' and point 'P7' are exchanged in frame 'station'" in f for f in found)
+    assert any("point 'P4' in frame 'scan' does not fit" in f for f in found)
 
 
 def test_the_test_of_a_place_has_the_size_that_its_distribution_says() -> None:

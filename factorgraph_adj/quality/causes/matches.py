@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,11 @@ HEIGHTS = 3
 WEAK = 1e4
 """Largest ratio of the variance of a prediction to that of the reading: a point that the clean
 solution hardly determines fits everything."""
+IN_FRAME = 12
+"""Largest number of targets of a frame of which two are tried as exchanged, those of which most
+was set aside."""
+EXCHANGED = "two targets, exchanged:"
+"""Cause of two targets that fit as each other."""
 WITH_HEIGHT = ", with the height that goes with the name"
 """What is added where the height of the target is that of the wrong name as well."""
 
@@ -78,7 +84,7 @@ def matches(
         return ()
     readings = Readings.of(equations, Innovations(equations, clean).state)
     search = _Search(clean, network.observations, aside, chi2_quantile(1.0 - alpha, 1))
-    found = [*search.sights(readings), *search.vectors(), *search.faces()]
+    found = [*search.sights(readings), *search.vectors(), *search.faces(), *search.places()]
     return tuple(sorted(_both_ways(found), key=lambda m: m.after - m.before))
 
 
@@ -200,6 +206,35 @@ class _Search:
                 if found := self._match("the face of the circle", where, [i], [other]):
                     yield found
 
+    def places(self) -> Iterator[Match]:
+        """Iterate over two targets that are exchanged in a frame of its own.
+
+        All that was measured of both in the frame must fit the other one.
+        """
+        own: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+        for i, o in self.every.items():
+            if o.record.tells != "nothing" and len(o.record.points) == 1 and o.points():
+                own[o.frames()[0]][o.points()[0]].append(i)
+        for frame, targets in own.items():
+            counts = {n: sum(i in self.aside for i in ids) for n, ids in targets.items()}
+            touched = sorted((n for n, c in counts.items() if c), key=lambda n: -counts[n])
+            done: set[str] = set()
+            for a, b in combinations(sorted(touched[:IN_FRAME]), 2):
+                if done & {a, b}:
+                    continue
+                ids = [*targets[a], *targets[b]]
+                changed = [_to_place(self.every[i], {a: b, b: a}) for i in ids]
+                where = f"{a!r} and {b!r} in frame {frame!r}"
+                if found := self._match(EXCHANGED, where, ids, changed):
+                    done |= {a, b}
+                    yield found
+
+
+def _to_place(o: Observation, names: Mapping[str, str]) -> Observation:
+    """Return an observation in a frame as if it had been made to another target."""
+    (attribute,) = o.record.points
+    return replace(o, **{attribute: names[getattr(o, attribute)]})
+
 
 def _both_ways(found: Sequence[Match]) -> Iterator[Match]:
     """Iterate over matches; two targets that are each other become one exchange."""
@@ -221,7 +256,7 @@ def _both_ways(found: Sequence[Match]) -> Iterator[Match]:
         where = f"{a!r} and {b!r} seen from {station!r}"
         where += WITH_HEIGHT if m.moved or other.moved else ""
         before, after = m.before + other.before, m.after + other.after
-        yield Match("two targets, exchanged:", where, (*m.ids, *other.ids), before, after)
+        yield Match(EXCHANGED, where, (*m.ids, *other.ids), before, after)
 
 
 def _tried(

@@ -15,6 +15,7 @@ from ...quality.reliability import Reliability
 from ...solve.solution import Solution
 from ...types import Array, Index
 from ..set_aside import SetAside
+from .sights import ends_of
 from .style import BLACK, ORANGE
 
 if TYPE_CHECKING:
@@ -51,14 +52,15 @@ def places_of(
         equations: equations with the observations; they may have more than the solution.
         rows: scalar rows of the observations.
         solution: the solution that is drawn.
-        drawn: positions in the drawing of its points and photos, by kind, (n, 2) data units.
+        drawn: positions in the drawing of its points, photos and frames with an instrument, by
+            kind, (n, 2) data units.
     """
     lines, points = [np.zeros((0, 2, 2))], [np.zeros((0, 2))]
     placed: set[int] = set()
     for block, which in _parts(equations, rows):
         ends = [
             _positions(equations, solution, drawn[kind], kind, numbers[which])
-            for kind, numbers in block.variables
+            for kind, numbers in ends_of(block)
             if kind in drawn
         ]
         numbers = equations.observation_of_row[block.first_row + block.dimension * which]
@@ -86,7 +88,7 @@ def _parts(equations: Equations, rows: Index) -> Iterator[tuple[Block, Index]]:
 def _positions(
     equations: Equations, solution: Solution, at: Array, kind: VariableKind, numbers: Index
 ) -> Array:
-    """Return positions (n, 2) of points or photos of equations; NaN if the solution has none."""
+    """Return positions (n, 2) of variables of equations; NaN if the solution has none."""
     number, names = solution.equations.unknowns[kind].number, equations.unknowns[kind].names
     own = np.array([number.get(names[i], -1) for i in numbers.tolist()], dtype=np.intp)
     return np.asarray(np.append(at, [[np.nan, np.nan]], axis=0)[own])
@@ -104,7 +106,8 @@ def draw_places(
     Args:
         axes: the axes.
         solution: the solution that is drawn.
-        drawn: positions of its points and photos, by kind, (n, 2) data units.
+        drawn: positions of its points, photos and frames with an instrument, by kind, (n, 2) data
+            units.
         aside: what was set aside.
         reliability: its test values tell the suspects.
     """

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...solve.solution import Solution
 from ...types import Array, Mask
-from .style import BLACK, BLUE, GREEN, VERMILLION
+from .in_frames import instrument_of
+from .style import BLACK, BLUE, GREEN, VERMILLION, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
-
-SET_UP = ("direction", "horizontal_angle", "azimuth", "zenith_angle", "vertical_angle")
-"""Kinds measured by an instrument over its station; a tape or a level needs no such setup."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,7 @@ class Status:
     known: Mask
     """Weighted, or observed as control or by GNSS."""
     station: Mask
-    """Station of directions or angles."""
+    """Station of an instrument that was set up over it."""
     check: Mask
     """Check point: with known coordinates for comparison."""
     datum: Mask
@@ -53,8 +51,9 @@ def status_of(solution: Solution) -> Status:
     for block in solution.equations.blocks:
         if block.by_axis:
             known[block.variables[0][1]] = True
-        elif block.kind in SET_UP:
-            station[block.variables[0][1]] = True
+        where = instrument_of(block)
+        if where is not None and where[0] == "point":
+            station[where[1]] = True
     held: Mask = np.asarray(~free.any(axis=1))
     part: Mask = np.asarray(~free.all(axis=1) & ~held)
     datum = np.array([p.datum for p in points], dtype=bool).reshape(n)
@@ -111,6 +110,16 @@ def draw_points(axes: Axes, at: Array, status: Status) -> list[Artist]:
                 )
             )
     return found
+
+
+def draw_instruments(axes: Axes, at: Array) -> list[Artist]:
+    """Draw instruments (f, 2) that stand over no point; return the entries of the legend."""
+    if not len(at):
+        return []
+    label = wrapped(f"instrument in a frame of its own ({len(at)})")
+    look: dict[str, Any] = {"marker": "h", "c": GREEN, "edgecolors": BLACK, "lw": 0.8}
+    look |= {"s": 60.0 if len(at) <= 40 else 25.0, "zorder": 4, "gid": "instruments"}
+    return [axes.scatter(at[:, 0], at[:, 1], label=label, **look)]
 
 
 def window(at: Array) -> tuple[Array, Array, int]:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 LABELLED = 1000
 """Largest number of points of which all are named; otherwise only important points are."""
-MOST_NAMES = 150
+MOST_NAMES = 300
 """Number of names that are tried; important points are tried in any number."""
 IMPORTANT = 60
 """Largest number of important points that are named in a plan of more than `LABELLED` points."""
@@ -29,11 +29,13 @@ THIN = 1.2
 
 PHOTO = "#8f3f6b"
 """Colour of names of photos: that of the photos, but dark enough for letters."""
+DARK_GREEN = "#00664a"
+"""Colour of names of instruments: theirs, but dark enough for letters."""
 
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """What a plan names: n points and m photos."""
+    """What a plan names: n points, m photos and f instruments."""
 
     points: Sequence[str]
     """Names of the points."""
@@ -45,20 +47,43 @@ class Named:
     """Names of the photos."""
     centres: Array | None = None
     """Positions of the photos, data units, (m, 2)."""
+    instruments: Sequence[str] = ()
+    """Names of instruments that stand over no point."""
+    instruments_at: Array | None = None
+    """Positions of these instruments, data units, (f, 2)."""
 
     @property
     def everything(self) -> Array:
-        """Positions of points and photos, (n + m, 2)."""
-        return np.concatenate([self.at, np.zeros((0, 2)) if self.centres is None else self.centres])
+        """Positions of points, photos and instruments, (n + m + f, 2)."""
+        none = np.zeros((0, 2))
+        return np.concatenate(
+            [self.at, *(none if a is None else a for a in (self.centres, self.instruments_at))]
+        )
+
+    def is_large(self, i: int) -> bool:
+        """Return whether the marker of i is larger than a dot."""
+        if i < len(self.at):
+            return bool(self.first[i]) and len(self.at) <= 60
+        return i >= len(self.at) + len(self.photos)
+
+    def look(self, i: int) -> tuple[str, str]:
+        """Return the colour of the name of i, and what it names."""
+        if i < len(self.at):
+            return BLACK, "point"
+        if i < len(self.at) + len(self.photos):
+            return PHOTO, "photo"
+        return DARK_GREEN, "instrument"
 
     def order(self) -> Index:
-        """Return what is tried, in this order: important points, photos, other points."""
+        """Return what is tried: important points, instruments, photos, then other points."""
         first, n = np.flatnonzero(self.first), len(self.at)
         many = n > LABELLED
         if many and len(first) > IMPORTANT:
             first = first[:0]
         photos = n + np.arange(len(self.photos))
         photos = photos if len(photos) <= MOST_NAMES else photos[:0]
+        others = n + len(self.photos) + np.arange(len(self.instruments))
+        photos = np.concatenate([others[:MOST_NAMES], photos])
         room = 0 if many else max(MOST_NAMES - len(first) - len(photos), 0)
         rest = np.flatnonzero(~self.first)[:room]
         return np.concatenate([first, photos, rest])
@@ -127,8 +152,8 @@ def label_points(figure: Figure, axes: Axes, named: Named) -> int:
 
     figure.draw_without_rendering()
     point = figure.dpi / 72.0
-    at, n = named.everything, len(named.at)
-    names = [*named.points, *named.photos]
+    at = named.everything
+    names = [*named.points, *named.photos, *named.instruments]
     pixels = axes.transData.transform(at)
     inside = axes.bbox.padded(1.0)
     edges = np.array(inside.extents)
@@ -140,7 +165,8 @@ def label_points(figure: Figure, axes: Axes, named: Named) -> int:
         x, y = pixels[i]
         if not visible[i]:
             continue
-        gap = (7.0 if i < n and named.first[i] and n <= 60 else 4.5) * point
+        gap = (7.0 if named.is_large(i) else 4.5) * point
+        colour, what = named.look(i)
         name = names[i] if len(names[i]) <= 16 else names[i][:15] + "…"
         width = 5.2 * point * len(name)
         for dx, dy in ((1, 0.0), (-1, 0.0), (1, 0.8), (-1, 0.8), (1, -0.8), (-1, -0.8)):
@@ -158,10 +184,10 @@ def label_points(figure: Figure, axes: Axes, named: Named) -> int:
                 ha="left" if dx > 0 else "right",
                 va="center",
                 fontsize=7.5,
-                color=BLACK if i < n else PHOTO,
+                color=colour,
                 path_effects=outline,
                 zorder=5,
-                gid="name of a point" if i < n else "name of a photo",
+                gid=f"name of a{'n' * (what[0] in 'aeiou')} {what}",
                 in_layout=False,
             )
             break

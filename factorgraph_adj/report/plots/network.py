@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,16 +12,19 @@ from ...frames import GeocentricFrame
 from ...quality.levels import CONFIDENCE
 from ...quality.reliability import Reliability
 from ...solve.solution import Solution
+from ...types import Array
 from ..set_aside import SetAside
 from .aside import draw_places
 from .heights import draw_heights
 from .image_rows import image_rows
-from .marks import draw_points, status_of, window
+from .in_frames import FramePlaces
+from .marks import draw_instruments, draw_points, status_of, window
 from .names import Named, legend_with_names
+from .outlines import Drawn, around, draw_outlines, outlines_in, places_with_precision
 from .plan import VIEWS, DrawingPlane, View, plan_of
-from .precision import Precision, draw_precision, precision_of
+from .precision import Others, Precision, draw_precision, precision_of
 from .sights import draw_lines, draw_photos, photo_shapes
-from .style import doubts_of, drawn, headline, new_figure, nothing, positive
+from .style import BLUE, GREEN, doubts_of, drawn, headline, new_figure, nothing, positive
 from .vectors import tests_of
 
 if TYPE_CHECKING:
@@ -43,7 +47,12 @@ def plot_network(
     reliability: Reliability | None = None,
     aside: SetAside | None = None,
 ) -> Figure:
-    """Draw the plan of a network: points, lines of observations, photos and error ellipses.
+    """Draw the plan of a network: points, observed lines, photos, instruments, shapes, ellipses.
+
+    Scanners and trackers in frames of their own stand at the estimated zero of the frame, with
+    their sights and their ellipse. Shapes and wires are drawn as their estimates have them: a plane
+    as the hull of its points, a line, a cylinder or a cone as long as its points reach, circles and
+    spheres by their outlines.
 
     East is right and north is up in local frames with any axes and in topocentric frames;
     geocentric networks are drawn in the horizon of their centre. A network of heights without
@@ -85,24 +94,61 @@ def plot_network(
     if factor is not None:
         positive(factor, "factor")
     xyz = np.nan_to_num(solution.state["point"])
-    if not len(xyz):
-        return nothing(solution.network.name or "network", "The network has no points.")
-    plan = plan_of(solution.network.frame, xyz).seen_from(view)
+    everything = np.concatenate([xyz, solution.state["pose"][:, 9:]])
+    if not len(everything):
+        return nothing(solution.network.name or "network", "The network has no points or photos.")
+    plan = plan_of(solution.network.frame, xyz if len(xyz) else everything).seen_from(view)
     free = solution.equations.unknowns["point"].free
     no_plan = not isinstance(solution.network.frame, GeocentricFrame) and not free[:, :2].any()
     schematic = no_plan and not solution.network.photos and not np.ptp(xyz[:, :2], axis=0).any()
     bars = no_plan if heights is None or schematic else heights
     bars = bars and (view == "above" or schematic)
     doubts = doubts_of(solution, reliability)
-    precision = precision_of(solution, plan, confidence, factor, bars, bool(doubts))
     if schematic:
+        precision = precision_of(solution, plan, confidence, factor, bars, bool(doubts))
         return draw_heights(solution, precision, labels, aside, reliability)
-    return _plan_view(solution, plan, precision, labels, aside, reliability)
+    found = in_frames_of(solution, plan)
+    others = found.others(plan)
+    precision = precision_of(solution, plan, confidence, factor, bars, bool(doubts), others)
+    return _plan_view(solution, plan, found, precision, labels, aside, reliability)
+
+
+@dataclass(frozen=True, eq=False)
+class _InFrames:
+    """What a plan shows of frames."""
+
+    frames: FramePlaces
+    """The frames."""
+    instruments: Array
+    """Places of the instruments that stand over no point, (f, 2)."""
+    shapes: list[Drawn]
+    """Shapes and wires."""
+
+    def others(self, plan: DrawingPlane) -> list[Others]:
+        """Return the places with their covariances."""
+        out = [
+            Others(at, sigma, BLUE, label)
+            for label, at, sigma in places_with_precision(self.frames, plan, self.shapes)
+        ]
+        found = self.frames.instrument_covariances
+        if found is not None:
+            own = plan.covariance(found)
+            out.append(Others(self.instruments, own, GREEN, "an instrument in a frame of its own"))
+        return out
+
+
+def in_frames_of(solution: Solution, plan: DrawingPlane) -> _InFrames:
+    """Return the instruments in frames and the shapes of a solution in a plan."""
+    frames, zero = FramePlaces(solution), np.zeros((1, 3))
+    places = [frames.places(f, zero)[0] for f in frames.instruments.tolist()]
+    at = plan.coordinates(np.array(places).reshape(-1, 3))[:, :2]
+    return _InFrames(frames, at, outlines_in(solution, frames, plan))
 
 
 def _plan_view(
     solution: Solution,
     plan: DrawingPlane,
+    found: _InFrames,
     precision: Precision | None,
     labels: bool,
     aside: SetAside | None,
@@ -111,7 +157,10 @@ def _plan_view(
     unknowns, name = solution.equations.unknowns, solution.network.name or "network"
     at = plan.coordinates(np.nan_to_num(solution.state["point"]))[:, :2]
     centres = plan.coordinates(solution.state["pose"][:, 9:])[:, :2]
-    low, high, outside = window(np.concatenate([at, centres]))
+    both = np.concatenate([at, found.instruments])
+    low, high, outside = window(np.concatenate([both, centres]))
+    reach = around(np.stack([low, high]), found.shapes)
+    low, high = reach.min(axis=0), reach.max(axis=0)
     extent = float(np.max(high - low))
     if extent < COINCIDENT:
         low, high, extent = low - 1.0, high + 1.0, 2.0
@@ -126,16 +175,20 @@ def _plan_view(
     axes.set_xlim(float(low[0]), float(high[0]))
     axes.set_ylim(float(low[1]), float(high[1]))
     notes = [plan.note] if plan.note else []
-    legend = draw_lines(axes, at, solution)
+    legend = draw_lines(axes, both, solution, found.frames.instruments)
+    legend += draw_outlines(axes, found.shapes)
     if len(centres):
         size = 0.07 * extent / max(1.0, np.sqrt(len(centres) / 30))
         shapes = photo_shapes(solution, image_rows(solution), size)
         flat = plan.coordinates(shapes.reshape(-1, 3))[:, :2].reshape(len(centres), -1, 2)
         legend += draw_photos(axes, centres, flat)
-    places = {"point": at, "pose": centres}
+    standing = np.full((len(solution.state["frame"]), 2), np.nan)
+    standing[found.frames.instruments] = found.instruments
+    places = {"point": at, "pose": centres, "frame": standing}
     legend += draw_places(axes, solution, places, aside, reliability)
     status = status_of(solution)
     legend += draw_points(axes, at, status)
+    legend += draw_instruments(axes, found.instruments)
     if precision is None:
         headline(axes, name)
         notes.append("no ellipses: the normal equations are singular where the iteration stopped")
@@ -150,7 +203,9 @@ def _plan_view(
     if notes:
         figure.supxlabel("\n".join(notes), fontsize=8.0, x=0.01, ha="left")
     points, photos = unknowns["point"].names, unknowns["pose"].names
-    named = Named(points, at, status.important, photos, centres) if labels else None
+    frames = [unknowns["frame"].names[f] for f in found.frames.instruments.tolist()]
+    own = (photos, centres, frames, found.instruments)
+    named = Named(points, at, status.important, *own) if labels else None
     legend_with_names(figure, axes, legend, named, doubts_of(solution, reliability))
     return figure
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...quality.ellipses import factor_of, factors_of
+from ...quality.ellipses import FLAT, factor_of, factors_of
 from ...solve.solution import Solution
 from ...types import Array, Mask
 from .marks import spacing
@@ -34,6 +35,36 @@ COVERED = 0.25
 _SIGMA0 = {"a-priori": "σ0 a priori", "a-posteriori": "σ̂0 a posteriori"}
 
 
+BESIDE = 0.15
+"""Room beside the points that counts as theirs, as a fraction of the extent of the plan."""
+
+
+@dataclass(frozen=True, eq=False)
+class Others:
+    """Places that are neither points nor photos, k of them: instruments, places of shapes."""
+
+    at: Array
+    """Places in the drawing, (k, 2) metres."""
+    sigma: Array
+    """Covariances in the axes of the drawing, (k, 3, 3) metres²."""
+    colour: str
+    """Colour of their ellipses."""
+    label: str
+    """What each of them is, with its article, for the legend."""
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """Ellipses of such places."""
+
+    of: Others
+    """The places."""
+    semi: Array
+    """Semi-axes, largest first, (k, 2)."""
+    direction: Array
+    """Direction of the first semi-axis, radians, (k,)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Precision:
     """Confidence regions of points in true size, metres."""
@@ -48,6 +79,8 @@ class Precision:
     """Semi-axes of ellipses of projection centres, largest first, (m, 2)."""
     centre_direction: Array
     """Direction of their first semi-axis from east to north, radians, (m,)."""
+    others: tuple[Region, ...]
+    """Ellipses of instruments and of places of shapes."""
     height: Array
     """Half intervals of heights, (n,); zero if they are not drawn."""
     title: str
@@ -75,6 +108,7 @@ def precision_of(
     factor: float | None,
     heights: bool,
     doubtful: bool,
+    others: Sequence[Others] = (),
 ) -> Precision | None:
     """Return the confidence regions in a plan; None without covariances."""
     found = covariances(solution)
@@ -91,6 +125,7 @@ def precision_of(
         direction,
         factors_of(solution, centre_semi**2, confidence)[:, None] * centre_semi,
         centre_direction,
+        tuple(_region(solution, each, confidence) for each in others if len(each.at)),
         k1 * up if heights else np.zeros(len(up)),
         f"confidence {100 * confidence:g} %, {_SIGMA0[solution.variance]}"
         + (", free network" if solution.datum is not None else "")
@@ -98,6 +133,11 @@ def precision_of(
         factor,
         doubtful,
     )
+
+
+def _region(solution: Solution, others: Others, confidence: float) -> Region:
+    semi, direction = ellipses(others.sigma[:, :2, :2])
+    return Region(others, factors_of(solution, semi**2, confidence)[:, None] * semi, direction)
 
 
 @dataclass(frozen=True)
@@ -119,7 +159,8 @@ def draw_precision(
     from matplotlib.collections import LineCollection
 
     sizes = precision.sizes
-    positive = np.concatenate([sizes, precision.centre_semi[:, 0]])
+    other_sizes = [each.semi[:, 0] for each in precision.others]
+    positive = np.concatenate([sizes, precision.centre_semi[:, 0], *other_sizes])
     positive = sizes[sizes > 0] if np.any(sizes > 0) else positive[positive > 0]
     if not len(positive):
         return Shown("every point is held: there are no error ellipses", [], [])
@@ -127,7 +168,11 @@ def draw_precision(
     typical = float(np.median(positive))
     factor = precision.factor
     if factor is None:
-        room = min(0.45 * spacing(at, *limits), 0.05 * extent)
+        # Instruments and photos around the points leave no more room between these.
+        places = at if len(at) else centres
+        own = places.min(axis=0) - BESIDE * extent, places.max(axis=0) + BESIDE * extent
+        among = np.maximum(own[0], limits[0]), np.minimum(own[1], limits[1])
+        room = min(0.45 * spacing(places, *among), 0.05 * extent)
         factor = readable(room / typical)
     fits = sizes * factor <= LARGEST * extent
     found: list[Artist] = []
@@ -136,7 +181,7 @@ def draw_precision(
     oval = fits & (precision.semi[:, 0] > 0)
     if oval.any():
         which = (precision.semi, precision.direction, oval, factor, VERMILLION, line, dashes)
-        found.append(_ellipses(axes, at, *which, f"error ellipse of a point{more}"))
+        found.append(_ellipses(axes, at, *which, "a point", more))
     tall = fits & (precision.height > 0)
     if tall.any():
         ends = np.repeat(at[tall, None], 2, axis=1)
@@ -161,8 +206,17 @@ def draw_precision(
         ovals[:] = False
     if ovals.any():
         whose = (precision.centre_semi, precision.centre_direction, ovals, factor, PURPLE)
-        label = f"error ellipse of a projection centre{more}"
-        found.append(_ellipses(axes, centres, *whose, 0.8 * line, dashes, label))
+        looks = (0.8 * line, dashes, "a projection centre", more)
+        found.append(_ellipses(axes, centres, *whose, *looks))
+    for each in precision.others:
+        fit = (each.semi[:, 0] > 0) & (each.semi[:, 0] * factor <= LARGEST * extent)
+        if fit.any():
+            region = (each.semi, each.direction, fit, factor, each.of.colour, line, dashes)
+            found.append(_ellipses(axes, each.of.at, *region, each.of.label, more))
+        _enlarge(axes, each.of.at[fit], factor * each.semi[fit, 0])
+        lost = int(np.sum(each.semi[:, 0] * factor > LARGEST * extent))
+        if lost:
+            notes.append(f"too large to be drawn: error ellipse of {each.of.label} ({lost})")
     _enlarge(axes, at[fits], factor * precision.sizes[fits])
     _enlarge(axes, centres[ovals], factor * precision.centre_semi[ovals, 0])
     key = readable(typical)
@@ -182,12 +236,21 @@ def _ellipses(
     colour: str,
     line: float,
     dashes: str,
-    label: str,
+    whose: str,
+    more: str,
 ) -> Artist:
-    """Draw ellipses; return their entry of the legend."""
+    """Draw ellipses; return their entry of the legend, an interval where all are lines.
+
+    A place that is held in one direction of the drawing has an interval instead of an ellipse.
+    """
     from matplotlib.collections import EllipseCollection
     from matplotlib.lines import Line2D
 
+    flat = semi[shown, 1] ** 2 <= FLAT * semi[shown, 0] ** 2
+    label = f"error ellipse of {whose}"
+    if flat.all():
+        label = f"interval of {whose}, which is free in one direction"
+    label += more
     axes.add_collection(
         EllipseCollection(
             2 * factor * semi[shown, 0],
@@ -204,7 +267,7 @@ def _ellipses(
             label=label,
         )
     )
-    if dashes != "-":
+    if dashes != "-" or flat.all():
         return Line2D([], [], color=colour, ls=dashes, lw=1.2, label=wrapped(label))
     return Line2D([], [], ls="", marker="o", ms=8.0, mfc="none", mec=colour, label=wrapped(label))
 

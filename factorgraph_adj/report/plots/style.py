@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 from ...errors import InputError
 from ...quality.reliability import Reliability
 from ...solve.solution import Solution
-from ..doubts import above_critical, doubts_about, of_readings
+from ..doubts import above_critical, doubts_about, of_network
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -136,7 +136,7 @@ def doubts_of(solution: Solution, rel: Reliability | None) -> list[str]:
     """
     if has_computed_readings(solution):
         return []
-    doubts = [*doubts_about(solution), *of_readings(solution.network)]
+    doubts = [*doubts_about(solution), *of_network(solution.network)]
     if rel is not None:
         doubts += above_critical(rel.w, rel.critical_w, "w", rel.alpha)
     return doubts

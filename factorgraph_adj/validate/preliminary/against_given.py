@@ -7,7 +7,7 @@ coordinates `BETTER` times better, in the median of the misfits.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -19,69 +19,37 @@ from ...types import Array, Index
 from .finding import Finding
 from .geographic import exchanged_latitudes
 from .given_rows import BETTER, LEAST, computed_values, given_rows, median
+from .given_units import wrong_units
 from .gnss_frames import vector_frames
 from .photo_axes import photo_axes
 
 FAR = 100_000.0
 """Distance from the origin of a curved local frame, metres, beyond which it is told: the error of
 the sphere that stands for the Earth is more than 1e-4 of the curvature there."""
-LENGTHS: Mapping[str, float] = {
-    "feet": 0.3048,
-    "US survey feet": 1200.0 / 3937.0,
-    "millimetres": 1e-3,
-    "centimetres": 1e-2,
-    "kilometres": 1e3,
-}
-"""Factors to metres."""
-ANGLES: Mapping[str, float] = {
-    "degrees, not gon": 400.0 / 360.0,
-    "gon, not degrees": 360.0 / 400.0,
-    "degrees, not radians": np.pi / 180.0,
-    "gon, not radians": np.pi / 200.0,
-    "radians, not degrees": 180.0 / np.pi,
-    "radians, not gon": 200.0 / np.pi,
-}
-"""Factors by which the values as they were taken become right."""
 
 
-def against_given(equations: Equations) -> Iterator[Finding]:
+def against_given(
+    equations: Equations, *, length: str = "m", angle: str = "gon"
+) -> Iterator[Finding]:
     """Iterate over mistakes that given coordinates tell of.
 
     Where places are on another part of the Earth, nothing else is compared with them.
+
+    Args:
+        equations: the network.
+        length: unit of lengths in its files.
+        angle: unit of angles in its files.
     """
     elsewhere = tuple(exchanged_latitudes(equations))
     yield from elsewhere
     if elsewhere:
         return
-    yield from _units(equations)
+    yield from wrong_units(equations, length, angle)
     yield from _signs(equations)
     yield from vector_frames(equations)
     yield from _axes(equations)
     yield from _origin(equations.network)
     yield from photo_axes(equations)
-
-
-def _units(equations: Equations) -> Iterator[Finding]:
-    """Distances and zenith angles whose values fit in another unit."""
-    for kind, factors in (
-        ("slope_distance", LENGTHS),
-        ("horizontal_distance", LENGTHS),
-        ("height_difference", LENGTHS),
-        ("zenith_angle", ANGLES),
-        ("vertical_angle", ANGLES),
-    ):
-        for block, rows in given_rows(equations, kind):
-            observed, computed = computed_values(equations, block, rows)
-            now = median(observed - computed)
-            left = {unit: median(f * observed - computed) for unit, f in factors.items()}
-            unit = min(left, key=lambda u: left[u])
-            # Values near zero fit everything: the unit must explain the computed values.
-            if left[unit] * BETTER < min(now, median(computed)):
-                yield Finding(
-                    f"the values of {len(rows)} {kind.replace('_', ' ')}s fit the given "
-                    f"coordinates {now / max(left[unit], 1e-12):.0f} times better as {unit}",
-                    "state their unit",
-                )
 
 
 def _signs(equations: Equations) -> Iterator[Finding]:

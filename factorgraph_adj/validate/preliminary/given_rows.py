@@ -18,10 +18,17 @@ LEAST = 4
 """Smallest number of readings of a group."""
 
 
-def given_rows(equations: Equations, kind: str) -> Iterator[tuple[Block, Index]]:
+def given_rows(
+    equations: Equations, kind: str, *, whole: bool = False
+) -> Iterator[tuple[Block, Index]]:
     """Iterate over the blocks of a kind, and the rows whose points have given coordinates.
 
     Blocks with fewer than `LEAST` of them are left out.
+
+    Args:
+        equations: the network.
+        kind: kind of the observations.
+        whole: whether all other unknowns of a row must have a value as well.
     """
     state = equations.unknowns.start()
     for block in equations.blocks:
@@ -29,7 +36,7 @@ def given_rows(equations: Equations, kind: str) -> Iterator[tuple[Block, Index]]
             continue
         fine = np.ones(block.n, dtype=bool)
         for what, index in block.variables:
-            if what in ("point", "pose"):
+            if whole or what in ("point", "pose"):
                 fine &= np.isfinite(state[what][index]).all(axis=1)
         rows = np.flatnonzero(fine)
         if len(rows) >= LEAST:

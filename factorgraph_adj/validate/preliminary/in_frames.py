@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -21,9 +21,12 @@ from ...observations import KINDS
 from ...quality.distributions import chi2_upper_quantile
 from ...rotation import log_rotation
 from ...types import Array, Index
-from ...units import GON
+from ...units import GON, significant
 from .closures import NAMED, WORST, Edges, loops
 from .finding import Finding
+from .gross_places import ALPHA, GIVEN, Wrong, gross_places, put_right, without_gross
+from .left_handed import left_handed
+from .scale import LARGE, meaning
 from .similar import PLANE, Pair, Similarity, System, common
 
 BETTER = 5.0
@@ -31,50 +34,41 @@ BETTER = 5.0
 FAR = 1000.0
 """Distance of an origin from the middle of its places, in their extent, beyond which it is told:
 the correlation of offset and rotation is nearer to one than a millionth then."""
-ALPHA = 0.001
-"""Probability that a comparison of two systems, or a loop, is told although nothing is wrong."""
-LEAST = 4
-"""Smallest number of common places of which one can be wrong."""
 PAIRS = 2000
 """Largest number of pairs that are compared; those with the most common places come first."""
-GIVEN = "the given coordinates"
 
 
-def in_frames(equations: Equations) -> Iterator[Finding]:
-    """Iterate over doubts about places in frames."""
+def in_frames(equations: Equations, length: str = "m") -> Iterator[Finding]:
+    """Iterate over doubts about places in frames.
+
+    Args:
+        equations: the network.
+        length: unit of lengths in its files.
+    """
     given = _given(equations)
     systems = _systems(equations, given)
     if not systems:
         return
     yield from _far_origins(equations, systems, given)
+    yield from left_handed(equations.network)
     if equations.network.frame.left_handed:
-        yield from _not_level(equations)
         given = replace(given, horizon=_horizon(equations, np.zeros(3)))
     mirrored, findings = _mirrored([*systems.values(), given])
     yield from findings
-    clean = [s for s in systems.values() if s.name not in mirrored]
-    fits: list[Similarity] = []
-    wrong: list[Wrong] = []
-    for pair in _pairs([*clean, given]):
-        fit = _without_gross(pair, wrong)
-        if fit is not None and GIVEN not in (pair.first.name, pair.second.name):
-            fits.append(fit)
-    yield from _gross(equations, wrong)
+    scaled, findings = _scaled([*systems.values(), given], length)
+    yield from findings
+    clean = [s for s in systems.values() if s.name not in mirrored | scaled]
+    fits, wrong = _compared([*clean, given])
+    exchanges = [w for w in wrong if w.other is not None]
+    if exchanges:
+        # An exchange that many places tell of is put right before few places are compared.
+        clean = [put_right(s, exchanges) for s in clean]
+        fits, wrong = _compared([*clean, given])
+        known_ones = {frozenset((w.key, w.other)) for w in exchanges}
+        further = [w for w in wrong if frozenset((w.key, w.other)) not in known_ones]
+        wrong = [*exchanges, *further]
+    yield from gross_places(equations, wrong)
     yield from _open_loops(fits)
-
-
-@dataclass(frozen=True)
-class Wrong:
-    """A place that does not fit in a pair of systems."""
-
-    key: int
-    """Number of the place."""
-    systems: tuple[str, str]
-    """Names of both systems."""
-    size: float
-    """Its error if it alone is wrong, unit of the second system."""
-    tolerance: float
-    """The size that would be tolerated."""
 
 
 # -- what was measured ----------------------------------------------------------------------------
@@ -207,18 +201,6 @@ def _far_origins(
             )
 
 
-def _not_level(equations: Equations) -> Iterator[Finding]:
-    """Frames that are not level in a network with left-handed axes: no rotation leads to them."""
-    stated = equations.network.frames
-    names = [name for name, frame in stated.items() if not frame.constants[-1]]
-    if names:
-        yield Finding(
-            f"the axes of the network are left-handed, and frames are not level: {known(names)}; "
-            "no rotation leads from one to the other",
-            "choose axes en, nw, ws or se of the network, or state that the frames are level",
-        )
-
-
 def _mirrored(systems: list[System]) -> tuple[set[str], list[Finding]]:
     """Return the names of frames with left-handed axes, and what to say of them.
 
@@ -257,56 +239,56 @@ def _mirrored(systems: list[System]) -> tuple[set[str], list[Finding]]:
     return named, findings
 
 
-# -- gross errors ---------------------------------------------------------------------------------
+def _scaled(systems: list[System], length: str) -> tuple[set[str], list[Finding]]:
+    """Return the names of frames whose scale is held and does not fit, and what to say of them.
 
-
-def _without_gross(pair: Pair, wrong: list[Wrong]) -> Similarity | None:
-    """Return the similarity of the places that fit, none if they fix none; note the others."""
-    while pair.determined:
-        fit = pair.fitted()
-        if len(pair.a) < LEAST:
-            return fit
-        error, test, freedom = fit.tests()
-        limit = chi2_upper_quantile(ALPHA / len(pair.a), np.maximum(freedom, 1))
-        share = np.where(freedom > 0, test / limit, 0.0)
-        worst = int(np.argmax(share))
-        if share[worst] <= 1.0:
-            return fit
-        size = float(np.linalg.norm(error[worst]))
-        names = (pair.first.name, pair.second.name)
-        key = int(pair.keys[worst])
-        wrong.append(Wrong(key, names, size, size / float(np.sqrt(share[worst]))))
-        pair = pair.without(worst)
-    return None
-
-
-def _gross(equations: Equations, wrong: list[Wrong]) -> Iterator[Finding]:
-    """Places that do not fit, each once: in the frame that all its comparisons share."""
-    unknowns = equations.unknowns
-    names = [f"point {n!r}" for n in unknowns["point"].names]
-    names += [f"photo {n!r}" for n in unknowns["pose"].names]
-    found: list[tuple[float, Finding]] = []
-    for key in dict.fromkeys(w.key for w in wrong):
-        own = [w for w in wrong if w.key == key]
-        counts = Counter(n for w in own for n in w.systems)
-        worst = max(own, key=lambda w: w.size / w.tolerance)
-        shared = [n for n, c in counts.items() if c == len(own) > 1 and n != GIVEN]
-        inside = shared or [n for n in worst.systems if n != GIVEN]
-        others = [n for n in counts if n not in inside]
-        between = f"beside {known(others)}" if others else "each other"
-        verb = "does" if others or len(inside) == 1 else "do"
-        finding = Finding(
-            f"{names[key]} in {' and '.join(inside)} {verb} not fit {between}, by the places that "
-            "they have in common",
-            "look for a wrong reading, or for a name confused with another",
-            1e3 * worst.size,
-            1e3 * worst.tolerance,
-            "mm",
+    The given coordinates are right; of two frames that of which more others tell.
+    """
+    found: dict[tuple[str, str], float] = {}
+    times: dict[tuple[str, str], float] = {}
+    for pair in _pairs(systems, rough=True):
+        if len(pair.a) <= pair.size or np.isnan(pair.first.fixed_scale - pair.second.fixed_scale):
+            continue
+        held, free = pair.fitted(), pair.of_unknown_scale().fitted()
+        ln_factor = float(np.log(free.scale / held.scale)) if free.scale > 0 else 0.0
+        if free.rms * BETTER < held.rms and abs(np.expm1(ln_factor)) > LARGE:
+            names = pair.first.name, pair.second.name
+            found[names], times[names] = ln_factor, held.rms / max(free.rms, 1e-12)
+    named: set[str] = set()
+    findings = []
+    while found:
+        counts = Counter(n for pair in found for n in pair if n != GIVEN)
+        sure = [n for pair in found if GIVEN in pair for n in pair if n != GIVEN]
+        name = (sure or [counts.most_common(1)[0][0]])[0]
+        own = {p: f if p[0] == name else -f for p, f in found.items() if name in p}
+        factor = float(np.exp(np.median(list(own.values()))))
+        others = [n for p in own for n in p if n not in (name, GIVEN)]
+        against = " and ".join(
+            [*([f"those of {known(others)}"] if others else []), *([GIVEN] if name in sure else [])]
         )
-        found.append((worst.size / worst.tolerance, finding))
-    found.sort(key=lambda each: -each[0])
-    for _, finding in found[:WORST]:
-        yield finding
+        better = float(np.median([times[p] for p in own]))
+        findings.append(
+            Finding(
+                f"the places of {name} fit {against} {better:.0f} times better with the "
+                f"factor {significant(factor, 4)}{meaning(factor, length)}",
+                f"state the unit of its places, or that of the coordinates ({length} is stated), "
+                "or let the scale of the frame free",
+            )
+        )
+        named.add(name)
+        found = {p: f for p, f in found.items() if p not in own}
+    return named, findings
+
+
+def _compared(systems: list[System]) -> tuple[list[Similarity], list[Wrong]]:
+    """Return the similarities of frames, and the places that do not fit in any two systems."""
+    fits: list[Similarity] = []
+    wrong: list[Wrong] = []
+    for pair in _pairs(systems):
+        fit = without_gross(pair, wrong)
+        if fit is not None and GIVEN not in (pair.first.name, pair.second.name):
+            fits.append(fit)
+    return fits, wrong
 
 
 # -- loops ----------------------------------------------------------------------------------------

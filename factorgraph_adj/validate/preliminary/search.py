@@ -6,48 +6,67 @@ from ...errors import InputError
 from ...graph.equations import compile_rows
 from ...network.network import Network
 from .against_given import against_given
+from .circles import beyond_circle, level_sights
 from .closures import closures
 from .finding import Finding
+from .given_units import compared_kinds
 from .heights import heights
 from .in_frames import in_frames
 from .repeated import repeated
+from .scale import traverse_scale
+from .surfaces import surfaces
 from .traverses import traverses
 from .undetermined import undetermined
 
 
-def mistaken(network: Network) -> tuple[Finding, ...]:
-    """Return mistakes of whole groups that given coordinates tell of: units, signs, axes."""
+def mistaken(network: Network, *, length: str = "m", angle: str = "gon") -> tuple[Finding, ...]:
+    """Return mistakes of whole groups that given coordinates tell of: units, signs, axes.
+
+    Args:
+        network: the network.
+        length: unit of lengths in its files.
+        angle: unit of angles in its files.
+    """
     try:
-        return tuple(against_given(compile_rows(network)))
+        return tuple(against_given(compile_rows(network), length=length, angle=angle))
     except InputError:
         return ()
 
 
-def preliminary(network: Network) -> tuple[Finding, ...]:
+def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> tuple[Finding, ...]:
     """Check the readings of a network without adjusting it.
 
     The two faces of targets, where readings were reduced; levelled loops, loops of GNSS vectors,
     and traverses; places in frames of their own, and loops of such frames; distances measured
-    several times, height differences forth and back; readings that are there twice; heights of
-    instruments within a set-up; units, signs, frames, axes and rotations against given coordinates;
+    several times, height differences forth and back; readings that are there twice; angles beyond
+    the circle, and zenith angles that are level in another unit; heights of instruments within a
+    set-up; stated heights of surfaces, units, signs, frames, axes
+    and rotations against given coordinates;
     points that these leave undetermined, or at either of two places. Nothing is changed.
 
     Args:
         network: the network.
+        length: unit of lengths in its files, in which findings are told.
+        angle: unit of angles in its files.
     """
     try:
         equations = compile_rows(network)
     except InputError:  # `check` tells why
         return ()
-    compared = tuple(against_given(equations))
+    compared = tuple(against_given(equations, length=length, angle=angle))
     return (
         *(Finding(str(p), "look at the readings of both faces") for p in network.doubts),
+        # What whole groups have in common explains what does not fit one by one.
+        *compared,
+        *(() if compared else traverse_scale(network, length)),
+        *beyond_circle(network, angle),
+        *level_sights(network, angle, compared_kinds(equations)),
         *repeated(network),
         *heights(network),
         *closures(equations),
         *traverses(network),
-        *in_frames(equations),
-        *compared,
+        *in_frames(equations, length),
+        *surfaces(equations),
         # Where given coordinates are wrong they say nothing of geometry.
         *(() if compared else undetermined(equations)),
     )

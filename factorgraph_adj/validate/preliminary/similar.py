@@ -11,7 +11,7 @@ has if it alone is wrong. v_iᵀ S_i⁻¹ v_i then follows χ² with d degrees o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -83,6 +83,16 @@ class Pair:
             return False
         extents = self.extents()
         return bool(extents[self.size - 2] > LINE * extents[0])
+
+    def of_unknown_scale(self) -> Pair:
+        """Return the pair with a scale that is to be found."""
+        return replace(self, first=replace(self.first, fixed_scale=float("nan")))
+
+    def exchanged(self, i: int, j: int) -> Pair:
+        """Return the pair with the places i and j of the first system exchanged."""
+        rows = np.arange(len(self.a))
+        rows[[i, j]] = j, i
+        return replace(self, a=self.a[rows], variance_a=self.variance_a[rows])
 
     def without(self, i: int) -> Pair:
         """Return the pair without its place i."""

@@ -143,7 +143,7 @@ def traverses(network: Network) -> Iterator[Finding]:
         return
     survey = Survey.of(network)
     found: list[tuple[float, Finding]] = []
-    for t in [*_between_held(survey), *_polygons(survey)]:
+    for t in [*between_held(survey), *_polygons(survey)]:
         finding = _tested(t)
         if finding is not None:
             found.append((abs(finding.size) / finding.tolerance, finding))
@@ -152,7 +152,7 @@ def traverses(network: Network) -> Iterator[Finding]:
         yield finding
 
 
-def _between_held(survey: Survey) -> Iterator[Traverse]:
+def between_held(survey: Survey) -> Iterator[Traverse]:
     """Iterate over the shortest traverses between held points."""
     order = {name: i for i, name in enumerate(survey.held)}
     for begin in [name for name in survey.held if name in survey.legs][:STARTS]:

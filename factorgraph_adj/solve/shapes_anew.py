@@ -1,0 +1,145 @@
+"""Shapes that are fitted anew where an adjustment ended in a minimum that they do not fit.
+
+A shape that is placed from its first few points may be another one than all of its points make: a
+cylinder through five points is not unique, and later points leave it in a minimum of its own. The
+normal of a plane or the axis of a cylinder may point either way, and a relation with a sense fits
+one of them. At rest, where the observations of a shape exceed what chance explains, the adjustment
+is repeated with the shape turned round, and with the shape fitted anew to its points where they
+are without it. The smallest vᵀPv counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..approximate.shape_anew import shape_anew, sizes_of
+from ..approximate.shapes import on_shapes
+from ..errors import AdjustmentError
+from ..graph.equations import Equations
+from ..graph.variables import State
+from ..types import Array, Index
+from .iterate import Ended
+from .run import Run
+
+BEYOND_CHANCE = 4.0
+"""Excess of vᵀPv of n rows over n, in units of its standard deviation √(2n), from which on a shape
+is looked at."""
+LOOSENED = 1e-6
+"""Factor on the weights of a shape's observations with which its points are found without it."""
+LOWER, ROUNDING = 1e-6, 1e-9
+"""Decrease of vᵀPv from which another minimum counts as better, and more of it relative to vᵀPv."""
+MOST_SHAPES = 10
+"""Largest number of shapes that are looked at, those that fit worst first."""
+TURNED = np.array([1.0, -1.0, -1.0])
+"""Diagonal of the half turn about x, which reverses the z axis of a frame."""
+
+
+def look_at_shapes(
+    run: Run, ended: Ended, go_on: Callable[[Run, int], Ended], examine: Callable[[Run], Ended]
+) -> Ended:
+    """Fit shapes anew that do not fit; ``run.state`` becomes the better minimum, or stays.
+
+    Args:
+        run: an adjustment at rest.
+        ended: how it ended.
+        go_on: function that iterates from ``run.state`` after a number of iterations.
+        examine: function that iterates from another state, with iterations of its own.
+
+    Returns:
+        How it ended at last.
+    """
+    for f, rows in _misfits(run):
+        for state in _others(run, f, rows, examine):
+            other = replace(run, state=state, at_solution=None, last=None)
+            try:
+                there = examine(other)
+            except AdjustmentError:  # something is not determined, or cannot be computed there
+                continue
+            if there.converged and there.vtpv < ended.vtpv - LOWER - ROUNDING * ended.vtpv:
+                run.state, run.at_solution = other.state, None
+                ended = go_on(run, ended.iterations)
+                if not ended.converged:
+                    return ended
+    _make_sizes_positive(run, ended.vtpv)
+    return ended
+
+
+def _make_sizes_positive(run: Run, vtpv: float) -> None:
+    """Turn shapes round that are the same with sizes of the opposite sign, as paraboloids are."""
+    equations = run.equations
+    for f in sorted(on_shapes(equations)):
+        sizes = [(k, i) for k, i in sizes_of(equations, f) if run.state[k][i, 0] < 0]
+        if not sizes:
+            continue
+        state = turned_round(run.state, f)
+        for kind, number in sizes:
+            state[kind] = state[kind].copy()
+            state[kind][number, 0] *= -1.0
+        if run.vtpv(state) <= vtpv + LOWER + ROUNDING * vtpv:
+            run.state, run.at_solution = state, None
+
+
+def _misfits(run: Run) -> list[tuple[int, Index]]:
+    """Return the frames of shapes that fit badly, the worst first, and the rows of each."""
+    equations = run.equations
+    some = sorted(on_shapes(equations))
+    if not some:
+        return []
+    v = equations.residuals(run.state)
+    found = []
+    for f in some:
+        rows = _rows(equations, f)
+        excess = (float(v[rows] @ v[rows]) - len(rows)) / np.sqrt(2.0 * len(rows))
+        if excess > BEYOND_CHANCE:
+            found.append((excess, f, rows))
+    found.sort(key=lambda each: -each[0])
+    return [(f, rows) for _, f, rows in found[:MOST_SHAPES]]
+
+
+def _rows(equations: Equations, f: int) -> Index:
+    """Return the rows of the observations that touch a frame."""
+    out = [np.zeros(0, dtype=np.intp)]
+    for block in equations.blocks:
+        if block.prior:
+            continue
+        on = np.zeros(len(block.observed), dtype=bool)
+        for kind, index in block.variables:
+            if kind == "frame":
+                on |= index == f
+        rows = np.arange(equations.n_rows)[block.rows].reshape(-1, block.dimension)
+        out.append(rows[on].ravel())
+    return np.concatenate(out)
+
+
+def _others(run: Run, f: int, rows: Index, examine: Callable[[Run], Ended]) -> Iterator[State]:
+    """Yield states with the shape turned round and fitted anew, each in both senses."""
+    yield turned_round(run.state, f)
+    weights = np.ones(run.equations.n_rows)
+    weights[rows] = LOOSENED
+    loose = Run.at(
+        run.equations.reweighted(weights),
+        run.state,
+        run.start,
+        free=run.free,
+        extra=run.extra,
+        solver=run.solver,
+    )
+    try:
+        examine(loose)
+    except AdjustmentError:  # only the shape determines something
+        return
+    state = shape_anew(run.equations, loose.state, f)
+    if state is not None:
+        yield state
+        yield turned_round(state, f)
+
+
+def turned_round(state: State, f: int) -> State:
+    """Return a state in which the z axis of a frame points the other way, at the same place."""
+    frames: Array = state["frame"].copy()
+    frames[f, :9] = (frames[f, :9].reshape(3, 3) * TURNED).ravel()
+    frames[f, 9:12] *= TURNED
+    return {**state, "frame": frames}
