@@ -92,6 +92,12 @@ def _xyz(*, start: float = np.nan) -> tuple[Component, ...]:
 
 _ATTITUDE = tuple(Component(f"r{a}", "angle", np.nan) for a in "xyz")
 
+RATES = (
+    "drifts per unit of time need observations at different times: `time` is 0 in those that leave "
+    "it out"
+)
+"""What helps where drifts are not determined."""
+
 _BUILT_IN: Sequence[UnknownKind] = (
     UnknownKind("point", "point", "p", _xyz(), motions=motions.of_points, connects=True),
     UnknownKind(
@@ -248,6 +254,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         table=UnknownTable("drifts", held_unless_free=True),
         default=(0.0,) * 9,
         additional=True,
+        remedy=RATES,
     ),
     UnknownKind(
         "attitude_drift",
@@ -263,6 +270,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         table=UnknownTable("attitude_drifts", held_unless_free=True),
         default=(0.0,) * 6,
         additional=True,
+        remedy=RATES,
     ),
     UnknownKind(
         "shutter",
@@ -324,6 +332,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         default=(0.0,) * 4,
         additional=True,
         instrument=True,
+        remedy=RATES,
     ),
     UnknownKind(
         "gyro",
