@@ -24,6 +24,8 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("errors", "types", "version", "shown"),
     ("units", "rotation", "ellipsoid", "blas", "columns"),
     ("frames", "stochastic", "atmosphere"),
+    # Grid coordinates and heights of reference systems, and geoids.
+    ("crs",),
     ("models",),
     ("network.entities",),
     ("observations",),
@@ -51,10 +53,16 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("quality",),
     ("validate",),
     ("triangulation",),
+    # Two epochs: what moved.
+    ("epochs",),
+    # Poses and points from image points alone.
+    ("block_orientation",),
     ("io",),
     ("parts",),
     ("incremental",),
     ("report",),
+    # Results in formats of other programs.
+    ("export",),
     ("simulation", "experiment"),
     ("papers",),
     ("planning",),
@@ -74,6 +82,17 @@ EXTRAS = {
     "matplotlib": ("report", "papers"),
     "distributed": ("experiment", "parts"),
     "pandas": ("experiment", "columns"),
+    "polars": ("columns",),
+    "xarray": ("export",),
+    "poselib": ("block_orientation",),
+    "pycolmap": ("io",),
+    "pyopf": ("io",),
+    "yaml": ("io",),
+    "pyproj": ("crs",),
+    "ezdxf": ("export",),
+    "jinja2": ("report",),
+    "plotly": ("report",),
+    "itables": ("report",),
 }
 """Optional; imported when they are needed, and where."""
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from ..errors import InputError, Problem
 from ..io.project import Project
-from ..io.readers import READERS
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
@@ -25,15 +24,9 @@ from ..solve.solution import Solution
 from ..units import significant
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
+from .input import PROJECT_HELP, add_project, add_reading, read_input
 from .messages import iteration, progress, warn
-from .options import (
-    PROJECT_HELP,
-    add_adjustment,
-    add_allow_outside,
-    add_project,
-    count,
-    probability,
-)
+from .options import add_adjustment, count, probability
 from .parts import add_parts, adjust_in_parts, in_parts
 from .run import lines_of, run_of
 
@@ -42,7 +35,7 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     """Add the commands."""
     run = commands.add_parser("adjust", help="adjust a project and print the protocol")
     run.add_argument("project", metavar="PROJECT", nargs="+", help=PROJECT_HELP)
-    add_allow_outside(run)
+    add_reading(run)
     run.add_argument("--out", metavar="DIR", help="write protocol, solution.json and CSV tables")
     run.add_argument(
         "--rows",
@@ -108,7 +101,7 @@ def _solve(options: argparse.Namespace) -> Adjusted:
         InputError: options contradict each other, or the input has problems.
     """
     _refuse_options(options)
-    project = READERS.load(options.project, allow_outside=options.allow_outside)
+    project = read_input(options)
     network = project.network
     if options.datum is not None:
         network.datum = options.datum

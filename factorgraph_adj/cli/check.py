@@ -7,12 +7,11 @@ import sys
 
 from ..errors import InputError, Problem
 from ..io.project import Project
-from ..io.readers import READERS
 from ..validate.check import check, start_problems
 from ..validate.preliminary.search import mistaken, preliminary
 from .exit_codes import BAD_INPUT, DOUBTFUL, FINE
+from .input import add_project, read_input
 from .messages import complain, listed
-from .options import add_project
 
 
 def add_check(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -27,7 +26,7 @@ def add_check(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> 
 
 def _check(options: argparse.Namespace) -> int:
     try:
-        project = READERS.load(options.project, allow_outside=options.allow_outside)
+        project = read_input(options)
     except InputError as error:
         complain(error.problems, every=options.all)
         _hint_at_plan(options, len(error.problems))
@@ -82,7 +81,7 @@ def refuse_problems(project: Project) -> None:
 def _hint_at_plan(options: argparse.Namespace, n_problems: int) -> None:
     """Print that a design needs no readings, if the input lacks readings."""
     try:
-        READERS.load(options.project, readings=False, allow_outside=options.allow_outside)
+        read_input(options, readings=False)
     except InputError as error:
         if len(error.problems) >= n_problems:
             return

@@ -5,27 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import get_args
 
-from ..io.readers import READERS
 from ..quality.observation_groups import Rule
 from ..quality.robust import ESTIMATORS
-
-PROJECT_HELP = f"a file: {READERS}; or a folder"
-"""Help of the argument for a project."""
-
-
-def add_project(parser: argparse.ArgumentParser) -> None:
-    """Add the argument for the project."""
-    parser.add_argument("project", metavar="PROJECT", help=PROJECT_HELP)
-    add_allow_outside(parser)
-
-
-def add_allow_outside(parser: argparse.ArgumentParser) -> None:
-    """Add the option that lets a project name files anywhere."""
-    parser.add_argument(
-        "--allow-outside",
-        action="store_true",
-        help="let project.toml name tables outside its folder",
-    )
 
 
 def add_adjustment(parser: argparse.ArgumentParser) -> None:

@@ -6,7 +6,6 @@ import argparse
 import sys
 
 from ..errors import InputError, Problem
-from ..io.readers import READERS
 from ..parts.adjust import adjust_parts
 from ..parts.network import adjust_cut
 from ..parts.result import PartsSolution
@@ -16,6 +15,7 @@ from ..report.doubts import doubts_about
 from ..report.parts import parts_protocol, write_parts
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
+from .input import read_input
 from .messages import iteration, progress, warn
 from .options import count
 from .run import run_of
@@ -88,7 +88,7 @@ def _solution(options: argparse.Namespace) -> PartsSolution:
                 max_iterations=options.max_iterations or MOST_ITERATIONS,
                 progress=show and (lambda *figures: show(iteration(*figures))),
             )
-    project = READERS.load(options.project[0], allow_outside=options.allow_outside)
+    project = read_input(options, options.project[0])
     refuse_problems(project)
     warn(project.warnings)
     with connected(options.cluster) as client, progress(project.network.name) as show:

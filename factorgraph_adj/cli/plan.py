@@ -13,7 +13,6 @@ import numpy as np
 
 from ..errors import AdjustmentError, InputError, Problem
 from ..io.project import Project
-from ..io.readers import READERS
 from ..io.write_project import write_project
 from ..planning.candidates import identified, with_candidates
 from ..planning.files import Wishes, read_wishes
@@ -33,7 +32,8 @@ from ..planning.targets import (
 from ..units import LENGTH
 from ..validate.where import with_lines
 from .exit_codes import DOUBTFUL, FINE
-from .options import add_probabilities, add_project, count
+from .input import add_project, read_input
+from .options import add_probabilities, count
 
 LISTED = 20
 """Default number of rows of a list (option --rows)."""
@@ -83,7 +83,7 @@ def _add_common(parser: argparse.ArgumentParser) -> None:
 
 
 def _plan(options: argparse.Namespace) -> int:
-    project = READERS.load(options.project, readings=False, allow_outside=options.allow_outside)
+    project = read_input(options, readings=False)
     wishes = Wishes((), ())
     if options.targets is not None:
         wishes = read_wishes(options.targets, project, candidates=False)
@@ -96,7 +96,7 @@ def _plan(options: argparse.Namespace) -> int:
 
 
 def _propose(options: argparse.Namespace) -> int:
-    project = READERS.load(options.project, readings=False, allow_outside=options.allow_outside)
+    project = read_input(options, readings=False)
     wishes = read_wishes(options.candidates, project)
     problems = [
         Problem(f"has no [[{what}]]", options.candidates)

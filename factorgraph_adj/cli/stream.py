@@ -23,13 +23,13 @@ from ..errors import InputError, Problem
 from ..incremental.adjustment import IncrementalAdjustment
 from ..incremental.verdicts import Policy
 from ..io.project import Project
-from ..io.readers import READERS
 from ..service.requests import LONGEST
 from ..service.stream import Stream
 from ..service.stream import __doc__ as protocol
 from .exit_codes import FINE, INTERRUPTED
+from .input import add_project, read_input
 from .live import MISSING, LiveView, live_view
-from .options import add_probabilities, add_project
+from .options import add_probabilities
 
 ALPHA = 0.001
 """Default probability of a false alarm of one test."""
@@ -110,7 +110,7 @@ def _start(options: argparse.Namespace) -> Stream:
         raise InputError(problems)
     if options.live and find_spec("rich") is None:
         raise InputError(MISSING)
-    project = READERS.load(options.project, allow_outside=options.allow_outside)
+    project = read_input(options)
     if options.resume:
         adjustment = IncrementalAdjustment.resume(options.journal)
         _same(adjustment, project, options)

@@ -1,20 +1,24 @@
-"""Readers of files by suffix: the table of the formats that can be read.
+"""Readers of files by suffix and content: the table of the formats that can be read.
 
 A new format needs one module with a function that reads a file, and one line in `READERS`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .bal import read_bal
+from .format_options import options_of, refuse_unknown
 from .gama import read_gama
 from .project import Project, load_project
+
+MOST_LOOKED_AT = 65_536
+"""Largest number of bytes at the beginning of a file by which its format is recognised."""
 
 
 class Load(Protocol):
@@ -34,14 +38,29 @@ class Load(Protocol):
 class Reader:
     """Reader of one format."""
 
+    name: str
+    """Word for the format in the option ``--from`` and in messages: ``gama``."""
     suffixes: tuple[str, ...]
-    """Suffixes of file names, with dots; packed files have two parts: ``.txt.gz``."""
+    """Suffixes of file names, with dots; packed files have two parts: ``.txt.gz``. Empty for a
+    format that is a folder."""
     description: str
     """Name of the format for help and messages."""
     load: Load
     """The function that reads a file."""
     folders: bool = False
     """Whether the reader also reads folders."""
+    recognises: Callable[[Path], bool] | None = None
+    """Tells a file, or folder, of this format from those of other formats with the same suffix;
+    None for the format that has the suffix where no other recognises the file."""
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Names of the options that the function takes beside those of every reader."""
+        return self.load.options if isinstance(self.load, NetworkAlone) else ()
+
+    def claims(self) -> list[str]:
+        """Return what the reader reads, in words: suffixes and folders."""
+        return [f"suffix {s}" for s in self.suffixes] + (["folders"] if self.folders else [])
 
 
 @dataclass(frozen=True)
@@ -49,27 +68,31 @@ class Readers:
     """A table of readers; its text lists their suffixes and descriptions.
 
     Raises:
-        InputError: a reader has no suffix, a suffix has no dot, or two readers claim the same
-            suffix or both read folders.
+        InputError: a reader has no suffix and reads no folders, a suffix has no dot, two readers
+            have one name, or two that recognise no content claim the same suffix or folders.
     """
 
     entries: tuple[Reader, ...]
     """One reader for each format."""
 
     def __post_init__(self) -> None:
-        """Refuse readers that the name of a file does not distinguish."""
+        """Refuse readers that neither the name of a file nor its content distinguishes."""
         problems = []
         owners: dict[str, str] = {}
         for reader in self.entries:
             where = f"reader of {reader.description}"
-            if not reader.suffixes:
+            if not reader.claims():
                 problems.append(Problem("has no suffix; valid: at least one, such as .txt", where))
             for suffix in reader.suffixes:
                 if not suffix.startswith(".") or suffix.endswith("."):
                     what = f"suffix {suffix!r} is none; valid: a dot and letters, such as .txt"
                     problems.append(Problem(what, where))
-            claims = [f"suffix {s}" for s in reader.suffixes]
-            for claim in [*claims, *(["folders"] if reader.folders else [])]:
+            claims = [f"name {reader.name}"]
+            if reader.recognises is None:
+                claims += reader.claims()
+            elif len(set(reader.suffixes)) < len(reader.suffixes):
+                problems.append(Problem("names a suffix twice", where))
+            for claim in claims:
                 if claim in owners:
                     what = f"{claim}: claimed by the reader of {owners[claim]} already"
                     problems.append(Problem(what, where))
@@ -79,10 +102,18 @@ class Readers:
 
     def __str__(self) -> str:
         """Return the suffixes with the names of their formats."""
-        return ", ".join(f"{', '.join(r.suffixes)} ({r.description})" for r in self.entries)
+        return ", ".join(
+            f"{', '.join(r.suffixes) or 'a folder'} ({r.description})" for r in self.entries
+        )
 
     def load(
-        self, path: str | Path, *, readings: bool = True, allow_outside: bool = False
+        self,
+        path: str | Path,
+        *,
+        readings: bool = True,
+        allow_outside: bool = False,
+        format: str | None = None,
+        options: Mapping[str, Any] | None = None,
     ) -> Project:
         """Read a file of any of the formats, or a folder.
 
@@ -90,70 +121,121 @@ class Readers:
             path: file or folder.
             readings: whether observations need observed values; those of a design do not.
             allow_outside: whether a project may name files outside its folder.
+            format: name of the format; None: suffix and content tell it.
+            options: options of the function that reads this format, by name.
 
         Raises:
-            InputError: the file does not exist, no reader has its suffix, or the file has
-                problems (all are listed).
+            InputError: the file does not exist, no reader has its suffix or its name, the reader
+                has no such option, or the file has problems (all are listed).
         """
         source = Path(path)
         if not source.exists():
             raise InputError(Problem("no such file or folder", str(path)))
-        reader = self._of_folders() if source.is_dir() else self._of_file(source)
-        if reader is None:
-            raise InputError(Problem(f"unknown kind of file; valid: {self}", str(path)))
-        return reader.load(source, readings=readings, allow_outside=allow_outside)
+        reader = self.of(source) if format is None else self.named(format)
+        given = dict(options or {})
+        doing = f"reading {reader.description}"
+        refuse_unknown(given, reader.options, doing=doing, where=str(path))
+        return reader.load(source, readings=readings, allow_outside=allow_outside, **given)
 
-    def _of_folders(self) -> Reader | None:
-        return next((r for r in self.entries if r.folders), None)
+    def named(self, name: str) -> Reader:
+        """Return the reader of a format by its name.
 
-    def _of_file(self, path: Path) -> Reader | None:
-        """Return the reader with the longest suffix that ends the name; None if no suffix does."""
-        end = "".join(path.suffixes)
-        fitting = [(len(s), r) for r in self.entries for s in r.suffixes if end.endswith(s)]
-        return max(fitting, key=lambda entry: entry[0], default=(0, None))[1]
+        Raises:
+            InputError: no reader has the name.
+        """
+        for reader in self.entries:
+            if reader.name == name:
+                return reader
+        names = [r.name for r in self.entries]
+        raise InputError(f"no format {name!r} can be read; valid: {known(names, meant=name)}")
+
+    def of(self, path: Path) -> Reader:
+        """Return the reader of a file or folder, by its suffix and, among several, its content.
+
+        Raises:
+            InputError: no reader has the suffix, or none recognises the content.
+        """
+        if path.is_dir():
+            fitting = [r for r in self.entries if r.folders]
+        else:
+            end = "".join(path.suffixes)
+            ends = [(len(s), r) for r in self.entries for s in r.suffixes if end.endswith(s)]
+            longest = max((n for n, _ in ends), default=0)
+            fitting = [r for n, r in ends if n == longest]
+        sure = [r for r in fitting if r.recognises is not None and r.recognises(path)]
+        rest = [r for r in fitting if r.recognises is None]
+        for found in (sure, rest):
+            if len(found) == 1:
+                return found[0]
+        if len(sure) > 1:
+            what = f"could be {' or '.join(r.description for r in sure)}; say which by its name"
+            raise InputError(Problem(f"{what}: {', '.join(r.name for r in sure)}", str(path)))
+        if fitting:
+            what = f"is none of {', '.join(r.description for r in fitting)} by its content"
+            raise InputError(Problem(f"{what}; or say which by its name", str(path)))
+        raise InputError(Problem(f"unknown kind of file; valid: {self}", str(path)))
 
 
-def network_alone(read: Callable[[Path], Network]) -> Load:
-    """Return the reader of a format that holds only a network with all readings.
+@dataclass(frozen=True)
+class NetworkAlone:
+    """Reader of a format that holds only a network with all readings.
 
-    Args:
-        read: function that reads a file as a network.
-
-    Returns:
-        A reader of projects in default units, with default options.
+    It returns projects in default units, with default options.
     """
 
-    def load(path: Path, /, *, readings: bool, allow_outside: bool) -> Project:
-        return Project(read(path), path)
+    read: Callable[..., Network]
+    """Function that reads a file as a network; its keyword-only arguments are options."""
 
-    return load
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Names of the keyword-only arguments of the function."""
+        return options_of(self.read)
+
+    def __call__(
+        self, path: Path, /, *, readings: bool, allow_outside: bool, **options: Any
+    ) -> Project:
+        """Read a file."""
+        return Project(self.read(path, **options), path)
+
+
+def beginning(path: Path, size: int = MOST_LOOKED_AT) -> bytes:
+    """Return the first bytes of a file, by which its format is recognised; b'' if unreadable."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(size)
+    except OSError:
+        return b""
 
 
 READERS = Readers(
     (
-        Reader((".toml",), "project", load_project, folders=True),
-        Reader((".gkf",), "GNU Gama", network_alone(read_gama)),
+        Reader("project", (".toml",), "project", load_project, folders=True),
+        Reader("gama", (".gkf",), "GNU Gama", NetworkAlone(read_gama)),
         Reader(
+            "bal",
             (".txt", ".txt.bz2", ".txt.gz"),
             "Bundle Adjustment in the Large",
-            network_alone(read_bal),
+            NetworkAlone(read_bal),
         ),
     )
 )
 """The formats that can be read."""
 
 
-def read(path: str | Path) -> Network:
+def read(path: str | Path, *, format: str | None = None, **options: Any) -> Network:
     """Read the network of a file of any format that `READERS` lists.
 
-    The suffix determines the format. The readers of the formats (`read_project`, `read_gama`,
-    `read_bal`) document how they convert a file, and may have options of their own.
+    Suffix and content determine the format. The readers of the formats (`read_project`,
+    `read_gama`, `read_bal`, …) document how they convert a file, and have options of their own.
 
     Args:
         path: the file, or the folder that has a project as ``project.toml``.
+        format: name of the format, where suffix and content do not tell it.
+        options: options of the reader of the format.
 
     Raises:
         InputError: the file does not exist, no reader has its suffix (the message lists the
-            valid suffixes), or the file has problems (all are listed).
+            valid suffixes), the reader has no such option, or the file has problems (all are
+            listed).
     """
-    return READERS.load(path).network
+    return READERS.load(path, format=format, options=options).network

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import bz2
 import gzip
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import factorgraph_adj as fga
@@ -14,7 +16,7 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.io.project import AdjustOptions, read_project
-from factorgraph_adj.io.readers import READERS, Reader, Readers, network_alone
+from factorgraph_adj.io.readers import READERS, NetworkAlone, Reader, Readers, beginning
 from factorgraph_adj.network.network import Network
 from tests.networks.projects import OBSERVATIONS, write
 from tests.support.places import data_dir
@@ -116,7 +118,7 @@ def read_heights(path: Path) -> Network:
     return network
 
 
-HEIGHTS = Reader((".hgt", ".hgt.txt"), "list of heights", network_alone(read_heights))
+HEIGHTS = Reader("heights", (".hgt", ".hgt.txt"), "list of heights", NetworkAlone(read_heights))
 
 
 def test_a_new_format_is_one_line_of_the_table(tmp_path):
@@ -140,30 +142,73 @@ def test_a_folder_needs_a_reader_of_folders(tmp_path):
         Readers((HEIGHTS,)).load(tmp_path)
 
 
+def recognised(word: bytes, name: str) -> Reader:
+    """Return a reader of files .hgt that begin with a word."""
+    return Reader(
+        name,
+        (".hgt",),
+        f"heights of {name}",
+        NetworkAlone(read_heights),
+        recognises=lambda path: beginning(path).startswith(word),
+    )
+
+
+def test_content_decides_between_formats_of_one_suffix(tmp_path):
+    a, b = recognised(b"A", "a"), recognised(b"B", "b")
+    path = tmp_path / "x.hgt"
+    for text, expected in (("A 1", a), ("B 1", b), ("C 1", HEIGHTS)):
+        path.write_text(text, encoding="utf-8")
+        assert Readers((HEIGHTS, a, b)).of(path) is expected
+    with pytest.raises(InputError, match=r"is none of heights of a, heights of b by its content"):
+        Readers((a, b)).of(path)
+    path.write_text("A 1", encoding="utf-8")
+    with pytest.raises(InputError, match=r"could be heights of a or heights of c; .* a, c$"):
+        Readers((a, recognised(b"A", "c"))).of(path)
+    assert list(Readers((a, b)).load(path, format="b").network.points) == ["A"]
+    with pytest.raises(InputError, match="no format 'c' can be read; valid: a, b"):
+        Readers((a, b)).load(path, format="c")
+
+
+def test_options_of_a_reader_are_its_keyword_arguments(tmp_path):
+    def read_scaled(path: Path, *, scale: float = 1.0) -> Network:
+        network = read_heights(path)
+        for name, point in network.points.items():
+            network.points[name] = replace(point, coordinates=scale * np.array(point.coordinates))
+        return network
+
+    readers = Readers((Reader("scaled", (".hgt",), "heights", NetworkAlone(read_scaled)),))
+    path = tmp_path / "x.hgt"
+    path.write_text("A 2.5", encoding="utf-8")
+    network = readers.load(path, options={"scale": 4.0}).network
+    assert network.points["A"].coordinates[2] == 10.0
+    with pytest.raises(InputError, match=r"has no option 'scales'; valid: scale; did you mean"):
+        readers.load(path, options={"scales": 4.0})
+
+
 @pytest.mark.parametrize(
     ("wrong", "expected"),
     [
         (
-            Reader((".hgt", ".gkf"), "heights", HEIGHTS.load),
+            Reader("heights", (".hgt", ".gkf"), "heights", HEIGHTS.load),
             ["reader of heights: suffix .gkf: claimed by the reader of GNU Gama already"],
         ),
         (
-            Reader((".toml",), "heights", HEIGHTS.load, folders=True),
+            Reader("heights", (".toml",), "heights", HEIGHTS.load, folders=True),
             [
                 "reader of heights: suffix .toml: claimed by the reader of project already",
                 "reader of heights: folders: claimed by the reader of project already",
             ],
         ),
         (
-            Reader((".hgt", ".hgt"), "heights", HEIGHTS.load),
+            Reader("heights", (".hgt", ".hgt"), "heights", HEIGHTS.load),
             ["reader of heights: suffix .hgt: claimed by the reader of heights already"],
         ),
         (
-            Reader((), "heights", HEIGHTS.load),
+            Reader("heights", (), "heights", HEIGHTS.load),
             ["reader of heights: has no suffix; valid: at least one, such as .txt"],
         ),
         (
-            Reader(("hgt",), "heights", HEIGHTS.load),
+            Reader("heights", ("hgt",), "heights", HEIGHTS.load),
             [
                 "reader of heights: suffix 'hgt' is none; valid: a dot and letters, such as .txt",
             ],

@@ -1,0 +1,1 @@
+"""Orientation of blocks of photos from image points alone."""

@@ -1,0 +1,1 @@
+"""Reference systems: grid coordinates and heights become coordinates of a frame, and back."""

@@ -1,0 +1,1 @@
+"""Two epochs of an object: what moved, and how far."""

@@ -1,0 +1,104 @@
+"""Writers of files by suffix: the table of the formats in which a network can be written.
+
+A new format needs one module with a function that writes a network, and one line in `WRITERS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError, Problem, known
+from ..network.network import Network
+from .format_options import options_of, refuse_unknown
+from .write_project import write_project
+
+
+@dataclass(frozen=True)
+class Writer:
+    """Writer of one format.
+
+    An adjusted network is written as `Solution.as_network`.
+    """
+
+    name: str
+    """Word for the format in the option ``--to`` and in messages: ``colmap``."""
+    suffixes: tuple[str, ...]
+    """Suffixes of file names, with dots, that mean this format; empty for a format that is a
+    folder, or whose suffix belongs to another one."""
+    description: str
+    """Name of the format for help and messages."""
+    write: Callable[..., object]
+    """Function of a network and a path that writes files; its keyword-only arguments are options.
+    It raises InputError for everything of the network that the format cannot express, and leaves
+    no file behind then."""
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Names of the keyword-only arguments of the function."""
+        return options_of(self.write)
+
+
+@dataclass(frozen=True)
+class Writers:
+    """A table of writers; its text lists their suffixes and descriptions."""
+
+    entries: tuple[Writer, ...]
+    """One writer for each format."""
+
+    def __str__(self) -> str:
+        """Return the suffixes with the names of their formats."""
+        return ", ".join(
+            f"{', '.join(w.suffixes) or f'--to {w.name}'} ({w.description})" for w in self.entries
+        )
+
+    def of(self, path: Path, format: str | None = None) -> Writer:
+        """Return the writer of a format by its name, or by the longest suffix of a file.
+
+        Raises:
+            InputError: no writer has the name, or the suffix.
+        """
+        if format is not None:
+            for writer in self.entries:
+                if writer.name == format:
+                    return writer
+            names = known([w.name for w in self.entries], meant=format)
+            raise InputError(f"no format {format!r} can be written; valid: {names}")
+        end = "".join(path.suffixes)
+        ends = [(len(s), w) for w in self.entries for s in w.suffixes if end.endswith(s)]
+        if not ends:
+            raise InputError(Problem(f"unknown kind of file to write; valid: {self}", str(path)))
+        return max(ends, key=lambda entry: entry[0])[1]
+
+    def write(
+        self,
+        network: Network,
+        path: str | Path,
+        *,
+        format: str | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Write a network.
+
+        Args:
+            network: the network; that of an adjustment is `Solution.as_network`.
+            path: file or folder.
+            format: name of the format; None: the suffix tells it.
+            options: options of the function that writes this format, by name.
+
+        Raises:
+            InputError: no writer has the suffix or the name, the writer has no such option, or
+                the format cannot express something of the network (all is listed). No file has
+                changed then.
+        """
+        writer = self.of(Path(path), format)
+        given = dict(options or {})
+        doing = f"writing {writer.description}"
+        refuse_unknown(given, writer.options, doing=doing, where=str(path))
+        writer.write(network, Path(path), **given)
+
+
+WRITERS = Writers((Writer("project", (".toml",), "project", write_project),))
+"""The formats that can be written."""

@@ -1,0 +1,54 @@
+"""The command convert reads one format and writes another, with the options of both."""
+
+from __future__ import annotations
+
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.cli.input import settings
+from factorgraph_adj.cli.main import main
+from factorgraph_adj.errors import InputError
+from tests.networks.projects import write
+from tests.support.places import data_dir
+from tests.support.same import assert_same_network
+
+
+def test_a_network_of_gama_becomes_a_project(tmp_path, capsys):
+    source = data_dir("gama_3d_networks") / "local_3d.gkf"
+    out = tmp_path / "out" / "project.toml"
+    assert main(["convert", str(source), str(out)]) == 0
+    assert_same_network(fga.read(out), fga.read(source))
+    said = capsys.readouterr().out
+    assert said.startswith(f"{out}: ") and said.rstrip().endswith(f"observations of {source}")
+
+
+def test_the_format_may_be_named(tmp_path, capsys):
+    source = write(tmp_path)
+    out = tmp_path / "copy" / "project.toml"
+    assert main(["convert", str(source), str(out), "--from", "project", "--to", "project"]) == 0
+    assert_same_network(fga.read(out), fga.read(source))
+
+
+def test_an_unknown_format_to_write_is_refused_before_reading(tmp_path, capsys):
+    assert main(["convert", str(tmp_path / "none.toml"), str(tmp_path / "a.xlsx")]) == 2
+    assert "unknown kind of file to write; valid: .toml (project)" in capsys.readouterr().err
+
+
+def test_an_option_that_the_reader_does_not_have_is_refused(tmp_path, capsys):
+    source = write(tmp_path)
+    arguments = ["convert", str(source), str(tmp_path / "b.toml"), "--set", "scale=2"]
+    assert main(arguments) == 2
+    assert "reading project has no option 'scale'; it has none" in capsys.readouterr().err
+    assert not (tmp_path / "b.toml").exists()
+
+
+def test_settings_are_values_of_toml_or_texts():
+    given = settings(["a=1", "b=true", "c=north east", 'd="x"', "e=[1, 2]", "f=1=2"], "--set")
+    assert given == {"a": 1, "b": True, "c": "north east", "d": "x", "e": [1, 2], "f": "1=2"}
+    with pytest.raises(InputError) as caught:
+        settings(["a", "=1", "b=1", "b=2"], "--set")
+    assert [str(p) for p in caught.value.problems] == [
+        "--set: 'a' is not KEY=VALUE",
+        "--set: '=1' is not KEY=VALUE",
+        "--set: b is given twice",
+    ]
