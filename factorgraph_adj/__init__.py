@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from .models.unknown import UnknownKind
     from .models.variables import register_unknown
     from .network.entities import Camera, Parameter, Photo, Point
+    from .network.from_grid import from_grid
     from .network.network import Network
     from .network.selection import without
     from .observations.airborne import (
@@ -172,6 +173,7 @@ __all__ = [
     "estimate_variance_components",
     "exclude_insignificant",
     "find_sparable",
+    "from_grid",
     "grid_coordinates",
     "load_solution",
     "memory_needed",
@@ -276,6 +278,7 @@ _MODULES = {
     "estimate_variance_components": "quality.variance_components",
     "exclude_insignificant": "quality.exclusion",
     "find_sparable": "planning.spare",
+    "from_grid": "network.from_grid",
     "grid_coordinates": "solve.grid",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
