@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -189,7 +190,7 @@ def geoid(stated: str | float) -> Geoid:
     """
     if not isinstance(stated, str):
         return ConstantGeoid(float(stated))
-    path = Path(stated)
+    path = _found(Path(stated))
     if not path.is_file():
         raise InputError(
             Problem(
@@ -200,6 +201,16 @@ def geoid(stated: str | float) -> Geoid:
         )
     status = path.stat()
     return _read(str(path.absolute()), status.st_mtime_ns, status.st_size)
+
+
+def _found(path: Path) -> Path:
+    """Return the file; one that is named without a folder may lie in a folder of PROJ."""
+    if path.is_file() or path.name != str(path):
+        return path
+    folders = proj.pyproj().datadir.get_data_dir().split(os.pathsep)
+    folders.append(proj.pyproj().datadir.get_user_data_dir())
+    there = (Path(folder) / path for folder in folders)
+    return next((file for file in there if file.is_file()), path)
 
 
 @lru_cache(maxsize=8)

@@ -45,7 +45,7 @@ class Site:
         )
         self.centres = middle.to_geocentric(centres)
         # ω, φ, κ count from the grid and the vertical at the photo.
-        self.angles = self.rng.normal(0.0, 0.03, (6, 3)) + [0.0, 0.0, 0.4]
+        self.angles = self.rng.normal([0.0, 0.0, 0.4], 0.03, (6, 3))
 
     def to_grid(self, xyz: Array) -> Array:
         """Return E, N, H of geocentric coordinates."""

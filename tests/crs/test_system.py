@@ -10,7 +10,7 @@ from factorgraph_adj.crs.places import grid_places, wgs84_places
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import LocalFrame
-from factorgraph_adj.types import Array
+from tests.crs.grids import GRIDS
 from tests.loaders import lambert_93
 from tests.support.places import data_dir
 
@@ -21,80 +21,15 @@ PRINTED = 0.5e-4
 """Half of the last printed digit of a listing, metres."""
 
 
-def redfearn(
-    latitude: Array, longitude: Array, *, name: str, central: float, scale: float, false: Array
-) -> Array:
-    """Return E, N of a transverse Mercator grid: series of Redfearn (1948), in ω = Δλ cos φ.
-
-    Source: Geocentric Datum of Australia, Technical Manual, chapter 5. Below 0.01 mm up to 4° from
-    the central meridian.
-    """
-    e = ellipsoid(name)
-    e2 = e.e2
-    e4, e6, e8 = e2**2, e2**3, e2**4
-    a = (
-        1 - e2 / 4 - 3 * e4 / 64 - 5 * e6 / 256 - 175 * e8 / 16384,
-        3 / 8 * (e2 + e4 / 4 + 15 * e6 / 128 + 35 * e8 / 512),
-        15 / 256 * (e4 + 3 * e6 / 4 + 35 * e8 / 64),
-        35 / 3072 * (e6 + 5 * e8 / 4),
-        315 * e8 / 131072,
-    )
-    arc = e.a * (
-        a[0] * latitude
-        - a[1] * np.sin(2 * latitude)
-        + a[2] * np.sin(4 * latitude)
-        - a[3] * np.sin(6 * latitude)
-        + a[4] * np.sin(8 * latitude)
-    )
-    m, n = e.radii(latitude)
-    p, t = n / m, np.tan(latitude)
-    w = (longitude - central) * np.cos(latitude)
-    c, s = np.cos(latitude), np.sin(latitude)
-    d = longitude - central
-    east = (
-        w
-        + w**3 / 6 * (p - t**2)
-        + w**5 / 120 * (4 * p**3 * (1 - 6 * t**2) + p**2 * (1 + 8 * t**2) - 2 * p * t**2 + t**4)
-        + w**7 / 5040 * (61 - 479 * t**2 + 179 * t**4 - t**6)
-    )
-    north = (
-        d**2 / 2 * c
-        + d**4 / 24 * c**3 * (4 * p**2 + p - t**2)
-        + d**6
-        / 720
-        * c**5
-        * (
-            8 * p**4 * (11 - 24 * t**2)
-            - 28 * p**3 * (1 - 6 * t**2)
-            + p**2 * (1 - 32 * t**2)
-            - 2 * p * t**2
-            + t**4
-        )
-        + d**8 / 40320 * c**7 * (1385 - 3111 * t**2 + 543 * t**4 - t**6)
-    )
-    return np.stack([scale * n * east, scale * (arc + n * s * north)], axis=1) + false
-
-
-GRIDS = {
-    "UTM 32": ("EPSG:25832", 9.0, "GRS80", 0.9996, (500000.0, 0.0), (48.1, 11.6)),
-    "near the edge of UTM 33": ("EPSG:25833", 15.0, "GRS80", 0.9996, (500000.0, 0.0), (54.2, 12.0)),
-    "beyond the edge of UTM 32": ("EPSG:25832", 9.0, "GRS80", 0.9996, (5e5, 0.0), (47.7, 12.9)),
-    "UTM 33 south": ("EPSG:32733", 15.0, "WGS84", 0.9996, (500000.0, 1e7), (-34.3, 12.8)),
-    "MGA 55": ("EPSG:7855", 147.0, "GRS80", 0.9996, (500000.0, 1e7), (-36.6, 146.0)),
-    "Gauss-Krüger 3": ("EPSG:31467", 9.0, "Bessel1841", 1.0, (3.5e6, 0.0), (50.3, 8.1)),
-}
-
-
 @pytest.mark.parametrize("grid", GRIDS)
 def test_transverse_mercator_grids_agree_with_the_series_of_redfearn(grid: str) -> None:
-    code, central, name, scale, false, (latitude, longitude) = GRIDS[grid]
-    system = fga.ReferenceSystem(code, heights="ellipsoidal")
+    tm = GRIDS[grid]
+    name, (latitude, longitude) = tm.ellipsoid, tm.place
+    system = fga.ReferenceSystem(tm.code, heights="ellipsoidal")
     phi = np.radians(latitude + np.array([0.0, 0.02, -0.03]))
     lam = np.radians(longitude + np.array([0.0, 0.05, 0.04]))
     h = np.array([100.0, 850.0, -20.0])
-    expected = redfearn(
-        phi, lam, name=name, central=np.radians(central), scale=scale, false=np.array(false)
-    )
+    expected = tm.to_grid(phi, lam)
     frame = system.frame_at(np.column_stack([expected, h]))
     assert frame.ellipsoid_name == name
     xyz = frame.from_geocentric(ellipsoid(name).to_cartesian(phi, lam, h))
@@ -161,14 +96,7 @@ def test_seven_parameters_lead_to_the_datum_of_the_frame() -> None:
     matrix = (1 + seven[6] * 1e-6) * np.array([[1, -z, y], [z, 1, -x], [-y, x, 1]])
     bessel = np.linalg.solve(matrix, (there - seven[:3]).T).T
     phi0, lam0, _ = ellipsoid("Bessel1841").to_geodetic(bessel)
-    expected = redfearn(
-        phi0,
-        lam0,
-        name="Bessel1841",
-        central=np.radians(9.0),
-        scale=1.0,
-        false=np.array([3.5e6, 0]),
-    )
+    expected = GRIDS["Gauss-Krüger 3"].to_grid(phi0, lam0)
     np.testing.assert_allclose(grid[:, :2], expected, rtol=0, atol=HUNDREDTH_MM)
     np.testing.assert_allclose(system.from_geodetic(phi, lam, h), grid, rtol=0, atol=HUNDREDTH_MM)
 
