@@ -11,6 +11,8 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .crs.similarity import SevenParameters
+    from .crs.system import ReferenceSystem
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from .models.unknown import UnknownKind
     from .models.variables import register_unknown
     from .network.entities import Camera, Parameter, Photo, Point
+    from .network.from_grid import from_grid
     from .network.network import Network
     from .network.selection import without
     from .observations.airborne import (
@@ -83,6 +86,7 @@ if TYPE_CHECKING:
     from .quality.variance_components import estimate_variance_components
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
+    from .solve.grid import GridCoordinates, grid_coordinates, wgs84_coordinates
     from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
@@ -114,6 +118,7 @@ __all__ = [
     "GeocentricFrame",
     "GnssPosition",
     "GnssVector",
+    "GridCoordinates",
     "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
@@ -141,9 +146,11 @@ __all__ = [
     "Point",
     "ProfileHeight",
     "Provenance",
+    "ReferenceSystem",
     "RelativePosition",
     "RelativeRotation",
     "ReportOptions",
+    "SevenParameters",
     "SlopeDistance",
     "Solution",
     "StandardDeviation",
@@ -166,6 +173,8 @@ __all__ = [
     "estimate_variance_components",
     "exclude_insignificant",
     "find_sparable",
+    "from_grid",
+    "grid_coordinates",
     "load_solution",
     "memory_needed",
     "plan",
@@ -187,6 +196,7 @@ __all__ = [
     "s_transform",
     "significance",
     "snoop",
+    "wgs84_coordinates",
     "without",
     "write_project",
 ]
@@ -210,6 +220,7 @@ _MODULES = {
     "FrameDistance": "observations.frame_sights",
     "FrameZenith": "observations.frame_sights",
     "AntennaVector": "observations.airborne",
+    "GridCoordinates": "solve.grid",
     "NavigationAttitude": "observations.airborne",
     "PhotoAngle": "observations.airborne",
     "PhotoAttitude": "observations.airborne",
@@ -240,9 +251,11 @@ _MODULES = {
     "Point": "network.entities",
     "ProfileHeight": "observations.vertical",
     "Provenance": "report.options",
+    "ReferenceSystem": "crs.system",
     "RelativePosition": "observations.relative",
     "RelativeRotation": "observations.relative",
     "ReportOptions": "report.options",
+    "SevenParameters": "crs.similarity",
     "SlopeDistance": "observations.terrestrial",
     "Solution": "solve.solution",
     "StandardDeviation": "stochastic",
@@ -265,6 +278,8 @@ _MODULES = {
     "estimate_variance_components": "quality.variance_components",
     "exclude_insignificant": "quality.exclusion",
     "find_sparable": "planning.spare",
+    "from_grid": "network.from_grid",
+    "grid_coordinates": "solve.grid",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
     "plan": "planning.plan",
@@ -286,6 +301,7 @@ _MODULES = {
     "s_transform": "quality.datum_change",
     "significance": "quality.systematic",
     "snoop": "quality.snooping",
+    "wgs84_coordinates": "solve.grid",
     "without": "network.selection",
     "write_project": "io.write_project",
 }
