@@ -82,6 +82,7 @@ if TYPE_CHECKING:
     from .quality.systematic import significance
     from .quality.variance_components import estimate_variance_components
     from .report.options import Provenance, ReportOptions
+    from .report.html.page import write_report
     from .report.text import protocol
     from .solve.memory import memory_needed
     from .solve.solution import Solution
@@ -189,6 +190,7 @@ __all__ = [
     "snoop",
     "without",
     "write_project",
+    "write_report",
 ]
 
 _MODULES = {
@@ -272,6 +274,7 @@ _MODULES = {
     "preliminary": "validate.preliminary.search",
     "propose": "planning.propose",
     "protocol": "report.text",
+    "write_report": "report.html.page",
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_gama": "io.gama",
