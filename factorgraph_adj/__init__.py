@@ -81,8 +81,8 @@ if TYPE_CHECKING:
     from .quality.snooping import snoop
     from .quality.systematic import significance
     from .quality.variance_components import estimate_variance_components
-    from .report.options import Provenance, ReportOptions
     from .report.html.page import write_report
+    from .report.options import Provenance, ReportOptions
     from .report.text import protocol
     from .solve.memory import memory_needed
     from .solve.solution import Solution

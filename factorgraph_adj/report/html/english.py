@@ -43,8 +43,10 @@ TEXTS: dict[str, str] = {
     "light.ended": "Iteration",
     "light.ended.yes.one": "Came to rest after 1 iteration.",
     "light.ended.yes.many": "Came to rest after {n} iterations.",
-    "light.ended.no": "Did not come to rest in {n} iterations; the figures below belong to the "
+    "light.ended.no.one": "Did not come to rest in 1 iteration; the figures below belong to the "
     "state where it stopped.",
+    "light.ended.no.many": "Did not come to rest in {n} iterations; the figures below belong to "
+    "the state where it stopped.",
     "light.second": "A point fits equally well at a second place:",
     "light.datum": "Datum",
     "light.datum.given": "Given by held and weighted unknowns.",
@@ -139,7 +141,8 @@ TEXTS: dict[str, str] = {
     "plan.schematic": "There are no plan coordinates: points stand side by side along their lines, "
     "at their heights.",
     "scene.show": "Show the 3-D view",
-    "scene.text": "{points} points, {photos} photos and their sights. Drag to turn, scroll to zoom.",
+    "scene.text": "{points} points, {photos} photos and their sights. Drag to turn, scroll to "
+    "zoom.",
     "scene.rays": "Of the {all} image rays, {shown} are drawn, if their entry in the legend is "
     "chosen.",
     "scene.flat": "Heights are exaggerated.",
@@ -156,7 +159,7 @@ TEXTS: dict[str, str] = {
     "components.note": "{n} adjustments, {ended}.",
     "ended.yes": "converged",
     "ended.no": "NOT CONVERGED",
-    "worst.above": "{n} test values above the critical |{name}| = {critical}",
+    "worst.above": "{shown} of {n} test values above the critical |{name}| = {critical}",
     "worst.none": "Largest test values: none above the critical |{name}| = {critical}",
     "worst.residuals": "Largest normalised residuals",
     "order.test": "largest first",
@@ -295,8 +298,8 @@ TEXTS: dict[str, str] = {
     "help.error": "Observed − true, if this observation alone is wrong.",
     "help.final_error": "Observed − computed from the solution without it.",
     "help.mdb": "Smallest error that the test finds with its power.",
-    "help.partners": "Observations whose test values are so correlated with this one that the error "
-    "may be theirs, with the correlation.",
+    "help.partners": "Observations whose test values are so correlated with this one that the "
+    "error may be theirs, with the correlation.",
     "help.cause": "Likeliest cause that this observation shares with others.",
     "help.uncontrolled": "Scalar observations that no other observation controls.",
     "help.factor": "Factor by which the stated σ would have to be multiplied to fit the residuals.",
@@ -310,7 +313,6 @@ TEXTS: dict[str, str] = {
     "help.cause_size": "Estimated error with its standard deviation.",
     # The script.
     "js.failed": "This page could not be drawn:",
-    "js.loading": "Loading …",
     "js.search": "Search",
     "js.filter": "Filter",
     "js.filter_help": "A part of the text, or for numbers > 3, <= 0.1, |>| 2.",
@@ -324,6 +326,7 @@ TEXTS: dict[str, str] = {
     "js.points": "points",
     "js.ellipses": "error ellipses",
     "js.heights": "intervals of heights",
+    "js.doubtful": "of a doubtful result",
     "js.relative": "relative ellipses",
     "js.photos": "photos",
     "js.rays": "image rays",

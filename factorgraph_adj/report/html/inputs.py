@@ -14,7 +14,7 @@ from ...version import __version__
 from ..context import Report
 from ..layout import percent
 from .language import Texts
-from .sheets import Sheet, columns_of, sheet
+from .sheets import Head, Sheet, columns_of, sheet
 
 MOST_FILES = 200
 """Largest number of files of a folder that are listed."""
@@ -42,7 +42,7 @@ def files(paths: Sequence[str | Path], t: Texts) -> Sheet | None:
                 problems.append(Problem(f"cannot be read: {error.strerror}", str(file)))
     if problems:
         raise InputError(problems)
-    heads = [(t("col.file"), False), (t("col.bytes"), True), ("SHA-256", False)]
+    heads: list[Head] = [(t("col.file"), False), (t("col.bytes"), True), ("SHA-256", False)]
     note = t("files.more", n=more) if more else ""
     return sheet("files", t("files.caption"), columns_of(heads, rows), notes=[note])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
@@ -15,6 +16,9 @@ TEXTS: dict[str, dict[str, str]] = {"en": english.TEXTS, "de": german.TEXTS}
 """Texts by language and key."""
 KINDS: dict[str, dict[str, str]] = {"en": {}, "de": german.KINDS}
 """Names of kinds of observations and unknowns; one that is missing keeps its English name."""
+
+_WEIGHTED = "weighted "
+"""Beginning of the names of given values of unknowns as observations."""
 
 
 @dataclass(frozen=True)
@@ -49,5 +53,13 @@ class Texts:
 
     def kind(self, label: str) -> str:
         """Return the name of a kind, or of a group such as ``image, P31``."""
+        names = KINDS[self.language]
         name, comma, rest = label.partition(", ")
-        return f"{KINDS[self.language].get(name, name)}{comma}{rest}"
+        if name not in names and name.startswith(_WEIGHTED):
+            inner = name.removeprefix(_WEIGHTED)
+            name = f"{self('weighted')} {names[inner]}" if inner in names else name
+        return f"{names.get(name, name)}{comma}{rest}"
+
+    def kinds(self, kinds: Iterable[str]) -> str:
+        """Return the names of kinds as they are registered."""
+        return ", ".join(self.kind(k.replace("_", " ")) for k in kinds)

@@ -14,7 +14,7 @@ from ..layout import short
 from ..reliability import PARTNERS
 from ..rows import Row
 from .language import Texts
-from .sheets import NONE, Column, Sheet, columns_of, sheet
+from .sheets import NONE, Column, Head, Sheet, columns_of, sheet
 
 
 def test_name(report: Report) -> str:
@@ -116,7 +116,8 @@ def worst(report: Report, t: Texts) -> Sheet | None:
             partners = [() for _ in numbers]
         rows = report.rows.at(numbers)
         key = "worst.above" if above else "worst.none"
-        caption = t(key, n=above, name=test_name(report), critical=_two(critical))
+        shown = len(rows)
+        caption = t(key, n=above, shown=shown, name=test_name(report), critical=_two(critical))
     columns = _columns(report, t, rows)
     close = [_partners(report, t, r, p) for r, p in zip(rows, partners, strict=True)]
     columns.insert(-1, Column(t("col.partners"), close, help=t("help.partners")))
@@ -169,7 +170,7 @@ def groups(report: Report, t: Texts) -> Sheet | None:
             cells += [f"{total + 0.0:.2f}", f"{max(float(r.mean()), 0.0):.2f}"]
             cells += [f"{max(float(r.min()), 0.0):.2f}", str(open_rows), factor]
         rows.append(cells)
-    heads: list[tuple[str, bool] | tuple[str, bool, str]] = [
+    heads: list[Head] = [
         (t("col.group"), False),
         (t("col.number"), True),
         (t("col.scalars"), True),
@@ -202,7 +203,7 @@ def components(report: Report, t: Texts) -> Sheet | None:
         state = f"{c.state}; {c.note}" if c.note else str(c.state)
         cells = [t.kind(c.name.replace("_", " ")), str(c.n), f"{c.redundancy:.2f}", short(c.factor)]
         rows.append([*cells, short(c.sigma), f"{short(low)} … {short(high)}", state])
-    heads = [
+    heads: list[Head] = [
         (t("col.group"), False),
         (t("col.scalars"), True),
         ("Σr", True),

@@ -79,9 +79,7 @@ def write_html(
     write_files(target.parent, {target.name: html(report, language=language, files=files)})
 
 
-def html(
-    report: Report, *, language: Language = "en", files: Sequence[str | Path] = ()
-) -> str:
+def html(report: Report, *, language: Language = "en", files: Sequence[str | Path] = ()) -> str:
     """Return the page of a report.
 
     Raises:
@@ -137,7 +135,9 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
     means = statistics.mean_photos(report, t)
     calibrations, n_calibrations = unknowns.calibrations(report, t)
     sections = {
-        "groups": _section("groups", t, observations.groups, observations.components, report=report),
+        "groups": _section(
+            "groups", t, observations.groups, observations.components, report=report
+        ),
         "worst": _section("worst", t, observations.worst, snooping.causes, report=report),
         "aside": _section(
             "aside",
@@ -175,7 +175,7 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
         "date": report.provenance.run.date,
         "verdict": verdict(report, t),
         "plan_text": _plan_text(plan, t),
-        "plan_note": plan.words(plan.plane.note),
+        "plan_note": _capital(plan.words(plan.plane.note)),
         "has_plan": bool(len(plan.points) + len(plan.centres)),
         "has_r": report.reliability is not None,
         "scene_text": None if view is None else _scene_text(plan, view, t),
@@ -223,6 +223,11 @@ def _plan_text(plan: Plan, t: Texts) -> list[str]:
     if plan.schematic:
         out.append(t("plan.schematic"))
     return out
+
+
+def _capital(text: str) -> str:
+    """Return a text with a capital letter at its beginning."""
+    return text[:1].upper() + text[1:]
 
 
 def _scene_text(plan: Plan, view: dict[str, Any], t: Texts) -> str:

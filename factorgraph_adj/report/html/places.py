@@ -17,7 +17,7 @@ from ..plots.marks import status_of
 from ..precision import coarse, ellipse_columns
 from ..weakest import point_redundancy
 from .language import Texts
-from .sheets import NONE, Column, Sheet, columns_of, sheet
+from .sheets import NONE, Column, Head, Sheet, columns_of, sheet
 
 STATES = ("held", "part", "known", "check", "datum", "station", "new")
 """Keys of what a point may be; the first that fits is shown."""
@@ -185,7 +185,7 @@ def photos(report: Report, t: Texts) -> Sheet | None:
         angles = [format_angle(v, units.angle, digits) for v in pose.angles]
         rows.append([*cells, *shown[:3], *angles, *shown[3:]])
     number = units.angle != "dms"
-    heads = [(t("col.photo"), False), (t("col.camera"), False)]
+    heads: list[Head] = [(t("col.photo"), False), (t("col.camera"), False)]
     heads += [(t("col.image_points"), True), ("RMS v/σ", True)]
     if not report.singular:
         names = ("X0", "Y0", "Z0")
@@ -219,7 +219,7 @@ def lines(report: Report, t: Texts) -> Sheet | None:
                 coarse(report, x.ellipse.azimuth) if a > 0 else NONE,
             ]
         )
-    heads = [
+    heads: list[Head] = [
         (t("col.from"), False),
         (t("col.to"), False),
         (f"{t('col.distance')} [{units.length}]", True),

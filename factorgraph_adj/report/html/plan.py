@@ -130,13 +130,16 @@ class Plan:
         typical = float(np.median(sizes))
         if self.schematic:
             return readable(0.06 * (float(np.ptp(self.points[:, 1])) or 1.0) / typical)
-        return visible_factor(typical, self.points if len(self.points) else self.centres, self.limits)
+        return visible_factor(
+            typical, self.points if len(self.points) else self.centres, self.limits
+        )
 
     def words(self, text: str) -> str:
         """Return the name of an axis, or the note of the plane, in the language of the report."""
         for word in WORDS:
             if word in text:
-                return text.replace(word, self.t.kind(word))
+                text = text.replace(word, self.t.kind(word))
+                break
         return text
 
     def data(self) -> dict[str, Any]:
@@ -152,6 +155,7 @@ class Plan:
             "limits": [low.tolist(), high.tolist()],
             "factor": self.factor,
             "multiple": multiple(self.factor),
+            "doubtful": bool(self.report.doubts),
             "level": percent(self.confidence),
             "test": test_name(self.report),
             "points": self._points(),
@@ -184,7 +188,7 @@ class Plan:
                 out["r"] = _rounded(np.maximum(counts.redundancy, 0.0) / counts.rows)
         return out
 
-    def _ellipses(self) -> list[list[float]]:
+    def _ellipses(self) -> list[list[float | None]]:
         """Return semi-axes and direction, (3, n); zero for one too large to be drawn."""
         p = self.precision
         if p is None or self.without_plan:
@@ -208,7 +212,10 @@ class Plan:
 
     def _lines(self, instruments: Index) -> list[dict[str, Any]]:
         return [
-            {"kinds": ", ".join(self.t.kind(k.replace("_", " ")) for k in kinds), "ends": ends.T.tolist()}
+            {
+                "kinds": ", ".join(self.t.kind(k.replace("_", " ")) for k in kinds),
+                "ends": ends.T.tolist(),
+            }
             for kinds, ends in lines_by_kinds(self.report.solution, instruments)
         ]
 
@@ -231,9 +238,11 @@ class Plan:
         found = [] if self.schematic else list(self.report.lines)
         centres = np.array([x.ellipse.centre for x in found]).reshape(-1, 3)
         at = self.plane.coordinates(centres)[:, :2]
-        a, b, turned = np.array(
-            [[*x.ellipse.semi_axes, pi / 2 - x.ellipse.azimuth] for x in found]
-        ).reshape(-1, 3).T
+        a, b, turned = (
+            np.array([[*x.ellipse.semi_axes, pi / 2 - x.ellipse.azimuth] for x in found])
+            .reshape(-1, 3)
+            .T
+        )
         extent = float(np.max(self.limits[1] - self.limits[0]))
         a = np.where(a * self.factor <= LARGEST * extent, a, 0.0)
         names = [f"{place_name(x.a)} – {place_name(x.b)}" for x in found]
@@ -265,7 +274,8 @@ class Plan:
         aside = self.report.set_aside
         if aside is None:
             return []
-        out, drawn = [], self._drawn(instruments, at)
+        out: list[dict[str, Any]] = []
+        drawn = self._drawn(instruments, at)
         seen: set[str] = set()
         for row in aside.rows.at(aside.numbers.tolist()):
             if row.id in seen or len(out) == MOST_DOUBTS:

@@ -50,8 +50,7 @@ def _sights(plan: Plan, at: Array, instruments: Index) -> list[dict[str, Any]]:
     stride = _stride(sum(len(ends) for _, ends in groups), MOST_LINES)
     out = []
     for kinds, ends in groups:
-        label = ", ".join(plan.t.kind(k.replace("_", " ")) for k in kinds)
-        out.append({"kinds": label, "xyz": _segments(at[ends[::stride]])})
+        out.append({"kinds": plan.t.kinds(kinds), "xyz": _segments(at[ends[::stride]])})
     return out
 
 

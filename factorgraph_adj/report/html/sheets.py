@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
+Head: TypeAlias = tuple[str, bool] | tuple[str, bool, str]
+"""Title of a column, whether it is numeric, and where needed its help."""
 PAGE = 25
 """Number of rows that a table shows at a time, and has in a page whose script does not run."""
 LONG, MOST_LOOKED_AT = 30, 1000
@@ -83,9 +85,7 @@ def sheet(
     return Sheet(ident, caption, kept, tuple(n for n in notes if n), order)
 
 
-def columns_of(
-    heads: Sequence[tuple[str, bool] | tuple[str, bool, str]], rows: Sequence[Sequence[str]]
-) -> list[Column]:
+def columns_of(heads: Sequence[Head], rows: Sequence[Sequence[str]]) -> list[Column]:
     """Return columns from rows of cells.
 
     Args:

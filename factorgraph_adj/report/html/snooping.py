@@ -11,7 +11,7 @@ from ..context import Report
 from ..layout import listed, short
 from .language import Texts
 from .observations import test_name
-from .sheets import NONE, Sheet, columns_of, sheet
+from .sheets import NONE, Head, Sheet, columns_of, sheet
 
 NAMED = 6
 """Largest number of observations of a cause that are named."""
@@ -35,7 +35,7 @@ def rejected(report: Report, t: Texts) -> Sheet | None:
         cells += [decimal(row.sign * r.test, 2), short(row.sign * r.estimated_error / unit)]
         rows.append([*cells, *final, small, close, row.source])
     name = test_name(report)
-    heads = [
+    heads: list[Head] = [
         (t("col.kind"), False),
         (t("col.observation"), False),
         (t("col.id"), False),
@@ -64,7 +64,7 @@ def points_aside(report: Report, t: Texts) -> Sheet | None:
         [p.name, p.label, str(len(p.rays)), str(p.round or t("robust")), f"{p.test:.2f}"]
         for p in found.points_set_aside
     ]
-    heads = [
+    heads: list[Head] = [
         (t("col.point"), False),
         (t("col.worst_ray"), False),
         (t("col.rays"), True),
@@ -87,7 +87,7 @@ def unresolved(report: Report, t: Texts) -> Sheet | None:
         error = short(row.sign * u.estimated_error / row.scale.size)
         cells = [t.kind(row.kind_name), row.what, row.own_id, decimal(row.sign * u.test, 2)]
         rows.append([*cells, error, row.scale.small, u.reason, row.source])
-    heads = [
+    heads: list[Head] = [
         (t("col.kind"), False),
         (t("col.observation"), False),
         (t("col.id"), False),
@@ -113,7 +113,7 @@ def given(report: Report, t: Texts) -> Sheet | None:
                 figures = [short(error), short(sigma), decimal(float(v.w[i]), 2)]
             rows.append([t.kind(UNKNOWNS[v.kind].title), v.name, component, *figures[:2], symbol])
             rows[-1] += [figures[2], whole]
-    heads = [
+    heads: list[Head] = [
         (t("col.kind"), False),
         (t("col.name"), False),
         (t("col.parameter"), False),
@@ -143,7 +143,7 @@ def causes(report: Report, t: Texts) -> Sheet | None:
                 sizes.append(shown.strip())
         cells = [f"{c.cause} {c.where}", "; ".join(sizes), f"{c.t2:.1f}", str(c.dof)]
         rows.append([*cells, f"{c.critical:.1f}", str(len(c.ids)), listed(c.ids, NAMED)])
-    heads = [
+    heads: list[Head] = [
         (t("col.cause"), False),
         (t("col.size"), False, t("help.cause_size")),
         ("T²", True, t("help.t2")),

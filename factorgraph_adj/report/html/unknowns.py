@@ -15,7 +15,7 @@ from ..context import Report
 from ..layout import percent, short, with_sigma
 from ..unknowns import STRONG, small_unknowns
 from .language import Texts
-from .sheets import NONE, Sheet, columns_of, sheet
+from .sheets import NONE, Head, Sheet, columns_of, sheet
 
 MOST_CALIBRATIONS = 20
 """Largest number of calibrations that have a table and a matrix of their own."""
@@ -71,7 +71,7 @@ def _calibration(report: Report, t: Texts, number: int, name: str) -> Calibratio
             verdict = t("significant" if tested.significant else "not_significant")
             verdict = f"{t('weighted')}, {verdict}" if tested.weighted else verdict
         rows.append([parameter, with_sigma(value, sigma), f"{sigma:.2g}", change, test, verdict])
-    heads = [
+    heads: list[Head] = [
         (t("col.parameter"), False),
         (f"{t('col.value')} [{camera.unit}]", True),
         ("σ", True),
@@ -96,10 +96,8 @@ def _correlations(
     free = [i for i, held in enumerate(fixed) if not held]
     if len(free) < 2:
         return None
-    cells = [
-        [(decimal(float(matrix[i, j]), 2), bool(i != j and abs(matrix[i, j]) >= STRONG)) for j in free]
-        for i in free
-    ]
+    strong = (np.abs(matrix) >= STRONG) & ~np.eye(len(matrix), dtype=bool)
+    cells = [[(decimal(float(matrix[i, j]), 2), bool(strong[i, j])) for j in free] for i in free]
     return Correlations([names[i] for i in free], cells)
 
 
@@ -114,7 +112,7 @@ def orientations(report: Report, t: Texts) -> Sheet | None:
         free = report.free("orientation", f"{station}/{chosen}")
         sigma = short(float(e.sigmas[0]) / report.radian) if free else t("held")
         rows.append([station, chosen, format_turn(float(e.values[0]), units.angle, digits), sigma])
-    heads = [
+    heads: list[Head] = [
         (t("col.station"), False),
         (t("col.set"), False),
         (f"{t('col.orientation')} [{units.angle}]", units.angle != "dms"),
@@ -139,7 +137,7 @@ def others(report: Report, t: Texts) -> Sheet | None:
         shown = f"{value + 0.0:.5g}" if held else with_sigma(value, sigma)
         cells = [t.kind(UNKNOWNS[u.kind].title), u.name, u.sign, shown]
         rows.append([*cells, t("held") if held else short(sigma), u.unit, test, verdict])
-    heads = [
+    heads: list[Head] = [
         (t("col.kind"), False),
         (t("col.name"), False),
         (t("col.parameter"), False),
@@ -178,7 +176,7 @@ def shapes(report: Report, t: Texts) -> Sheet | None:
                 short(s.largest / report.small),
             ]
         )
-    heads = [
+    heads: list[Head] = [
         (t("col.shape"), False),
         (t("col.kind"), False),
         (t("col.points"), True),

@@ -76,7 +76,7 @@ def verdict(report: Report, t: Texts) -> Verdict:
 def _ended(report: Report, t: Texts) -> Light:
     s = report.solution
     if not s.converged:
-        text = t("light.ended.no", n=s.iterations)
+        text = t.number("light.ended.no", s.iterations)
         return Light("red", t("light.ended"), text, s.reason)
     text = t.number("light.ended.yes", s.iterations)
     if s.second_places:

@@ -61,7 +61,7 @@ const layoutOf = (more) => ({
 });
 const axisOf = (more) => ({
   color: colour("ink"), gridcolor: colour("line"), zeroline: false, linecolor: colour("soft"),
-  exponentformat: "none", separatethousands: false, ...more,
+  exponentformat: "none", separatethousands: false, automargin: true, ...more,
 });
 const config = {
   responsive: true, displaylogo: false, scrollZoom: true,

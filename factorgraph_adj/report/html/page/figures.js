@@ -20,13 +20,14 @@ async function drawScene(Plotly) {
     {
       type: "scatter3d", mode: "markers", name: tell("js.points"), x, y, z, text: d.names.map(plain),
       customdata: d.names.map((_, i) => i), meta: "points", hoverinfo: "text",
-      marker: { size: x.length > 2000 ? 1.5 : 3.5, color: colour("point") },
+      marker: { size: x.length > 2000 ? 1.5 : x.length > 100 ? 2.2 : 3.5, color: colour("point") },
     },
   ], layoutOf({
     margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: "scene",
     scene: {
+      camera: { eye: { x: 1.2, y: -1.7, z: 1.1 } },
       aspectmode: d.flat ? "manual" : "data", ...(d.flat ? { aspectratio: flatRatio(d) } : {}),
-      ...Object.fromEntries(["x", "y", "z"].map((a, i) => [`${a}axis`, axisOf({ title: { text: d.axes[i] } })])),
+      ...Object.fromEntries(["x", "y", "z"].map((a, i) => [`${a}axis`, axisOf({ title: { text: d.axes[i] }, tickformat: ".10~f" })])),
     },
   }), config);
   await draw();

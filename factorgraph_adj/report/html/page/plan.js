@@ -143,8 +143,9 @@ function doubtTraces() {
       }
       return {
         type: "scatter", mode: "lines+markers", name: `${tell(key)} (${found.length})`, ...out,
-        hoverinfo: "text", meta: key, line: { color: colour(look), width: 2.5, dash },
-        marker: { color: colour(look), symbol: key === "js.doubts" ? "diamond" : "x-thin-open", size: 5 },
+        hoverinfo: "text", meta: key, opacity: 0.8,
+        line: { color: colour(look), width: found.length > 20 ? 1 : 2.2, dash },
+        marker: { color: colour(look), symbol: key === "js.doubts" ? "diamond" : "x-thin-open", size: found.length > 20 ? 3 : 5 },
       };
     });
 }
@@ -171,10 +172,13 @@ function traces(div) {
       marker: { color: colour("photo"), symbol: "square", size: 6 },
     });
   }
+  out.push(...doubtTraces());
+  // Regions of a doubtful result are dashed, as in the figures of the library.
+  const dash = d.doubtful ? "4px,2px" : "solid", doubtful = d.doubtful ? `, ${tell("js.doubtful")}` : "";
   const every = ellipsesAt(d.points.xy, d.points.ellipses, shown);
   if (d.points.ellipses[0].some((a) => a > 0))
-    out.push(lineTrace(`${tell("js.ellipses")} ${d.level}`, every, {
-      meta: "points", hoverinfo: "none", line: { color: colour("ellipse"), width: 1.3 },
+    out.push(lineTrace(`${tell("js.ellipses")} ${d.level}${doubtful}`, every, {
+      meta: "points", hoverinfo: "none", line: { color: colour("ellipse"), width: 1.3, dash },
     }));
   if (d.points.height.some((h) => h > 0)) {
     const tall = shown.filter((i) => d.points.height[i] > 0);
@@ -182,12 +186,12 @@ function traces(div) {
       const [x, y, h] = [d.points.xy[0][i], d.points.xy[1][i], d.factor * d.points.height[i]];
       return [[x, x], [y - h, y + h]];
     }));
-    out.push(lineTrace(`${tell("js.heights")} ${d.level}`, xy, { line: { color: colour("ellipse"), width: 3 } }));
+    out.push(lineTrace(`${tell("js.heights")} ${d.level}${doubtful}`, xy, { line: { color: colour("ellipse"), width: 3 } }));
   }
   if (d.relative.names.length) {
     const all = d.relative.names.map((_, i) => i);
     out.push(lineTrace(tell("js.relative"), ellipsesAt(d.relative.xy, d.relative.ellipses, all), {
-      line: { color: colour("sight2"), width: 1.2 },
+      line: { color: colour("sight2"), width: 1.2, dash },
     }));
   }
   if (d.instruments.names.length)
@@ -196,9 +200,9 @@ function traces(div) {
       x: d.instruments.xy[0], y: d.instruments.xy[1], text: d.instruments.names.map(plain), hoverinfo: "text",
       marker: { symbol: "hexagon", size: 12, color: colour("sight2") },
     });
-  out.push(...doubtTraces(), ...pointTraces(shown, by));
+  out.push(...pointTraces(shown, by));
   const { names, xy } = d.points;
-  const named = shown.length <= 150 ? shown : shown.filter((i) => d.points.state[i] < 4).slice(0, 60);
+  const named = shown.length <= 100 ? shown : shown.filter((i) => d.points.state[i] < 4).slice(0, 60);
   out.push({
     type: "scatter", mode: "text", x: named.map((i) => xy[0][i]), y: named.map((i) => xy[1][i]),
     text: named.map((i) => plain(names[i])), textposition: "top right", hoverinfo: "skip",
@@ -240,7 +244,7 @@ function planLayout(div, box) {
   return layoutOf({
     ...scaleKey(box), hovermode: "closest", dragmode: "pan", uirevision: "plan",
     legend: { itemsizing: "constant", orientation: "v", font: { size: 11 } },
-    xaxis: axisOf({ range: [low[0], high[0]], title: { text: x && `${x} [m]` }, showticklabels: !d.schematic,
+    xaxis: axisOf({ range: [low[0], high[0]], tickformat: ".10~f", title: { text: x && `${x} [m]` }, showticklabels: !d.schematic,
       showgrid: !d.schematic }),
     yaxis: axisOf({ range: [low[1], high[1]], title: { text: `${y} [m]` }, tickformat: ".10~f",
       ...(d.schematic ? {} : { scaleanchor: "x" }) }),

@@ -108,7 +108,7 @@ function controls(api, name, heads, rows) {
     told.textContent = tell(less ? "js.filtered" : "js.rows", figures);
     back.disabled = info.page === 0;
     forth.disabled = info.page >= info.pages - 1;
-    for (const each of [back, forth, length]) each.hidden = info.recordsTotal <= 10;
+    for (const each of [back, forth, length]) each.hidden = info.recordsTotal <= 25;
   };
   api.on("draw", say);
   say();
