@@ -84,6 +84,7 @@ if TYPE_CHECKING:
     from .quality.snooping import snoop
     from .quality.systematic import significance
     from .quality.variance_components import estimate_variance_components
+    from .report.html.page import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
     from .solve.grid import GridCoordinates, grid_coordinates, wgs84_coordinates
@@ -199,6 +200,7 @@ __all__ = [
     "wgs84_coordinates",
     "without",
     "write_project",
+    "write_report",
 ]
 
 _MODULES = {
@@ -287,6 +289,7 @@ _MODULES = {
     "preliminary": "validate.preliminary.search",
     "propose": "planning.propose",
     "protocol": "report.text",
+    "write_report": "report.html.page",
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_gama": "io.gama",
