@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from .incremental.adjustment import IncrementalAdjustment
     from .io.bal import read_bal
     from .io.gama import read_gama
+    from .io.photogrammetry.aicon import read_aicon
+    from .io.photogrammetry.dbat import read_dbat
+    from .io.photogrammetry.metashape import read_metashape
+    from .io.photogrammetry.metashape_write import write_metashape
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
@@ -184,8 +188,11 @@ __all__ = [
     "propose",
     "protocol",
     "read",
+    "read_aicon",
     "read_bal",
+    "read_dbat",
     "read_gama",
+    "read_metashape",
     "read_project",
     "reduce_faces",
     "register_lens",
@@ -199,6 +206,7 @@ __all__ = [
     "snoop",
     "wgs84_coordinates",
     "without",
+    "write_metashape",
     "write_project",
     "write_report",
 ]
@@ -293,6 +301,10 @@ _MODULES = {
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_gama": "io.gama",
+    "read_metashape": "io.photogrammetry.metashape",
+    "write_metashape": "io.photogrammetry.metashape_write",
+    "read_dbat": "io.photogrammetry.dbat",
+    "read_aicon": "io.photogrammetry.aicon",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",

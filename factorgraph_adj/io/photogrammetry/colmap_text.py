@@ -17,8 +17,8 @@ from ..text import read_text
 from .colmap_model import (
     SENSORS,
     CameraRecord,
-    FrameRecord,
     Found,
+    FrameRecord,
     ImageRecord,
     PointRecord,
     Pose,
@@ -63,7 +63,9 @@ class _Words:
             raise _Wrong(f"{what}: {word[:LONGEST]!r} is not a number", self.where) from None
 
     def pose(self) -> Pose:
-        w, x, y, z, tx, ty, tz = (self.number(n) for n in ("QW", "QX", "QY", "QZ", "TX", "TY", "TZ"))
+        w, x, y, z, tx, ty, tz = (
+            self.number(n) for n in ("QW", "QX", "QY", "QZ", "TX", "TY", "TZ")
+        )
         return Pose((w, x, y, z), (tx, ty, tz))
 
     def sensor(self) -> Sensor:
