@@ -14,6 +14,14 @@ if TYPE_CHECKING:
     from .crs.similarity import SevenParameters
     from .crs.system import ReferenceSystem
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
+    from .export.arrays import covariance_array, to_xarray
+    from .export.dxf import write_dxf
+    from .export.exports import write
+    from .export.geojson import write_geojson
+    from .export.geopackage import write_geopackage
+    from .export.kml import write_kml
+    from .export.ply import write_ply
+    from .export.results import results_schema, write_results
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
@@ -172,6 +180,7 @@ __all__ = [
     "build_graph",
     "causes",
     "check_points",
+    "covariance_array",
     "distance_precision",
     "error_ellipse",
     "error_ellipsoid",
@@ -200,15 +209,24 @@ __all__ = [
     "register_unknown",
     "relative_model",
     "reliability",
+    "results_schema",
     "robust_adjust",
     "s_transform",
     "significance",
     "snoop",
+    "to_xarray",
     "wgs84_coordinates",
     "without",
+    "write",
+    "write_dxf",
+    "write_geojson",
+    "write_geopackage",
+    "write_kml",
     "write_metashape",
+    "write_ply",
     "write_project",
     "write_report",
+    "write_results",
 ]
 
 _MODULES = {
@@ -318,6 +336,16 @@ _MODULES = {
     "snoop": "quality.snooping",
     "wgs84_coordinates": "solve.grid",
     "without": "network.selection",
+    "covariance_array": "export.arrays",
+    "to_xarray": "export.arrays",
+    "write_dxf": "export.dxf",
+    "write": "export.exports",
+    "write_geojson": "export.geojson",
+    "write_geopackage": "export.geopackage",
+    "write_kml": "export.kml",
+    "write_ply": "export.ply",
+    "results_schema": "export.results",
+    "write_results": "export.results",
     "write_project": "io.write_project",
 }
 """Module of each public name; type checkers read the imports above."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.util import find_spec
 from io import StringIO
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..io.atomic import write_files
+from ..network.network import Network
 from ..quality.levels import CONFIDENCE
 from ..report.context import Report
 from ..solve.solution import Solution
@@ -79,26 +82,41 @@ def write_dxf(
             grid; an option is out of range; or the file cannot be written.
     """
     report = report_of(result)
+    refuse_drawing(report.network)
     placing = drawing_placing(report.network, "DXF")
     if text_height is not None and not text_height > 0:
         raise InputError(f"text_height must be greater than zero, not {text_height!r}")
-    try:
-        import ezdxf  # noqa: F401
-    except ImportError:
-        raise InputError(MISSING) from None
     found = map_of(report, placing, Drawn(confidence, exaggeration, vector_exaggeration))
     file = Path(path)
     write_files(file.parent, {file.name: drawing(found, text_height, rays=rays)})
+
+
+def refuse_drawing(network: Network) -> None:
+    """Raise what forbids a drawing of a network.
+
+    Raises:
+        InputError: ezdxf is missing; the network is geocentric and has no grid.
+    """
+    if find_spec("ezdxf") is None:
+        raise InputError(MISSING)
+    drawing_placing(network, "DXF")
 
 
 def drawing(found: Map, text_height: float | None = None, *, rays: bool = False) -> str:
     """Return layers in metres as the text of a DXF file."""
     import ezdxf
 
-    document = ezdxf.new(RELEASE)
-    document.units = METRES
     # No dates and no random identifiers: the same solution gives the same file.
-    document.ezdxf_metadata().clear() if hasattr(document.ezdxf_metadata(), "clear") else None
+    before = ezdxf.options.write_fixed_meta_data_for_testing
+    ezdxf.options.write_fixed_meta_data_for_testing = True
+    try:
+        return _drawn(ezdxf.new(RELEASE), found, text_height, rays=rays)
+    finally:
+        ezdxf.options.write_fixed_meta_data_for_testing = before
+
+
+def _drawn(document: Any, found: Map, text_height: float | None, *, rays: bool) -> str:
+    document.units = METRES
     pen = _Pen(document, _box(found), text_height)
     for layer in found.layers:
         if layer.name == "image_points" and not rays:
@@ -130,7 +148,7 @@ class _Pen:
 
     def text(self, layer: str, text: str, at: Array) -> None:
         """Write a text right of a place."""
-        shift = at + [0.6 * self.height, 0.6 * self.height, 0.0]
+        shift = at + 0.6 * self.height * np.array([1.0, 1.0, 0.0])
         attributes = _on(layer) | {"height": self.height, "insert": tuple(shift.tolist())}
         self.space.add_text(" ".join(text.split()), dxfattribs=attributes)
 
@@ -180,7 +198,7 @@ def _observations(pen: _Pen, layer: Layer) -> None:
     for shape, suspect in zip(layer.shapes, suspects, strict=True):
         if shape is None:
             continue
-        for a, b in zip(shape, shape[1:], strict=False):
+        for a, b in pairwise(shape):
             key = tuple(sorted((tuple(a.tolist()), tuple(b.tolist()))))
             known = lines.get(key)
             lines[key] = (np.array([a, b]), bool(suspect) or (known is not None and known[1]))

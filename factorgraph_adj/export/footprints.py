@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -71,7 +72,7 @@ def _edge(rows: ImageRows, camera: str) -> Array | None:
     (left, low), (right, high) = corners
     around = np.array([[left, low], [right, low], [right, high], [left, high], [left, low]])
     t = np.arange(STEPS) / STEPS
-    return np.concatenate([a + t[:, None] * (b - a) for a, b in zip(around, around[1:], strict=False)])
+    return np.concatenate([a + t[:, None] * (b - a) for a, b in pairwise(around)])
 
 
 def _ring(solution: Solution, name: str, pose: int, edge: Array, seen: Array) -> Array | None:

@@ -136,6 +136,15 @@ def wgs84_placing(network: Network, format: str) -> Placing:
         raise InputError([Problem(f"{known}; {p.what}", p.where) for p in error.problems]) from None
 
 
+def refuse_no_place(network: Network) -> None:
+    """Raise that longitude and latitude of a network are not known.
+
+    Raises:
+        InputError: the network has no reference system.
+    """
+    wgs84_placing(network, "the format")
+
+
 def drawing_placing(network: Network, format: str) -> Placing:
     """Return coordinates of a plan in metres.
 

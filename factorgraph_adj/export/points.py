@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..quality.ellipses import error_ellipses
-from ..report.coordinates import by_photo
 from ..report.context import Report
+from ..report.coordinates import by_photo
 from ..report.html.places import states
 from ..solve.solution import Solution
 from ..types import Array

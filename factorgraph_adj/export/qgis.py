@@ -78,7 +78,7 @@ def _fill(colour: str, width: float) -> dict[str, str]:
 
 def _observed(width: float, colour: str) -> tuple[Rule, ...]:
     return (
-        Rule("accepted", "not coalesce(\"suspect\", false)", _line(colour, width)),
+        Rule("accepted", 'not coalesce("suspect", false)', _line(colour, width)),
         Rule("above the critical value", '"suspect"', _line(VERMILLION, 3 * width)),
     )
 
@@ -91,9 +91,7 @@ STYLES: dict[str, Style] = {
             Rule("held in part", "\"status\" = 'part'", _marker("triangle", GREEN, 2.8)),
             Rule("known", "\"status\" IN ('known', 'datum')", _marker("triangle", BLUE, 2.8)),
             Rule("check point", "\"status\" = 'check'", _marker("diamond", VERMILLION, 2.8)),
-            Rule(
-                "station", "\"status\" = 'station'", _marker("circle", BLACK, 2.6, filled=False)
-            ),
+            Rule("station", "\"status\" = 'station'", _marker("circle", BLACK, 2.6, filled=False)),
             Rule("new point", "\"status\" = 'new'", _marker("circle", BLACK, 1.4)),
         ),
         "name",
