@@ -152,7 +152,9 @@ def _ellipses(
     found = ellipse_shapes(report.solution, drawn.confidence)
     if not len(found.names):
         return []
-    factor = drawn.exaggeration or _visible(found.semi_axes[:, 0], report, found.centres)
+    factor = float(drawn.exaggeration or 0) or _visible(
+        found.semi_axes[:, 0], report, found.centres
+    )
     level = "standard" if drawn.confidence is None else f"{100 * drawn.confidence:.10g} %"
     facts |= {"confidence_of_ellipses": drawn.confidence or "standard ellipses"}
     facts |= {"exaggeration_of_ellipses": factor}
@@ -192,7 +194,7 @@ def _vectors(
         return []
     ends = np.array(found.shapes)
     sizes = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    factor = drawn.vector_exaggeration or _visible(sizes, report, ends[:, 0])
+    factor = float(drawn.vector_exaggeration or 0) or _visible(sizes, report, ends[:, 0])
     facts |= {"exaggeration_of_vectors": factor}
     ends[:, 1] = ends[:, 0] + factor * (ends[:, 1] - ends[:, 0])
     columns = {**found.columns, "exaggeration": [factor] * len(ends)}

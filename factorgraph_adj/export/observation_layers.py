@@ -142,7 +142,9 @@ def shift_shapes(solution: Solution) -> Shapes:
         for i, (ident, point) in enumerate(
             zip(block.ids, block.variables[0][1].tolist(), strict=True)
         ):
-            shift = by_id.setdefault((str(ident), point), np.zeros(3))
+            # The ids of given coordinates name their axis.
+            of = "" if block.prior else str(ident)
+            shift = by_id.setdefault((of, point), np.zeros(3))
             shift["xyz".index(block.component(i, 0))] = v[i]
         for (_, point), shift in by_id.items():
             names.append(points[point])
