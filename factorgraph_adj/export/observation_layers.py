@@ -10,7 +10,6 @@ import numpy as np
 
 from ..graph.blocks import Block
 from ..models.variables import VariableKind
-from ..quality.check_points import check_points
 from ..report.context import Report
 from ..report.observation_tables import identities
 from ..report.plots.in_frames import FramePlaces, instrument_of
@@ -125,13 +124,15 @@ def shift_shapes(solution: Solution) -> Shapes:
     what: list[str] = []
     places: list[Array] = []
     shifts: list[Array] = []
-    check = check_points(solution)
     number = solution.equations.unknowns["point"].number
-    for name, shift in zip(check.names, check.differences, strict=True):
+    for name, given in solution.network.points.items():
+        if given.check is None:
+            continue
+        at = solution.state["point"][number[name]]
         names.append(name)
         what.append("check point")
-        places.append(solution.state["point"][number[name]])
-        shifts.append(np.nan_to_num(shift))
+        places.append(at)
+        shifts.append(np.nan_to_num(at - np.array(given.check, dtype=float)))
     residuals = solution.observations.residuals
     points = list(solution.network.points)
     for block in solution.equations.blocks:
@@ -145,14 +146,15 @@ def shift_shapes(solution: Solution) -> Shapes:
             # The ids of given coordinates name their axis.
             of = "" if block.prior else str(ident)
             shift = by_id.setdefault((of, point), np.zeros(3))
-            shift["xyz".index(block.component(i, 0))] = v[i]
+            # Components are along axes of the frame, or along east, north and up.
+            shift += v[i] * block.constants["axis"][i]
         for (_, point), shift in by_id.items():
             names.append(points[point])
             what.append(kind_name(block.kind, weighted=block.prior))
             places.append(solution.state["point"][point])
             shifts.append(shift)
     d = np.array(shifts).reshape(-1, 3)
-    at = np.array(places).reshape(-1, 3)
+    ends = np.array(places).reshape(-1, 3)
     columns: dict[str, Sequence[Any]] = {"name": names, "kind": what}
     columns |= {f"d{a}_mm": (d[:, i] / MM).tolist() for i, a in enumerate("xyz")}
-    return Shapes(list(np.stack([at - d, at], axis=1)), columns)
+    return Shapes(list(np.stack([ends - d, ends], axis=1)), columns)

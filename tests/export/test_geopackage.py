@@ -407,3 +407,14 @@ def test_names_with_quotes_stay_themselves(tmp_path):
     assert rows_of(tmp_path / "a.gpkg", "observations")[0]["w"] is None, "w of r = 0 is unknown"
     facts = {r["name"]: r["value"] for r in rows_of(tmp_path / "a.gpkg", "adjustment")}
     assert facts["sigma0"] is None
+
+
+def test_control_along_east_north_and_up_gives_vectors_in_the_frame(tmp_path):
+    network = geocentric()
+    given = np.array(network.points["P"].coordinates)
+    network.add(fga.ControlPoint("P", tuple(given + 0.004), axes="enu", sigma=(0.01, 0.01, 0.02)))
+    s = fga.adjust(network)
+    write_geopackage(s, tmp_path / "a.gpkg", vector_exaggeration=1.0)
+    (found,) = rows_of(tmp_path / "a.gpkg", "vectors")
+    shift = [found[f"d{a}_mm"] for a in "xyz"]
+    assert np.allclose(shift, 1e3 * (s.point("P") - given - 0.004), atol=1e-5)
