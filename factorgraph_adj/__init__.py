@@ -11,6 +11,8 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .block_orientation.dlt import dlt
+    from .block_orientation.orient import orient
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
@@ -161,6 +163,7 @@ __all__ = [
     "causes",
     "check_points",
     "distance_precision",
+    "dlt",
     "error_ellipse",
     "error_ellipsoid",
     "estimate_variance_components",
@@ -168,6 +171,7 @@ __all__ = [
     "find_sparable",
     "load_solution",
     "memory_needed",
+    "orient",
     "plan",
     "predict",
     "preliminary",
@@ -260,6 +264,7 @@ _MODULES = {
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",
     "distance_precision": "quality.relative",
+    "dlt": "block_orientation.dlt",
     "error_ellipse": "quality.ellipses",
     "error_ellipsoid": "quality.ellipses",
     "estimate_variance_components": "quality.variance_components",
@@ -267,6 +272,7 @@ _MODULES = {
     "find_sparable": "planning.spare",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
+    "orient": "block_orientation.orient",
     "plan": "planning.plan",
     "predict": "quality.prediction",
     "preliminary": "validate.preliminary.search",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -17,12 +18,16 @@ from .views import Views, spread_out
 
 MOST_STARTS = 6
 """Largest number of start pairs that are tried for one part."""
+STARTS_OF_OTHERS = 3
+"""The same for each further calibration."""
 TRIAL_TURNS = 3
 """Number of turns after which a start is judged."""
 ENOUGH = 0.7
 """Share of the image points in oriented photos that must agree with a start that is kept."""
 WELL = 3e-4
 """Spread of misses, part of the principal distance, of a start with a calibration that fits."""
+MOST_REFUSED = 0.3
+"""Largest number of photos, as a share of the oriented ones, that a good start cannot orient."""
 SKELETON = 300
 """Number of image points of a photo that take part while the block grows."""
 EASY = 15
@@ -68,9 +73,9 @@ def build_parts(views: Views, distances: Distances) -> list[Part]:
     free = np.ones(len(views.photos), dtype=bool)
     parts: list[Part] = []
     while free.sum() >= 2:
-        choices = [distances.first(), *distances.others()]
+        choices: Iterable[tuple[Array, ...]] = chain([distances.first()], distances.others())
         if parts:
-            choices.insert(0, parts[0].growth.calibrations)
+            choices = [parts[0].growth.calibrations]
         part = _next_part(views, choices, skeleton, free)
         if part is None:
             break
@@ -80,7 +85,7 @@ def build_parts(views: Views, distances: Distances) -> list[Part]:
 
 
 def _next_part(
-    views: Views, choices: Sequence[tuple[Array, ...]], skeleton: Mask, free: Mask
+    views: Views, choices: Iterable[tuple[Array, ...]], skeleton: Mask, free: Mask
 ) -> Part | None:
     """Return the part from the best start, with the first calibration that fits well, or the best.
 
@@ -88,12 +93,14 @@ def _next_part(
     of two calibrations has the smaller misses, with nearly as many image points that agree.
     """
     best: _Begun | None = None
+    starts = MOST_STARTS
     for calibrations in choices:
         empty = Growth.empty(views, calibrations, skeleton)
-        if (begun := best_start(empty, free)) is not None and (
+        if (begun := best_start(empty, free, starts)) is not None and (
             best is None or begun.better_than(best)
         ):
             best = begun
+        starts = STARTS_OF_OTHERS
         if best is not None and best.fits_well:
             break
     if best is None:
@@ -116,6 +123,8 @@ class _Begun:
     """Number of image points that agree."""
     share: float
     """Their share in oriented photos."""
+    stuck: bool
+    """Whether most photos that see enough known points could not be oriented from them."""
     misses: float
     """Spread of the misses, image units: it compares calibrations."""
 
@@ -124,7 +133,8 @@ class _Begun:
         """Whether no other calibration need be tried."""
         unit = float(np.median(self.growth.views.sigma))
         c = max(float(values[0]) for values in self.growth.calibrations)
-        return self.share >= ENOUGH and self.misses < max(3.0 * unit, WELL * c)
+        near = self.misses < max(3.0 * unit, WELL * c)
+        return self.share >= ENOUGH and near and not self.stuck
 
     def better_than(self, other: _Begun) -> bool:
         """Return whether it has smaller misses with not many fewer image points, or many more."""
@@ -133,30 +143,30 @@ class _Begun:
         return self.fitting > 0.6 * other.fitting and self.misses < other.misses
 
 
-def best_start(empty: Growth, free: Mask) -> _Begun | None:
+def best_start(empty: Growth, free: Mask, most: int) -> _Begun | None:
     """Return a part after a few turns from the best start pair.
 
     A flat object and two photos have a second solution, which a third photo contradicts: a start
     is judged by how many image points agree after a few turns.
     """
     best: _Begun | None = None
-    for pair in start_pairs(empty, free)[:MOST_STARTS]:
+    for pair in start_pairs(empty, free)[:most]:
         growth = empty.copy()
         if not start_with(growth, pair):
             continue
         growth.intersect(parallax=RULES.parallax)
         if not adjust_growth(growth, calibrate=False):
             continue
-        grow(growth, free, turns=TRIAL_TURNS)
-        begun = _judged(growth, pair)
+        refused = grow(growth, free, turns=TRIAL_TURNS)
+        begun = _judged(growth, pair, stuck=refused > MOST_REFUSED * int(growth.posed.sum()))
         if best is None or begun.fitting > best.fitting:
             best = begun
-        if begun.share >= ENOUGH and growth.posed.sum() >= min(CALIBRATED_FROM, free.sum()):
+        if begun.share >= ENOUGH and not begun.stuck:
             break
     return best
 
 
-def _judged(growth: Growth, pair: Pair) -> _Begun:
+def _judged(growth: Growth, pair: Pair, *, stuck: bool) -> _Begun:
     """Count the image points that agree; points that one oriented photo sees do not count."""
     fits = growth.fitting()
     n = int(fits.sum())
@@ -166,16 +176,19 @@ def _judged(growth: Growth, pair: Pair) -> _Begun:
     at = np.flatnonzero(fits)
     misses = float(np.median(growth.misses(at) * v.sigma[at])) if n else np.inf
     share = n / max(int(seen[seen >= 2].sum()), 1)
-    return _Begun(growth, pair, float(n), share, misses / RAYLEIGH_MEDIAN)
+    return _Begun(growth, pair, float(n), share, stuck, misses / RAYLEIGH_MEDIAN)
 
 
-def grow(growth: Growth, free: Mask, *, turns: int | None = None) -> None:
+def grow(growth: Growth, free: Mask, *, turns: int | None = None) -> int:
     """Orient further photos in turns until no photo can be oriented, in place.
 
     Args:
         growth: the part.
         free: photos that may be oriented, (photos,).
         turns: largest number of turns; none: as many as it takes.
+
+    Returns:
+        Number of photos that see enough known points and do not fit them; 0 if turns remain.
     """
     adjusted = int(growth.posed.sum())
     turn = 0
@@ -184,7 +197,9 @@ def grow(growth: Growth, free: Mask, *, turns: int | None = None) -> None:
         if not new.any():
             new = _resect(growth, free, least=RULES.least_rays)
         if not new.any():
-            return
+            v = growth.views
+            usable = growth.wanted & growth.placed[v.point] & (free & ~growth.posed)[v.photo]
+            return int((np.bincount(v.photo[usable], minlength=len(free)) >= EASY).sum())
         turn += 1
         growth.intersect(parallax=RULES.parallax)
         n = int(growth.posed.sum())
@@ -194,6 +209,7 @@ def grow(growth: Growth, free: Mask, *, turns: int | None = None) -> None:
         adjusted = n if whole else adjusted
         growth.review()
         growth.intersect(parallax=RULES.parallax)
+    return 0
 
 
 def _around(growth: Growth, new: Mask) -> Mask:
@@ -249,6 +265,8 @@ def finish(growth: Growth, free: Mask) -> Mask:
     for _ in range(LAST_ROUNDS):
         growth.intersect(parallax=RULES.least_parallax)
         adjust_growth(growth, passes=1)
+        growth.review()
+        growth.reconsider()
         fits = growth.review()
         growth.intersect(parallax=RULES.least_parallax)
         new = _resect(growth, free, least=RULES.least_at_end)

@@ -86,9 +86,7 @@ def _without_the_worst(growth: Growth, rows: Index) -> Index:
     return rows[keep[v.point[rows]]]
 
 
-def _adjust(
-    growth: Growth, rows: Index, moving: Mask | None, calibrate: bool, passes: int
-) -> None:
+def _adjust(growth: Growth, rows: Index, moving: Mask | None, calibrate: bool, passes: int) -> None:
     v = growth.views
     photos, photo = np.unique(v.photo[rows], return_inverse=True)
     points, point = np.unique(v.point[rows], return_inverse=True)
@@ -156,13 +154,16 @@ def _camera(growth: Growth, number: int, calibrate: bool) -> Camera:
     camera, values = growth.views.cameras[number], growth.calibrations[number]
     given = tuple(values.tolist())
     if camera.per_photo or not calibrate or all(camera.fixed):
-        return replace(camera, values=given, fixed=(True,) * len(given), sigma=(np.inf,) * len(given))
+        return replace(
+            camera, values=given, fixed=(True,) * len(given), sigma=(np.inf,) * len(given)
+        )
     first = np.array(camera.values)
     rows = np.flatnonzero(growth.views.camera == number)
     t, xy = growth.rays.tangent[rows], growth.views.xy[rows]
     effect = np.zeros(len(given))
     if len(rows):
         _, _, by_k = camera.lens.residual(t[:, 0], t[:, 1], xy, values[None])
+        assert by_k is not None
         effect = np.abs(by_k).max(axis=(0, 1))
     prior = PRIOR * first[0] / np.maximum(effect, 1e-300)
     sigma = np.where(camera.fixed, np.inf, np.minimum(prior, camera.sigma))

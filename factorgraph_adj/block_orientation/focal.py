@@ -8,11 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..types import Array
+from .robust_poses import shared_principal_distance
 from .views import Views
 
 FACTORS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Principal distances that are tried, parts of the longer side of the image: angles of view from
 110° to 14°."""
+MOST_PAIRS = 40
+"""Largest number of pairs whose principal distance is asked for."""
+LEAST_LIMIT = 2e-3
+"""Smallest limit of the distance from epipolar lines, part of the longer side: what distortion that
+is not known leaves."""
+SHORTEST, LONGEST = 0.2, 8.0
+"""Bounds of principal distances, parts of the longer side."""
 NEAR = 0.05
 """Relative change of a principal distance that is worth telling."""
 
@@ -40,11 +48,14 @@ class Distances:
         for i in range(1, most):
             yield self._with({n: float(v[min(i, len(v) - 1)]) for n, v in self.stated.items()})
         guessed = {
-            c.name: self._longer_side(number)
-            for number, c in enumerate(self.views.cameras)
+            c.name: self._longer_side(c.name)
+            for c in self.views.cameras
             if c.name not in self.stated and not c.fixed[0] and not np.isfinite(c.sigma[0])
         }
         if guessed and not most:
+            paired = {n: c for n in guessed if (c := self._by_pairs(n)) is not None}
+            if paired:
+                yield self._with(paired)
             for factor in FACTORS:
                 yield self._with({n: factor * side for n, side in guessed.items()})
 
@@ -64,8 +75,29 @@ class Distances:
             out.append(values)
         return tuple(out)
 
-    def _longer_side(self, number: int) -> float:
+    def _by_pairs(self, name: str) -> float | None:
+        """Return the median principal distance of pairs of photos of a camera; none: no pair."""
+        v = self.views
+        number = [c.name for c in v.cameras].index(name)
+        side, at = self._longer_side(name), np.array(v.cameras[number].values[1:3])
+        table = v.table(v.camera == number)
+        common = (table @ table.T).tocoo()
+        upper = common.row < common.col
+        order = np.argsort(-common.data[upper], kind="stable")[:MOST_PAIRS]
+        limit = max(3.0 * float(np.median(v.sigma[v.camera == number])) / side, LEAST_LIMIT)
+        found = []
+        for a, b in zip(common.row[upper][order], common.col[upper][order], strict=True):
+            rows = [np.flatnonzero(v.photo == photo) for photo in (a, b)]
+            _, *own = np.intersect1d(v.point[rows[0]], v.point[rows[1]], return_indices=True)
+            xy = [(v.xy[r[i]] - at) / side for r, i in zip(rows, own, strict=True)]
+            c = shared_principal_distance(xy[0], xy[1], limit=limit)
+            if c is not None and SHORTEST < c < LONGEST:
+                found.append(c)
+        return side * float(np.median(found)) if found else None
+
+    def _longer_side(self, name: str) -> float:
         """Return the longer side of the format, or of what the image points cover."""
+        number = [c.name for c in self.views.cameras].index(name)
         camera = self.views.cameras[number]
         if camera.format is not None:
             return float(max(camera.format))

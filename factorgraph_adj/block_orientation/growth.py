@@ -151,20 +151,27 @@ class Growth:
             if not (lost.any() or away.any()):
                 return fits
 
-    def intersect(self, *, parallax: float, again: bool = False) -> int:
+    def reconsider(self) -> None:
+        """Intersect points anew that some image points do not agree with: those may come back."""
+        v = self.views
+        rows = self.known()
+        before = self.point.copy()
+        doubted = np.zeros(len(before), dtype=bool)
+        doubted[v.point[rows[self.misses(rows) > self.limit]]] = True
+        agreed = np.bincount(v.point[self.fitting()], minlength=len(before))
+        self.point[doubted] = np.nan
+        self.intersect(parallax=RULES.least_parallax)
+        worse = doubted & (np.bincount(v.point[self.fitting()], minlength=len(before)) < agreed)
+        self.point[worse] = before[worse]
+
+    def intersect(self, *, parallax: float) -> None:
         """Find points where rays of oriented photos meet; rays that miss are left out.
 
         Args:
             parallax: smallest angle between rays, radians.
-            again: whether points are found anew that have coordinates already.
-
-        Returns:
-            Number of points that were found.
         """
         v = self.views
-        open_ = np.ones(len(self.point), dtype=bool) if again else ~self.placed
-        rows = np.flatnonzero(self.wanted & self.posed[v.photo] & open_[v.point])
-        found = 0
+        rows = np.flatnonzero(self.wanted & self.posed[v.photo] & ~self.placed[v.point])
         for _ in range(RULES.drops + 1):
             count = np.bincount(v.point[rows], minlength=len(self.point))
             rows = rows[count[v.point[rows]] >= 2]
@@ -182,7 +189,6 @@ class Growth:
             np.maximum.at(worst, group, np.nan_to_num(miss, nan=np.inf))
             good = (worst <= self.limit) & (strength >= parallax)
             self.point[points[good]] = x[good]
-            found += int(good.sum())
             # The ray with the largest miss leaves where three or more do not meet.
             size = np.bincount(group, minlength=len(points))
             bad = (worst > self.limit) & (size >= 3)
@@ -192,7 +198,6 @@ class Growth:
             ordered = np.lexsort((-miss, group))
             leaves[ordered[np.searchsorted(group[ordered], np.arange(len(points)))]] = True
             rows = rows[bad[group] & ~leaves]
-        return found
 
     def _world(self, rows: Index) -> tuple[Array, Array]:
         """Return projection centres and unit vectors of rays, (n, 3) each."""

@@ -29,6 +29,8 @@ from .place import Placed, place, unmoved
 from .robust_poses import RAYLEIGH_MEDIAN, ray_misses, solvers
 from .views import Views
 
+NEAR_STATED = 10.0
+"""Multiple of the limit of misses within which an image point agrees with stated coordinates."""
 ALL_OF_IT = 3
 """Number of known coordinates that place a part without values found by other steps."""
 
@@ -118,7 +120,11 @@ class _Assembled:
             new = g.placed & np.isnan(point[:, 0])
             point[new] = at.to_frame.of(g.point[new])
             fits |= part.fits
-        unreached = self._rough_points(pose, point, fits)
+        at_once = given(equations).point
+        stated = np.isfinite(at_once).all(axis=1) & np.isnan(point[:, 0])
+        point[stated] = at_once[stated]
+        fits |= self._near_stated(pose, point, stated)
+        unreached = self._rough_points(pose, point)
         oriented = np.isfinite(pose[:, 0])
         doubtful = np.flatnonzero(~fits & oriented[v.photo])
         state, problems = self._state(equations, pose, point)
@@ -146,14 +152,16 @@ class _Assembled:
         out: list[Placed | None] = [None] * len(self.parts)
         open_ = list(range(len(self.parts)))
         while open_:
-            trials = {
-                i: place(self.parts[i].growth, there, measured, joined) for i in open_
-            }
+            trials = {i: place(self.parts[i].growth, there, measured, joined) for i in open_}
             best = max(
                 open_, key=lambda i: (trials[i].complete, np.isfinite(trials[i].misfits).sum(), -i)
             )
             found = trials[best]
-            if not found.complete and not np.isfinite(found.misfits).any() and out.count(None) < len(out):
+            if (
+                not found.complete
+                and not np.isfinite(found.misfits).any()
+                and out.count(None) < len(out)
+            ):
                 found = replace(
                     unmoved(self.parts[best].growth) if "length" not in found.words else found,
                     words=f"{found.words}; nothing joins it to the other parts",
@@ -168,7 +176,22 @@ class _Assembled:
             there = Known(moved, there.pose)
         return [p for p in out if p is not None]
 
-    def _rough_points(self, pose: Array, point: Array, fits: Mask) -> tuple[str, ...]:
+    def _near_stated(self, pose: Array, point: Array, stated: Mask) -> Mask:
+        """Return the image points of stated points that are near them, (n,).
+
+        Such a point has too few rays that meet: its coordinates are compared in the frame of the
+        network, to which the whole part was brought by other coordinates.
+        """
+        v, growth = self.views, self.parts[0].growth
+        rows = np.flatnonzero(stated[v.point] & np.isfinite(pose[v.photo, 0]))
+        at = pose[v.photo[rows]]
+        r, tangent = at[:, :9].reshape(-1, 3, 3), growth.rays.tangent[rows]
+        miss = ray_misses(r, at[:, 9:], point[v.point[rows]], tangent) / growth.rays.unit[rows]
+        out = np.zeros(v.n, dtype=bool)
+        out[rows[miss <= NEAR_STATED * growth.limit]] = True
+        return out
+
+    def _rough_points(self, pose: Array, point: Array) -> tuple[str, ...]:
         """Give rough coordinates to points of oriented photos that have none; return their names.
 
         They are where the rays are nearest to one another if that is in front of all photos, and

@@ -45,8 +45,8 @@ class Pair:
     @property
     def score(self) -> float:
         """Worth of the pair as a start: number of fitting points, parallax and overlap."""
-        bent = min(self.angle, GOOD_ANGLE) / GOOD_ANGLE
-        return self.fitting * bent * np.sqrt(self.overlap)
+        bent = min(self.angle, np.pi - self.angle, GOOD_ANGLE) / GOOD_ANGLE
+        return float(self.fitting * bent * np.sqrt(self.overlap))
 
 
 def common_points(growth: Growth, free: Mask) -> list[tuple[int, int, int]]:
@@ -58,7 +58,9 @@ def common_points(growth: Growth, free: Mask) -> list[tuple[int, int, int]]:
     return [
         (int(a), int(b), int(n))
         for a, b, n in zip(
-            common.row[upper][order], common.col[upper][order], common.data[upper][order],
+            common.row[upper][order],
+            common.col[upper][order],
+            common.data[upper][order],
             strict=True,
         )
     ]
@@ -87,7 +89,8 @@ def _different(
     pairs: list[tuple[int, int, int]],
 ) -> tuple[list[tuple[int, int, int]], list[tuple[int, int, int]]]:
     """Divide pairs into some with different photos, and the others."""
-    taken, later = [], []
+    taken: list[tuple[int, int, int]] = []
+    later: list[tuple[int, int, int]] = []
     times: dict[int, int] = {}
     for pair in pairs:
         a, b, _ = pair
@@ -132,9 +135,7 @@ def _extent(growth: Growth, rows: Index, photo: int) -> float:
     """Return the share of the extent of the image points of a photo that some of them cover."""
     every = growth.views.xy[growth.views.photo == photo]
     some = growth.views.xy[rows]
-    sides = [
-        float(np.ptp(some[:, i]) / max(np.ptp(every[:, i]), 1e-12)) for i in range(2)
-    ]
+    sides = [float(np.ptp(some[:, i]) / max(np.ptp(every[:, i]), 1e-12)) for i in range(2)]
     return min(sides[0] * sides[1], 1.0)
 
 

@@ -1,4 +1,4 @@
-"""Parts in the frame of the network: by known coordinates, attitudes and lengths, or one another."""
+"""Parts in the frame of the network: by known coordinates, attitudes, lengths, or one another."""
 
 from __future__ import annotations
 

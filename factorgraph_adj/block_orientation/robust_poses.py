@@ -1,8 +1,8 @@
 """Relative and absolute poses from rays with mismatches: five or three points, and RANSAC.
 
 The minimal solvers and the sampling are those of PoseLib (extra ``images``). The samples are drawn
-from a fixed seed. A first pass with a wide limit finds the spread of the rays that fit; a second one
-has the limit that follows from it, so that neither the noise of the image points nor an
+from a fixed seed. A first pass with a wide limit finds the spread of the rays that fit; a second
+one has the limit that follows from it, so that neither the noise of the image points nor an
 uncorrected distortion has to be known.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..rotation import skew
-from ..types import Array, Mask
+from ..types import Array, Index, Mask
 
 FOCAL = 1000.0
 """Principal distance of the camera in which tangents are handed over."""
@@ -27,6 +27,8 @@ NORMAL_MEDIAN = 0.6745
 """Median of the absolute value of a standard normal variable."""
 TIGHT = 5.0
 """Multiple of the spread of rays above which a ray does not fit."""
+LEAST_SHARED = 15
+"""Smallest number of common points of a pair that tell the principal distance."""
 MISSING = (
     "photos without orientation are oriented from image points alone with PoseLib: "
     "pip install 'factorgraph_adj[images]'"
@@ -69,7 +71,7 @@ def _camera() -> dict[str, object]:
     return {"model": "SIMPLE_PINHOLE", "width": side, "height": side, "params": [FOCAL, 0.0, 0.0]}
 
 
-def _sample(n: int) -> Array:
+def _sample(n: int) -> Index:
     if n <= MOST_SAMPLED:
         return np.arange(n)
     return np.sort(np.random.default_rng(n).choice(n, MOST_SAMPLED, replace=False))
@@ -88,9 +90,7 @@ def epipolar_misses(rotation: Array, base: Array, first: Array, second: Array) -
     return np.asarray(np.abs(np.einsum("ni,ni->n", left, d2)) / np.maximum(size, 1e-300))
 
 
-def relative_pose(
-    first: Array, second: Array, *, wide: float, least: float
-) -> RelativePose | None:
+def relative_pose(first: Array, second: Array, *, wide: float, least: float) -> RelativePose | None:
     """Orient a pair of photos from common points, five at a time.
 
     Args:
@@ -131,6 +131,33 @@ def relative_pose(
             break
         limit = tighter
     return found
+
+
+def shared_principal_distance(first: Array, second: Array, *, limit: float) -> float | None:
+    """Return the principal distance of two photos of one camera, from six points at a time.
+
+    Args:
+        first: image coordinates from the principal point in the first photo, (n, 2), as parts of
+            the longer side of the image.
+        second: those in the second photo, (n, 2).
+        limit: largest distance from the epipolar lines, in the same unit.
+
+    Returns:
+        The principal distance in the same unit; none: too few points fit, or none was found.
+    """
+    chosen = _sample(len(first))
+    if len(chosen) < LEAST_SHARED:
+        return None
+    pair, told = solvers().estimate_shared_focal_relative_pose(
+        _pixels(first[chosen]),
+        _pixels(second[chosen]),
+        np.zeros((2, 1)),
+        {"max_epipolar_error": FOCAL * limit, "min_iterations": 100, "max_iterations": 1000},
+        {},
+    )
+    found = float(pair.camera1.focal()) / FOCAL
+    enough = told["num_inliers"] >= max(LEAST_SHARED, len(chosen) // 2)
+    return found if enough and np.isfinite(found) and found > 0 else None
 
 
 def absolute_pose(

@@ -140,7 +140,8 @@ def with_rotation(x: Array, known: Array, rotation: Array) -> Similarity | None:
     if not np.abs(spread).max(initial=0.0) > 1e-9 * (np.abs(turned).max(initial=0.0) + 1e-300):
         return None
     found = np.linalg.lstsq(design, known[row, axis], rcond=1e-12)[0]
-    return Similarity(float(found[0]), rotation, found[1:]) if found[0] > 0 else None
+    shift = np.asarray(found[1:], dtype=float)
+    return Similarity(float(found[0]), rotation, shift) if found[0] > 0 else None
 
 
 def from_components(x: Array, known: Array) -> Similarity | None:
@@ -175,13 +176,13 @@ def from_components(x: Array, known: Array) -> Similarity | None:
             best = found, base
     assert best is not None
     found, base = best
-    values = np.linalg.svd(found.jac, compute_uv=False)
+    values = np.linalg.svd(np.asarray(found.jac, dtype=float), compute_uv=False)
     if values[-1] < 1e-6 * values[0]:
         return None
     scale, rotation = float(np.exp(found.x[3])), base @ exp_rotation(found.x[:3])
     factor = scale * extent / size
     shift = goal + extent * found.x[4:] - factor * rotation @ middle
-    return Similarity(factor, rotation, shift)
+    return Similarity(factor, rotation, np.asarray(shift, dtype=float))
 
 
 def _even_rotations(n: int) -> list[Array]:
