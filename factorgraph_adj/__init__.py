@@ -11,6 +11,8 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .block_orientation.dlt import dlt
+    from .block_orientation.orient import orient
     from .crs.similarity import SevenParameters
     from .crs.system import ReferenceSystem
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
@@ -173,6 +175,7 @@ __all__ = [
     "causes",
     "check_points",
     "distance_precision",
+    "dlt",
     "error_ellipse",
     "error_ellipsoid",
     "estimate_variance_components",
@@ -182,6 +185,7 @@ __all__ = [
     "grid_coordinates",
     "load_solution",
     "memory_needed",
+    "orient",
     "plan",
     "predict",
     "preliminary",
@@ -283,6 +287,7 @@ _MODULES = {
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",
     "distance_precision": "quality.relative",
+    "dlt": "block_orientation.dlt",
     "error_ellipse": "quality.ellipses",
     "error_ellipsoid": "quality.ellipses",
     "estimate_variance_components": "quality.variance_components",
@@ -292,6 +297,7 @@ _MODULES = {
     "grid_coordinates": "solve.grid",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
+    "orient": "block_orientation.orient",
     "plan": "planning.plan",
     "predict": "quality.prediction",
     "preliminary": "validate.preliminary.search",
