@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
     from .io.photogrammetry.metashape_write import write_metashape
+    from .io.photogrammetry.opensfm import read_opensfm
+    from .io.photogrammetry.opf import read_opf
+    from .io.photogrammetry.opf_write import write_opf
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
@@ -183,6 +186,8 @@ __all__ = [
     "read_dbat",
     "read_gama",
     "read_metashape",
+    "read_opensfm",
+    "read_opf",
     "read_project",
     "reduce_faces",
     "register_lens",
@@ -196,6 +201,7 @@ __all__ = [
     "snoop",
     "without",
     "write_metashape",
+    "write_opf",
     "write_project",
 ]
 
@@ -287,6 +293,9 @@ _MODULES = {
     "write_metashape": "io.photogrammetry.metashape_write",
     "read_dbat": "io.photogrammetry.dbat",
     "read_aicon": "io.photogrammetry.aicon",
+    "read_opf": "io.photogrammetry.opf",
+    "write_opf": "io.photogrammetry.opf_write",
+    "read_opensfm": "io.photogrammetry.opensfm",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",

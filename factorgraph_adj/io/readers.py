@@ -18,6 +18,8 @@ from .gama import read_gama
 from .photogrammetry.aicon import read_aicon
 from .photogrammetry.dbat import is_dbat, read_dbat
 from .photogrammetry.metashape import is_metashape_xml, read_metashape
+from .photogrammetry.opensfm import is_opensfm, read_opensfm
+from .photogrammetry.opf import read_opf
 from .project import Project, load_project
 
 
@@ -222,6 +224,14 @@ READERS = Readers(
             recognises=is_metashape_xml,
         ),
         Reader("dbat", (".xml",), "script of DBAT", NetworkAlone(read_dbat), recognises=is_dbat),
+        Reader("opf", (".opf",), "Open Photogrammetry Format", NetworkAlone(read_opf)),
+        Reader(
+            "opensfm",
+            (".json",),
+            "reconstruction of OpenSfM or ODM",
+            NetworkAlone(read_opensfm),
+            recognises=is_opensfm,
+        ),
         Reader(
             "aicon",
             (".obc", ".phc", ".eor", ".ior"),
