@@ -14,6 +14,8 @@ from .lens import (
     NormalisedLens,
 )
 from .orthogonal_lens import EbnerLens, GruenLens
+from .rational_lens import RationalLens
+from .ray_lens import DivisionLens, EquirectangularLens, FisheyeLens, FovLens, UnifiedLens
 
 LENSES: dict[str, type[Lens]] = {}
 """Registered lens models by name."""
@@ -59,5 +61,11 @@ for _lens in (
     AffineLens,
     EbnerLens,
     GruenLens,
+    RationalLens,
+    FisheyeLens,
+    FovLens,
+    DivisionLens,
+    UnifiedLens,
+    EquirectangularLens,
 ):
     register_lens(_lens)

@@ -1,1 +1,1 @@
-"""Readers and writers of photogrammetric programs."""
+"""Formats of photogrammetric programs and of structure from motion."""
