@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from ...crs.system import ReferenceSystem
 from ...errors import InputError, Problem
 from ...frames import Frame, LocalFrame, TopocentricFrame
 from ...network.network import Network
@@ -16,7 +17,7 @@ from ...rotation import exp_rotation
 from ...types import Array
 from ..json_tree import Node, parse_json
 from ..text import beginning, read_text
-from .gcp_list import GroundList, read_gcp_list
+from .gcp_list import Ground, GroundList, read_gcp_list
 from .opensfm_lens import SfmCamera, read_camera
 from .pixel import add_pixel_camera
 from .reading import TIE, ImagePoints, Reading, lines_of
@@ -44,8 +45,10 @@ def read_opensfm(
     Beside reconstruction.json lie tracks.csv, reference_lla.json (the origin of the topocentric
     frame) and gcp_list.txt or ground_control_points.json; they are read where they exist. Image
     coordinates are pixels from the upper left corner. Tracks without a reconstructed point, and
-    photos that are not in the reconstruction, are left out. Tracks are named ``tie NUMBER``. Points
-    whose name begins with CHK-
+    photos that are not in the reconstruction, are left out. Tracks are named ``tie NUMBER``.
+
+    Ground control is in WGS84 (longitude, latitude, height), WGS84 UTM 32N, EPSG:… or +proj=…
+    (the latter three need pyproj); heights are ellipsoidal. Points whose name begins with CHK-
     are check points. A reconstruction without ground control and positions is a free network.
 
     OpenSfM has no standard deviations of its own in these files. Those of ground control are its
@@ -269,20 +272,18 @@ def _control(
 ) -> None:
     """Add control and check points with their measurements in photos of the reconstruction."""
     frame = network.frame
-    if ground.system.upper() not in ("WGS84", "EPSG:4326"):
-        what = (
-            f"the reference system {ground.system!r} cannot be converted; valid: WGS84 (longitude, "
-            "latitude, ellipsoidal height)"
-        )
-        reading.wrong(what, ground.where)
-        return
     if not isinstance(frame, TopocentricFrame):
         what = "ground control needs reference_lla.json, the origin of the reconstruction"
         reading.wrong(what, ground.where)
         return
+    try:
+        grid = _grid(ground.system)
+    except InputError as error:
+        reading.problems += [p.at(ground.where) for p in error.problems]
+        return
     for point in ground.points:
         with reading.at(point.where):
-            _add_ground(network, frame, point.name, point.xyz, point.check, sigma, point.where)
+            _add_ground(network, frame, grid, point, sigma)
             for photo, x, y, normalised, where in point.marks:
                 if photo not in network.photos:
                     continue
@@ -291,37 +292,65 @@ def _control(
                 images.add(photo, point.name, xy, (sigma_px,), where)
 
 
+def _grid(system: str) -> ReferenceSystem | None:
+    """Return the reference system of a list of ground control; None for WGS84.
+
+    Raises:
+        InputError: the system is unknown, or pyproj is missing.
+    """
+    words = system.upper().split()
+    if words in (["WGS84"], ["EPSG:4326"]):
+        return None
+    if words[:2] == ["WGS84", "UTM"] and len(words) == 3:
+        zone, south = words[2].rstrip("NS"), words[2].endswith("S")
+        if zone.isascii() and zone.isdigit() and 1 <= int(zone[:3]) <= 60:
+            code = (32700 if south else 32600) + int(zone)
+            return ReferenceSystem(f"EPSG:{code}", heights="ellipsoidal").checked()
+    if not (words and (words[0].startswith("EPSG:") or "+PROJ" in words[0])):
+        what = f"unknown reference system {system!r}; valid: WGS84, WGS84 UTM 32N, EPSG:…, +proj=…"
+        raise InputError(Problem(what))
+    return ReferenceSystem(system, heights="ellipsoidal").checked()
+
+
+def _place(
+    frame: TopocentricFrame, grid: ReferenceSystem | None, xyz: tuple[float, float, float]
+) -> Array:
+    """Return the place (3,) in the frame of longitude, latitude, height or easting, northing."""
+    at = np.array([xyz])
+    if grid is not None:
+        return np.asarray(grid.to_frame(frame, at)[0])
+    if not (abs(xyz[1]) <= 90 and abs(xyz[0]) <= 360):
+        raise InputError(Problem(f"latitude {xyz[1]:g}°, longitude {xyz[0]:g}° are none"))
+    ellipsoid = frame.geocentric.ellipsoid
+    latitude, longitude = np.deg2rad(at[:, 1]), np.deg2rad(at[:, 0])
+    there = frame.from_geocentric(ellipsoid.to_cartesian(latitude, longitude, at[:, 2]))
+    return np.asarray(there[0])
+
+
 def _add_ground(
     network: Network,
     frame: TopocentricFrame,
-    name: str,
-    xyz: tuple[float, float, float] | None,
-    check: bool,
+    grid: ReferenceSystem | None,
+    point: Ground,
     sigma: tuple[float, float],
-    where: str,
 ) -> None:
-    """Add a point at longitude, latitude (degrees) and height; a height of NaN is unknown."""
-    if xyz is None:
-        network.add_point(name)
+    """Add a ground control point or check point; a height of NaN is unknown."""
+    if point.xyz is None:
+        network.add_point(point.name)
         return
-    longitude, latitude, height = xyz
-    if not (abs(latitude) <= 90 and abs(longitude) <= 360):
-        raise InputError(Problem(f"latitude {latitude:g}°, longitude {longitude:g}° are none", ""))
+    x, y, height = point.xyz
     known = not np.isnan(height)
-    ellipsoid = frame.geocentric.ellipsoid
-    place = np.deg2rad([[latitude], [longitude]])
-    geocentric = ellipsoid.to_cartesian(place[0], place[1], np.array([height if known else 0.0]))
-    at = tuple(frame.from_geocentric(geocentric)[0].tolist())
-    if check:
-        network.add_point(name, check=at if known else (*at[:2], np.nan))
+    at = tuple(_place(frame, grid, (x, y, height if known else frame.height)).tolist())
+    if point.check:
+        network.add_point(point.name, check=at if known else (*at[:2], np.nan))
         return
-    network.add_point(name, at)
+    network.add_point(point.name, at)
     enu = frame.basis(np.array([at]), np.zeros((1, 2))).enu[0]
-    variances = np.square([sigma[0], sigma[0], sigma[1]])
     if known:
-        covariance = enu.T @ np.diag(variances) @ enu
-        network.add(
-            ControlPoint(name, at, covariance=0.5 * (covariance + covariance.T), source=where)
-        )
+        covariance = enu.T @ np.diag(np.square([sigma[0], sigma[0], sigma[1]])) @ enu
+        covariance = 0.5 * (covariance + covariance.T)
+        o = ControlPoint(point.name, at, covariance=covariance, source=point.where)
     else:
-        network.add(ControlPoint(name, at, axes="en", sigma=(sigma[0], sigma[0]), source=where))
+        plan = (sigma[0], sigma[0])
+        o = ControlPoint(point.name, at, axes="en", sigma=plan, source=point.where)
+    network.add(o)

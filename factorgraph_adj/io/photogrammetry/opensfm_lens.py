@@ -16,15 +16,20 @@ from dataclasses import dataclass
 
 from ...models.affine_normalised import AffineNormalisedLens
 from ...models.lens import Lens, NormalisedLens
+from ...models.ray_lens import FisheyeLens
 from ..json_tree import Node
 
 PARAMETERS = {
     "perspective": ("focal", "k1", "k2"),
     "simple_radial": ("focal_x", "focal_y", "c_x", "c_y", "k1"),
     "radial": ("focal_x", "focal_y", "c_x", "c_y", "k1", "k2"),
+    "fisheye": ("focal", "k1", "k2"),
+    "fisheye_opencv": ("focal_x", "focal_y", "c_x", "c_y", "k1", "k2", "k3", "k4"),
     "brown": ("focal_x", "focal_y", "c_x", "c_y", "k1", "k2", "p1", "p2", "k3"),
 }
 """Parameters of the projections that can be read."""
+FISHEYES = ("fisheye", "fisheye_opencv")
+"""Projections by the angle θ = atan(ρ/z) in place of the tangent: u = f θ (1 + k1 θ² + …) x/ρ."""
 IGNORED = ("projection_type", "width", "height", "focal_prior", "k1_prior", "k2_prior")
 """Members of a camera besides its parameters."""
 
@@ -86,7 +91,11 @@ def read_camera(node: Node) -> SfmCamera:
     if "p1" in names:
         estimated += ["p1", "p2"]
     lens: Lens = NormalisedLens()
-    if "focal_x" in names:
+    if projection in FISHEYES:
+        lens = FisheyeLens()
+        values |= {"b1": fx / fy - 1.0, "k4": said.get("k4", 0.0)}
+        estimated += ["k4"] if "k4" in names else []
+    elif "focal_x" in names:
         lens = AffineNormalisedLens()
         values |= {"b1": fx - fy}
     return SfmCamera(lens, values, size, tuple(n for n in lens.names if n in estimated))

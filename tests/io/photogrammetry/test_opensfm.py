@@ -13,6 +13,7 @@ from factorgraph_adj.approximate import approximate
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.rotation import log_rotation
+from tests.networks.pixel_block import projected
 
 LATITUDE, LONGITUDE, HEIGHT = 52.5, 13.4, 40.0
 W, H = 4000, 3000
@@ -102,6 +103,24 @@ def test_image_points_are_those_of_the_formulas_of_opensfm(folder: Path) -> None
     assert len(of_ground) == 20
     assert np.abs(v[block.rows].reshape(-1, 2)[of_ground]).max() < 1e-6
     assert np.abs(v[block.rows]).max() < 3.0
+
+
+def test_a_fisheye_is_read(folder: Path) -> None:
+    """u = f θ (1 + k1 θ² + k2 θ⁴) x/ρ, of OpenSfM's geometry.rst."""
+    text = (folder / "reconstruction.json").read_text()
+    document = json.loads(text)
+    camera = {"projection_type": "fisheye", "width": W, "height": H, "focal": 0.5}
+    document[0]["cameras"]["cam"] = camera | {"k1": -0.1, "k2": 0.03}
+    (folder / "reconstruction.json").write_text(json.dumps(document))
+    (folder / "gcp_list.txt").unlink()
+    network = fga.read(folder / "reconstruction.json")
+    q = (POINTS - CENTRES[0]) @ camera_R_world(TURNS[0]).T
+    rho = np.hypot(q[:, 0], q[:, 1])
+    theta = np.arctan2(rho, q[:, 2])
+    scale = W * 0.5 * theta * (1 - 0.1 * theta**2 + 0.03 * theta**4) / rho
+    expected = np.stack([W / 2 + scale * q[:, 0], -H / 2 - scale * q[:, 1]], 1)
+    ours = projected(network, list(network.points))["0.jpg"]
+    assert ours == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_reconstruction_with_ground_control_is_adjusted(folder: Path) -> None:
@@ -194,7 +213,7 @@ def test_the_largest_reconstruction_is_read_or_the_one_asked_for(folder: Path) -
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"brown"', '"fisheye"', r"reconstruction\.json:5: projection 'fisheye' cannot be read"),
+        ('"brown"', '"dual"', r"reconstruction\.json:5: projection 'dual' cannot be read"),
         ('"focal_x": 0.85', '"focal_x": -1', r"focal_x must be greater than zero, not -1"),
         ('"k1": -0.05', '"k9": 1', r"unknown parameter 'k9' of brown"),
         ('"camera": "cam"', '"camera": "came"', r"unknown camera 'came'"),
@@ -209,6 +228,32 @@ def test_wrong_reconstructions_are_refused(folder: Path, old: str, new: str, mes
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match=message):
         fga.read(path)
+
+
+@pytest.mark.parametrize("system", ["WGS84 UTM 33N", "EPSG:32633", "+proj=utm +zone=33"])
+def test_ground_control_in_a_grid_is_the_same(folder: Path, system: str) -> None:
+    pytest.importorskip("pyproj")
+    from factorgraph_adj.crs.system import ReferenceSystem
+
+    network = fga.read(folder / "reconstruction.json")
+    names = ("G0", "G1", "G2", "G3")
+    at = np.array([network.points[n].coordinates for n in names])
+    grid = ReferenceSystem("EPSG:32633", heights="ellipsoidal").from_frame(network.frame, at)
+    path = folder / "gcp_list.txt"
+    rows = [r.split() for r in path.read_text().splitlines()[1:]]
+    rows = [[*map(repr, grid[names.index(r[6])].tolist()), *r[3:]] for r in rows if r[6] in names]
+    path.write_text("\n".join([system, *(" ".join(r) for r in rows)]))
+    again = fga.read(folder / "reconstruction.json")
+    for name in names:
+        expected = network.points[name].coordinates
+        assert again.points[name].coordinates == pytest.approx(expected, abs=1e-6)
+
+
+def test_an_unknown_system_of_ground_control_is_refused(folder: Path) -> None:
+    path = folder / "gcp_list.txt"
+    path.write_text(path.read_text().replace("WGS84", "UTM32", 1))
+    with pytest.raises(InputError, match=r"gcp_list\.txt:1: unknown reference system 'UTM32'"):
+        fga.read(folder / "reconstruction.json")
 
 
 @pytest.mark.parametrize(
