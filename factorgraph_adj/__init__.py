@@ -24,9 +24,14 @@ if TYPE_CHECKING:
     from .io.bal import read_bal
     from .io.gama import read_gama
     from .io.photogrammetry.aicon import read_aicon
+    from .io.photogrammetry.bundler import read_bundler
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
     from .io.photogrammetry.metashape_write import write_metashape
+    from .io.photogrammetry.opencv import read_opencv, write_opencv
+    from .io.photogrammetry.opensfm import read_opensfm
+    from .io.photogrammetry.opf import read_opf
+    from .io.photogrammetry.opf_write import write_opf
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
@@ -194,9 +199,13 @@ __all__ = [
     "read",
     "read_aicon",
     "read_bal",
+    "read_bundler",
     "read_dbat",
     "read_gama",
     "read_metashape",
+    "read_opencv",
+    "read_opensfm",
+    "read_opf",
     "read_project",
     "reduce_faces",
     "register_lens",
@@ -211,6 +220,8 @@ __all__ = [
     "wgs84_coordinates",
     "without",
     "write_metashape",
+    "write_opencv",
+    "write_opf",
     "write_project",
     "write_report",
 ]
@@ -311,6 +322,12 @@ _MODULES = {
     "write_metashape": "io.photogrammetry.metashape_write",
     "read_dbat": "io.photogrammetry.dbat",
     "read_aicon": "io.photogrammetry.aicon",
+    "read_opf": "io.photogrammetry.opf",
+    "write_opf": "io.photogrammetry.opf_write",
+    "read_opensfm": "io.photogrammetry.opensfm",
+    "read_opencv": "io.photogrammetry.opencv",
+    "write_opencv": "io.photogrammetry.opencv",
+    "read_bundler": "io.photogrammetry.bundler",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",

@@ -16,8 +16,12 @@ from .bal import read_bal
 from .format_options import options_of, refuse_unknown
 from .gama import read_gama
 from .photogrammetry.aicon import read_aicon
+from .photogrammetry.bundler import is_bundler, read_bundler
 from .photogrammetry.dbat import is_dbat, read_dbat
 from .photogrammetry.metashape import is_metashape_xml, read_metashape
+from .photogrammetry.opencv import is_opencv, read_opencv
+from .photogrammetry.opensfm import is_opensfm, read_opensfm
+from .photogrammetry.opf import read_opf
 from .project import Project, load_project
 
 
@@ -222,6 +226,28 @@ READERS = Readers(
             recognises=is_metashape_xml,
         ),
         Reader("dbat", (".xml",), "script of DBAT", NetworkAlone(read_dbat), recognises=is_dbat),
+        Reader(
+            "opencv",
+            (".yml", ".yaml", ".xml"),
+            "calibration of OpenCV",
+            NetworkAlone(read_opencv),
+            recognises=is_opencv,
+        ),
+        Reader(
+            "bundler",
+            (".out",),
+            "reconstruction of Bundler",
+            NetworkAlone(read_bundler),
+            recognises=is_bundler,
+        ),
+        Reader("opf", (".opf",), "Open Photogrammetry Format", NetworkAlone(read_opf)),
+        Reader(
+            "opensfm",
+            (".json",),
+            "reconstruction of OpenSfM or ODM",
+            NetworkAlone(read_opensfm),
+            recognises=is_opensfm,
+        ),
         Reader(
             "aicon",
             (".obc", ".phc", ".eor", ".ior"),

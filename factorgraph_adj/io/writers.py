@@ -14,6 +14,8 @@ from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .format_options import options_of, refuse_unknown
 from .photogrammetry.metashape_write import write_metashape
+from .photogrammetry.opencv import write_opencv
+from .photogrammetry.opf_write import write_opf
 from .write_project import write_project
 
 
@@ -104,6 +106,8 @@ class Writers:
 WRITERS = Writers(
     (
         Writer("project", (".toml",), "project", write_project),
+        Writer("opencv", (".yml", ".yaml"), "calibration of OpenCV", write_opencv),
+        Writer("opf", (".opf",), "Open Photogrammetry Format", write_opf),
         Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),
     )
 )
