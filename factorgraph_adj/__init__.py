@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from .incremental.adjustment import IncrementalAdjustment
     from .io.bal import read_bal
     from .io.gama import read_gama
+    from .io.gnss.dynaml import read_dynaml
+    from .io.gnss.gvx import read_gvx
+    from .io.gnss.sinex import read_sinex
+    from .io.gnss.write_dynaml import write_dynaml
+    from .io.gnss.write_gvx import write_gvx
+    from .io.gnss.write_sinex import write_sinex
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
@@ -175,8 +181,11 @@ __all__ = [
     "protocol",
     "read",
     "read_bal",
+    "read_dynaml",
     "read_gama",
+    "read_gvx",
     "read_project",
+    "read_sinex",
     "reduce_faces",
     "register_lens",
     "register_observation",
@@ -188,7 +197,10 @@ __all__ = [
     "significance",
     "snoop",
     "without",
+    "write_dynaml",
+    "write_gvx",
     "write_project",
+    "write_sinex",
 ]
 
 _MODULES = {
@@ -275,6 +287,12 @@ _MODULES = {
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_gama": "io.gama",
+    "read_dynaml": "io.gnss.dynaml",
+    "read_gvx": "io.gnss.gvx",
+    "read_sinex": "io.gnss.sinex",
+    "write_dynaml": "io.gnss.write_dynaml",
+    "write_gvx": "io.gnss.write_gvx",
+    "write_sinex": "io.gnss.write_sinex",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",

@@ -15,6 +15,9 @@ from ..network.network import Network
 from .bal import read_bal
 from .format_options import options_of, refuse_unknown
 from .gama import read_gama
+from .gnss.dynaml import read_dynaml
+from .gnss.gvx import read_gvx
+from .gnss.sinex import read_sinex
 from .project import Project, load_project
 
 MOST_LOOKED_AT = 65_536
@@ -207,6 +210,11 @@ def beginning(path: Path, size: int = MOST_LOOKED_AT) -> bytes:
         return b""
 
 
+def has(word: bytes) -> Callable[[Path], bool]:
+    """Return a function that tells whether a word stands in the beginning of a file."""
+    return lambda path: word in beginning(path)
+
+
 READERS = Readers(
     (
         Reader("project", (".toml",), "project", load_project, folders=True),
@@ -216,6 +224,21 @@ READERS = Readers(
             (".txt", ".txt.bz2", ".txt.gz"),
             "Bundle Adjustment in the Large",
             NetworkAlone(read_bal),
+        ),
+        Reader("sinex", (".snx", ".SNX"), "SINEX", NetworkAlone(read_sinex)),
+        Reader(
+            "dynaml",
+            (".xml",),
+            "DynaML of DynAdjust",
+            NetworkAlone(read_dynaml),
+            recognises=has(b"<DnaXmlFormat"),
+        ),
+        Reader(
+            "gvx",
+            (".gvx", ".xml"),
+            "GNSS Vector Exchange",
+            NetworkAlone(read_gvx),
+            recognises=has(b"<GVX"),
         ),
     )
 )

@@ -13,6 +13,9 @@ from typing import Any
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .format_options import options_of, refuse_unknown
+from .gnss.write_dynaml import write_dynaml
+from .gnss.write_gvx import write_gvx
+from .gnss.write_sinex import write_sinex
 from .write_project import write_project
 
 
@@ -100,5 +103,12 @@ class Writers:
         writer.write(network, Path(path), **given)
 
 
-WRITERS = Writers((Writer("project", (".toml",), "project", write_project),))
+WRITERS = Writers(
+    (
+        Writer("project", (".toml",), "project", write_project),
+        Writer("sinex", (".snx", ".SNX"), "SINEX", write_sinex),
+        Writer("dynaml", (), "DynaML of DynAdjust", write_dynaml),
+        Writer("gvx", (".gvx",), "GNSS Vector Exchange", write_gvx),
+    )
+)
 """The formats that can be written."""

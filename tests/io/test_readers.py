@@ -83,10 +83,7 @@ def test_an_unknown_suffix_is_refused_with_the_valid_ones(tmp_path, name):
     (tmp_path / name).write_text("x", encoding="utf-8")
     with pytest.raises(InputError) as caught:
         fga.read(tmp_path / name)
-    assert messages(caught) == [
-        f"{tmp_path / name}: unknown kind of file; valid: .toml (project), .gkf (GNU Gama), "
-        ".txt, .txt.bz2, .txt.gz (Bundle Adjustment in the Large)"
-    ]
+    assert messages(caught) == [f"{tmp_path / name}: unknown kind of file; valid: {READERS}"]
 
 
 def test_a_missing_file_is_refused_whatever_its_suffix(tmp_path):
