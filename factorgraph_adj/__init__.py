@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
+    from .io.survey.comp3d import read_comp3d
     from .io.write_project import write_project
     from .models.registry import register_lens
     from .models.unknown import UnknownKind
@@ -181,6 +182,7 @@ __all__ = [
     "protocol",
     "read",
     "read_bal",
+    "read_comp3d",
     "read_dynaml",
     "read_gama",
     "read_gvx",
@@ -287,6 +289,7 @@ _MODULES = {
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_gama": "io.gama",
+    "read_comp3d": "io.survey.comp3d",
     "read_dynaml": "io.gnss.dynaml",
     "read_gvx": "io.gnss.gvx",
     "read_sinex": "io.gnss.sinex",

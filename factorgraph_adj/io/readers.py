@@ -19,6 +19,7 @@ from .gnss.dynaml import read_dynaml
 from .gnss.gvx import read_gvx
 from .gnss.sinex import read_sinex
 from .project import Project, load_project
+from .survey.comp3d import read_comp3d
 
 MOST_LOOKED_AT = 65_536
 """Largest number of bytes at the beginning of a file by which its format is recognised."""
@@ -240,6 +241,7 @@ READERS = Readers(
             NetworkAlone(read_gvx),
             recognises=has(b"<GVX"),
         ),
+        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d)),
     )
 )
 """The formats that can be read."""

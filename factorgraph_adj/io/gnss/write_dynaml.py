@@ -230,7 +230,6 @@ def _cluster(
         inside.append(f"<Total>{len(group)}</Total>")
     members: list[GnssVector | ControlPoint] = [*vectors, *positions]
     for i, member in enumerate(members):
-        ends = zip(("First", "Second"), member.points(), strict=False)
         inside += [
             f"<{t}>{escape(n)}</{t}>"
             for t, n in zip(("First", "Second"), member.points(), strict=False)
