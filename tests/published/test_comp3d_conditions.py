@@ -12,8 +12,6 @@ import factorgraph_adj as fga
 from factorgraph_adj.io.survey.comp3d_places import Comp3dOrigin
 from factorgraph_adj.observations import (
     CoordinateDifference,
-    GnssVector,
-    HeightDifference,
     OnCircle,
     SlopeDistance,
 )
@@ -188,37 +186,32 @@ def test_a_square_in_lambert_93_with_a_point_centred_on_a_corner():
         np.testing.assert_allclose(solution.point(name), cartesian, rtol=0, atol=10 * NANOMETRE)
 
 
-def test_baselines_with_covariances_and_height_differences():
+def test_baselines_with_covariances_and_height_differences(tmp_path):
     """Three vectors from a held point; heights disagree on purpose."""
     theirs = printed("baselines")
     projection = theirs["computation"]["projection"]
-    network = fga.Network("baselines", frame=fga.GeocentricFrame())
     to_geocentric = np.array(projection["rot_global2geocentric"])
-    centre = np.array(projection["center_cartgeocentric"])
-    network.add_point("A1", centre + 1000.0 * to_geocentric[:, 2], fixed="xyz")
-    for line in (folder_of("baselines") / "baselines.bas").read_text().splitlines():
-        words = line.split("*")[0].split()
-        if not words:
-            continue
-        numbers = [float(w) for w in words[1:]]
-        xx, xy, xz, yy, yz, zz = numbers[3:9]
-        covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        network.add_point(words[0])
-        network.add(GnssVector("A1", words[0], tuple(numbers[:3]), covariance=covariance))
-    for value, sigma in ((0.0, 0.1), (0.25, 0.2), (-0.25, 0.2)):
-        network.add(HeightDifference("A1", "B1", value, sigma=sigma))
+    (tmp_path / "points.cor").write_text("1 A1 0 0 1000 0 0 0\n", encoding="utf-8")
+    for name in ("obs.obs", "baselines.bas"):
+        (tmp_path / name).write_bytes((folder_of("baselines") / name).read_bytes())
+    longitude, latitude, _ = projection["center_geographic"]
+    network = fga.read_comp3d(
+        tmp_path / "obs.obs", latitude=latitude, longitude=longitude, earth="ellipsoid"
+    )
     solution = fga.adjust(network)
     computation = theirs["computation"]
     assert (solution.n_observations, solution.n_unknowns) == (12, 9)
     assert solution.sigma0 == pytest.approx(computation["sigma_0_final"], abs=5e-6)
     for name, point in theirs["points"].items():
-        found = (solution.point(name) - centre) @ to_geocentric
+        # Its centre and axes are 0.1 mm and 2·10⁻¹⁰ off those of its printed latitude.
+        ends = np.array([solution.point("A1"), solution.point(name)])
+        a1, there = network.frame.to_geocentric(ends)  # type: ignore[union-attr]
+        vector = np.subtract(point["coord_compensated_cartesian"], [0.0, 0.0, 1000.0])
         np.testing.assert_allclose(
-            found, point["coord_compensated_cartesian"], rtol=0, atol=100 * NANOMETRE
+            (there - a1) @ to_geocentric, vector, rtol=0, atol=100 * NANOMETRE
         )
         if name != "A1":
-            covariance = to_geocentric.T @ solution.covariance(name) @ to_geocentric
-            found = solution.sigma0 * np.sqrt(np.diag(covariance))
+            found = solution.sigma0 * solution.standard_deviations(name)
             np.testing.assert_allclose(found, point["ellips"]["sigmas"], rtol=2e-3)
 
 

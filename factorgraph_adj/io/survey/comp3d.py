@@ -55,6 +55,7 @@ def read_comp3d(
     *,
     points: str | Path | None = None,
     latitude: float | None = None,
+    longitude: float | None = None,
     refraction: float | None = None,
     earth: Literal["sphere", "ellipsoid"] = "sphere",
     deflections: Literal["as stated", "ignore"] = "as stated",
@@ -76,7 +77,7 @@ def read_comp3d(
     | 11 | `FrameCoordinate` in a frame at a point |
     | 12 | `FrameDirection`, `FrameZenith`, `FrameDistance` in a frame at a point |
     | 18 | a circle for each target: `OnCircle` |
-    | 19 | `GnssVector`, with ``earth="ellipsoid"`` |
+    | 19 | `GnssVector`, with ``earth="ellipsoid"`` and a longitude |
     | 21, 22 | `EqualHeightDifference`, `EqualDistance` |
 
     σ = σ_abs + σ_rel D of lengths and σ_abs + σ_rel / D of angles, σ_rel of angles in metres; D is
@@ -90,6 +91,7 @@ def read_comp3d(
         points: file of points (.cor) for observations; None: the file with the name of the
             observations, or the only one in the folder.
         latitude: latitude of the centre, degrees; a must for observations without a project.
+        longitude: longitude of the centre, degrees; a must for GNSS baselines only.
         refraction: refraction coefficient; None: that of the project, or 0.12.
         earth: "sphere": the sphere of Comp3D's own simple observations. "ellipsoid": as its
             sub-frames are computed since version 5.22; coordinates differ by 2 µm at 100 m.
@@ -100,9 +102,10 @@ def read_comp3d(
     """
     first = Path(path)
     project = _project(first, points, latitude, refraction)
-    origin = Comp3dOrigin(project.latitude)
-    if not -89.0 <= project.latitude <= 89.0:
-        raise InputError(f"latitude must be from -89 to 89 degrees, not {project.latitude}")
+    origin = Comp3dOrigin(project.latitude, longitude or 0.0)
+    if not -89.0 <= project.latitude <= 89.0 or not -360.0 <= origin.longitude <= 360.0:
+        where = f"latitude {project.latitude}, longitude {origin.longitude}"
+        raise InputError(f"{where}: must be from -89 to 89 and from -360 to 360 degrees")
     sphere = earth == "sphere"
     network = Network(first.stem, frame=origin.sphere if sphere else origin.frame)
     files = Comp3dFiles()
@@ -122,6 +125,10 @@ def read_comp3d(
         add_point(network, point, weighted=point.name not in joint)
     network.set_refraction(value=project.refraction, fixed=True)
     observations = _Observations(files, network, given, origin, sphere=sphere)
+    if longitude is None:
+        for line in lines:
+            if line.words[0] == "19":
+                line.wrong("GNSS baselines are geocentric: longitude= of the centre is missing")
     observations.read(lines, project.observations)
     if joint and project.covariance is not None:
         add_joint_covariance(files, network, used, project.covariance)
@@ -323,8 +330,8 @@ class _Observations:
                     target,
                     (scale * difference,),
                     axes=axis,
-                    # Where the earth is an ellipsoid, the axes of the horizon turn by the
-                    # convergence of meridians, those of the frame tilt by the height over its plane.
+                    # On the ellipsoid the axes of the horizon turn by the convergence of meridians,
+                    # and those of the frame tilt the height difference.
                     horizon=self.sphere or code == "9",
                     sigma=scale * sigma,
                     id=self._id(line) + (f" {axis}" if code == "9" else ""),

@@ -29,6 +29,8 @@ class Comp3dOrigin:
 
     latitude: float
     """Geodetic latitude, degrees."""
+    longitude: float = 0.0
+    """Longitude, degrees: it matters for GNSS baselines only."""
 
     @property
     def radii(self) -> tuple[float, float]:
@@ -84,11 +86,13 @@ class Comp3dOrigin:
     @property
     def frame(self) -> TopocentricFrame:
         """East, north, up at the origin, on the ellipsoid."""
-        return TopocentricFrame(np.radians(self.latitude), 0.0, 0.0, "GRS80", radius=self.radius)
+        latitude, longitude = np.radians(self.latitude), np.radians(self.longitude)
+        return TopocentricFrame(latitude, longitude, 0.0, "GRS80", radius=self.radius)
 
     def on_ellipsoid(self, projected: Array) -> Array:
         """Return east, north, up (3,) on the ellipsoid of stereographic X, Y and height."""
         phi, longitude = (np.array([a]) for a in self.geodetic(projected))
+        longitude = longitude + np.radians(self.longitude)
         there = ellipsoid("GRS80").to_cartesian(phi, longitude, np.array([projected[2]]))
         return np.asarray(self.frame.from_geocentric(there)[0])
 
