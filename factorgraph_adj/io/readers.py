@@ -18,11 +18,12 @@ from .gama import read_gama
 from .gnss.dynaml import read_dynaml
 from .gnss.gvx import read_gvx
 from .gnss.sinex import read_sinex
+from .photogrammetry.aicon import read_aicon
+from .photogrammetry.dbat import is_dbat, read_dbat
+from .photogrammetry.metashape import is_metashape_xml, read_metashape
 from .project import Project, load_project
 from .survey.comp3d import read_comp3d
-
-MOST_LOOKED_AT = 65_536
-"""Largest number of bytes at the beginning of a file by which its format is recognised."""
+from .text import beginning
 
 
 class Load(Protocol):
@@ -202,15 +203,6 @@ class NetworkAlone:
         return Project(self.read(path, **options), path)
 
 
-def beginning(path: Path, size: int = MOST_LOOKED_AT) -> bytes:
-    """Return the first bytes of a file, by which its format is recognised; b'' if unreadable."""
-    try:
-        with path.open("rb") as stream:
-            return stream.read(size)
-    except OSError:
-        return b""
-
-
 def has(word: bytes) -> Callable[[Path], bool]:
     """Return a function that tells whether a word stands in the beginning of a file."""
     return lambda path: word in beginning(path)
@@ -242,6 +234,26 @@ READERS = Readers(
             recognises=has(b"<GVX"),
         ),
         Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d)),
+        Reader(
+            "metashape",
+            (".psz", ".psx"),
+            "Metashape or PhotoScan project",
+            NetworkAlone(read_metashape),
+        ),
+        Reader(
+            "metashape-xml",
+            (".xml",),
+            "cameras or markers of Metashape",
+            NetworkAlone(read_metashape),
+            recognises=is_metashape_xml,
+        ),
+        Reader("dbat", (".xml",), "script of DBAT", NetworkAlone(read_dbat), recognises=is_dbat),
+        Reader(
+            "aicon",
+            (".obc", ".phc", ".eor", ".ior"),
+            "AICON 3D Studio",
+            NetworkAlone(read_aicon),
+        ),
     )
 )
 """The formats that can be read."""

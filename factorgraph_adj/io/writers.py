@@ -16,6 +16,7 @@ from .format_options import options_of, refuse_unknown
 from .gnss.write_dynaml import write_dynaml
 from .gnss.write_gvx import write_gvx
 from .gnss.write_sinex import write_sinex
+from .photogrammetry.metashape_write import write_metashape
 from .write_project import write_project
 
 
@@ -109,6 +110,7 @@ WRITERS = Writers(
         Writer("sinex", (".snx", ".SNX"), "SINEX", write_sinex),
         Writer("dynaml", (), "DynaML of DynAdjust", write_dynaml),
         Writer("gvx", (".gvx",), "GNSS Vector Exchange", write_gvx),
+        Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),
     )
 )
 """The formats that can be written."""

@@ -16,6 +16,8 @@ from ...solve.solution import Solution
 from ...types import Array
 from ..atomic import write_files
 
+EARTH = 2.0**23
+"""Metres, a power of two near the radius of the Earth: differences of this size keep all digits."""
 _CODE = re.compile(r"[!-~]{1,4}", re.ASCII)
 _AGENCY = re.compile(r"[A-Z0-9]{3}", re.ASCII)
 
@@ -112,7 +114,7 @@ def _geocentric(frame: Frame, xyz: Array, covariance: Array) -> tuple[Array, Arr
     if not isinstance(frame, TopocentricFrame):
         return xyz, covariance
     zero = frame.to_geocentric(np.zeros((1, 3)))
-    turn = (frame.to_geocentric(np.eye(3)) - zero).T
+    turn = (frame.to_geocentric(EARTH * np.eye(3)) - zero).T / EARTH
     every = np.kron(np.eye(len(xyz)), turn)
     return frame.to_geocentric(xyz), every @ covariance @ every.T
 

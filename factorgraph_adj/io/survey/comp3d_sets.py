@@ -223,7 +223,8 @@ def add_baselines(files: Comp3dFiles, network: Network, line: Line) -> None:
     factor = line.number_at(3, "K", positive=True) if len(line.words) > 3 else 1.0
     height = line.number_at(4, "the height") if len(line.words) > 4 else 0.0
     zero = frame.from_geocentric(np.zeros((1, 3)))
-    turn = (frame.from_geocentric(np.eye(3)) - zero).T
+    # Steps of the size of the Earth, whose differences keep all digits.
+    turn = (frame.from_geocentric(EARTH * np.eye(3)) - zero).T / EARTH
     for row in _rows(files, line, 2):
         if len(row.words) not in (10, 11):
             row.wrong("a row has target, ΔX ΔY ΔZ, σXX σXY σXZ σYY σYZ σZZ, and a height or none")
@@ -253,6 +254,8 @@ def add_baselines(files: Comp3dFiles, network: Network, line: Line) -> None:
 
 # -- equal distances and heights (codes 21, 22) --------------------------------------------------
 
+EARTH = 2.0**23
+"""Metres, a power of two near the radius of the Earth."""
 EQUAL: dict[str, type[Observation]] = {"21": EqualHeightDifference, "22": EqualDistance}
 """Kinds by code."""
 
