@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .io.readers import read
     from .io.solution_file import load_solution
     from .io.survey.comp3d import read_comp3d
+    from .io.survey.lgc2 import read_lgc2
     from .io.write_project import write_project
     from .models.registry import register_lens
     from .models.unknown import UnknownKind
@@ -207,6 +208,7 @@ __all__ = [
     "read_gama",
     "read_gvx",
     "read_metashape",
+    "read_lgc2",
     "read_project",
     "read_sinex",
     "reduce_faces",
@@ -332,6 +334,7 @@ _MODULES = {
     "write_metashape": "io.photogrammetry.metashape_write",
     "read_dbat": "io.photogrammetry.dbat",
     "read_aicon": "io.photogrammetry.aicon",
+    "read_lgc2": "io.survey.lgc2",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",

@@ -79,7 +79,8 @@ class Collected:
             return make(*arguments, **options)
         except InputError as error:
             for p in error.problems:
-                self.add(line, f"{p.where}: {p.what}" if p.where else p.what)
+                where = p.where.removeprefix(self.place(line)).removeprefix(": ")
+                self.add(line, f"{where}: {p.what}" if where else p.what)
             return None
 
     def raise_all(self) -> None:

@@ -23,6 +23,7 @@ from .photogrammetry.dbat import is_dbat, read_dbat
 from .photogrammetry.metashape import is_metashape_xml, read_metashape
 from .project import Project, load_project
 from .survey.comp3d import read_comp3d
+from .survey.lgc2 import read_lgc2
 from .text import beginning
 
 
@@ -234,6 +235,7 @@ READERS = Readers(
             recognises=has(b"<GVX"),
         ),
         Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d)),
+        Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkAlone(read_lgc2)),
         Reader(
             "metashape",
             (".psz", ".psx"),

@@ -122,7 +122,7 @@ def nest(rng: Rng, name: str, content: bytes) -> bytes:
 
 def bomb(rng: Rng, name: str, content: bytes) -> bytes:
     """Put entities that grow in XML; strange quotes elsewhere."""
-    if name.endswith(".gkf"):
+    if name.endswith((".gkf", ".xml", ".gvx")):
         return BOMB
     place = int(rng.integers(len(content) + 1))
     return content[:place] + b'"' + content[place:]
@@ -149,19 +149,22 @@ DAMAGES: tuple[Damage, ...] = (
 """Each as often as it stands here."""
 
 
-def damaged(rng: Rng, files: dict[str, bytes], folder: Path) -> str:
+def damaged(
+    rng: Rng, files: dict[str, bytes], folder: Path, *, damages: tuple[Damage, ...] = DAMAGES
+) -> str:
     """Write files of which one is damaged, once or twice; return what was done.
 
     Args:
         rng: source of chance.
         files: contents by name.
         folder: where they are written.
+        damages: kinds of damage, each as often as it stands there.
     """
     folder.mkdir(parents=True)
     name = str(rng.choice(sorted(n for n in files if files[n])))
     content, done = files[name], []
     for _ in range(1 + int(rng.random() < 0.3)):
-        damage = DAMAGES[int(rng.integers(len(DAMAGES)))]
+        damage = damages[int(rng.integers(len(damages)))]
         content = damage(rng, name, content)
         done.append(damage.__name__)
     for other, data in files.items():
