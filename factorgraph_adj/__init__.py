@@ -23,6 +23,12 @@ if TYPE_CHECKING:
     from .incremental.adjustment import IncrementalAdjustment
     from .io.bal import read_bal
     from .io.gama import read_gama
+    from .io.gnss.dynaml import read_dynaml
+    from .io.gnss.gvx import read_gvx
+    from .io.gnss.sinex import read_sinex
+    from .io.gnss.write_dynaml import write_dynaml
+    from .io.gnss.write_gvx import write_gvx
+    from .io.gnss.write_sinex import write_sinex
     from .io.photogrammetry.aicon import read_aicon
     from .io.photogrammetry.bundler import read_bundler
     from .io.photogrammetry.dbat import read_dbat
@@ -35,6 +41,8 @@ if TYPE_CHECKING:
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
+    from .io.survey.comp3d import read_comp3d
+    from .io.survey.lgc2 import read_lgc2
     from .io.write_project import write_project
     from .models.registry import register_lens
     from .models.unknown import UnknownKind
@@ -200,13 +208,18 @@ __all__ = [
     "read_aicon",
     "read_bal",
     "read_bundler",
+    "read_comp3d",
     "read_dbat",
+    "read_dynaml",
     "read_gama",
+    "read_gvx",
+    "read_lgc2",
     "read_metashape",
     "read_opencv",
     "read_opensfm",
     "read_opf",
     "read_project",
+    "read_sinex",
     "reduce_faces",
     "register_lens",
     "register_observation",
@@ -219,11 +232,14 @@ __all__ = [
     "snoop",
     "wgs84_coordinates",
     "without",
+    "write_dynaml",
+    "write_gvx",
     "write_metashape",
     "write_opencv",
     "write_opf",
     "write_project",
     "write_report",
+    "write_sinex",
 ]
 
 _MODULES = {
@@ -318,6 +334,13 @@ _MODULES = {
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_gama": "io.gama",
+    "read_comp3d": "io.survey.comp3d",
+    "read_dynaml": "io.gnss.dynaml",
+    "read_gvx": "io.gnss.gvx",
+    "read_sinex": "io.gnss.sinex",
+    "write_dynaml": "io.gnss.write_dynaml",
+    "write_gvx": "io.gnss.write_gvx",
+    "write_sinex": "io.gnss.write_sinex",
     "read_metashape": "io.photogrammetry.metashape",
     "write_metashape": "io.photogrammetry.metashape_write",
     "read_dbat": "io.photogrammetry.dbat",
@@ -328,6 +351,7 @@ _MODULES = {
     "read_opencv": "io.photogrammetry.opencv",
     "write_opencv": "io.photogrammetry.opencv",
     "read_bundler": "io.photogrammetry.bundler",
+    "read_lgc2": "io.survey.lgc2",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",

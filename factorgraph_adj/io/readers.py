@@ -15,6 +15,9 @@ from ..network.network import Network
 from .bal import read_bal
 from .format_options import options_of, refuse_unknown
 from .gama import read_gama
+from .gnss.dynaml import read_dynaml
+from .gnss.gvx import read_gvx
+from .gnss.sinex import read_sinex
 from .photogrammetry.aicon import read_aicon
 from .photogrammetry.bundler import is_bundler, read_bundler
 from .photogrammetry.dbat import is_dbat, read_dbat
@@ -23,6 +26,9 @@ from .photogrammetry.opencv import is_opencv, read_opencv
 from .photogrammetry.opensfm import is_opensfm, read_opensfm
 from .photogrammetry.opf import read_opf
 from .project import Project, load_project
+from .survey.comp3d import read_comp3d
+from .survey.lgc2 import read_lgc2
+from .text import beginning
 
 
 class Load(Protocol):
@@ -202,6 +208,11 @@ class NetworkAlone:
         return Project(self.read(path, **options), path)
 
 
+def has(word: bytes) -> Callable[[Path], bool]:
+    """Return a function that tells whether a word stands in the beginning of a file."""
+    return lambda path: word in beginning(path)
+
+
 READERS = Readers(
     (
         Reader("project", (".toml",), "project", load_project, folders=True),
@@ -212,6 +223,23 @@ READERS = Readers(
             "Bundle Adjustment in the Large",
             NetworkAlone(read_bal),
         ),
+        Reader("sinex", (".snx", ".SNX"), "SINEX", NetworkAlone(read_sinex)),
+        Reader(
+            "dynaml",
+            (".xml",),
+            "DynaML of DynAdjust",
+            NetworkAlone(read_dynaml),
+            recognises=has(b"<DnaXmlFormat"),
+        ),
+        Reader(
+            "gvx",
+            (".gvx", ".xml"),
+            "GNSS Vector Exchange",
+            NetworkAlone(read_gvx),
+            recognises=has(b"<GVX"),
+        ),
+        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d)),
+        Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkAlone(read_lgc2)),
         Reader(
             "metashape",
             (".psz", ".psx"),
