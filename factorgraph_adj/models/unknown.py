@@ -7,6 +7,7 @@ given values of R are the rotation vector Log R. Steps of all other components a
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -54,6 +55,8 @@ class Component:
     a coordinate, or a rotation of any size."""
     circular: bool = False
     """Whether it is an angle of the whole circle, which results give in [0, 2π)."""
+    largest_error: float = math.inf
+    """Largest error, SI, that a given value may have; a larger one explains nothing."""
     power: int = 0
     """Power of the time t by which observations multiply it: its unit is one per unit of t to this
     power, which reports say."""

@@ -39,6 +39,10 @@ __all__ = [
 VariableKind: TypeAlias = str
 """Name of a kind of unknowns: a key of `UNKNOWNS`."""
 
+LARGEST_LN = 10.0
+"""Largest error of the logarithm of a scale: a factor of 22 000, more than that of any two units in
+which one measures."""
+
 UNKNOWNS: dict[str, UnknownKind] = {}
 """Registered kinds of unknowns by name, in the order of their columns."""
 
@@ -184,7 +188,10 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "frame",
         "frame",
         "f",
-        (*(replace(c, whole=True) for c in (*_ATTITUDE, *_xyz())), Component("ln_scale")),
+        (
+            *(replace(c, whole=True) for c in (*_ATTITUDE, *_xyz())),
+            Component("ln_scale", largest_error=LARGEST_LN),
+        ),
         rotates=True,
         single_turns=True,
         constants=("origin_x", "origin_y", "origin_z", "level"),
