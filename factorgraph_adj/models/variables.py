@@ -96,13 +96,29 @@ def _xyz(*, start: float = np.nan) -> tuple[Component, ...]:
 
 _ATTITUDE = tuple(Component(f"r{a}", "angle", np.nan) for a in "xyz")
 
+RATES = (
+    "drifts per unit of time need observations at different times: `time` is 0 in those that leave "
+    "it out"
+)
+"""What helps where drifts are not determined."""
+
 _BUILT_IN: Sequence[UnknownKind] = (
     UnknownKind("point", "point", "p", _xyz(), motions=motions.of_points, connects=True),
     UnknownKind(
         "orientation",
         "orientation of set",
         "o",
-        (Component("orientation", "angle", np.nan, column="value", plain=True, circular=True),),
+        (
+            Component(
+                "orientation",
+                "angle",
+                np.nan,
+                column="value",
+                plain=True,
+                circular=True,
+                planned=0.0,
+            ),
+        ),
         motions=motions.of_orientations,
         connects=True,
         table=UnknownTable("orientations", ("station", "set"), key_default="1"),
@@ -189,7 +205,8 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "frame",
         "f",
         (
-            *(replace(c, whole=True) for c in (*_ATTITUDE, *_xyz())),
+            *(replace(c, whole=True) for c in _ATTITUDE),
+            *(replace(c, whole=True, planned=0.0) for c in _xyz()),
             Component("ln_scale", largest_error=LARGEST_LN),
         ),
         rotates=True,
@@ -241,6 +258,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         table=UnknownTable("drifts", held_unless_free=True),
         default=(0.0,) * 9,
         additional=True,
+        remedy=RATES,
     ),
     UnknownKind(
         "attitude_drift",
@@ -256,6 +274,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         table=UnknownTable("attitude_drifts", held_unless_free=True),
         default=(0.0,) * 6,
         additional=True,
+        remedy=RATES,
     ),
     UnknownKind(
         "shutter",
@@ -317,12 +336,13 @@ _BUILT_IN: Sequence[UnknownKind] = (
         default=(0.0,) * 4,
         additional=True,
         instrument=True,
+        remedy=RATES,
     ),
     UnknownKind(
         "gyro",
         "gyrotheodolite",
         "g",
-        (Component("constant", "angle", np.nan, sign="E", column="value"),),
+        (Component("constant", "angle", np.nan, sign="E", column="value", planned=0.0),),
         motions=motions.of_orientations,
         connects=True,
         at_stations=True,
