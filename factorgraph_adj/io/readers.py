@@ -19,6 +19,12 @@ from .photogrammetry.aicon import read_aicon
 from .photogrammetry.dbat import is_dbat, read_dbat
 from .photogrammetry.metashape import is_metashape_xml, read_metashape
 from .project import Project, load_project
+from .survey.columns import read_columns
+from .survey.gsi import read_gsi
+from .survey.jobxml import read_jobxml, recognises_jobxml
+from .survey.landxml import read_landxml, recognises_landxml
+from .survey.sdr33 import read_sdr33
+from .survey.star_net import read_star_net
 
 
 class Load(Protocol):
@@ -228,6 +234,25 @@ READERS = Readers(
             "AICON 3D Studio",
             NetworkAlone(read_aicon),
         ),
+        Reader("star-net", (".dat",), "STAR*NET", NetworkAlone(read_star_net)),
+        Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkAlone(read_gsi)),
+        Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkAlone(read_sdr33)),
+        Reader("jobxml", (".jxl",), "Trimble JobXML", NetworkAlone(read_jobxml)),
+        Reader(
+            "jobxml-xml",
+            (".xml",),
+            "Trimble JobXML",
+            NetworkAlone(read_jobxml),
+            recognises=recognises_jobxml,
+        ),
+        Reader(
+            "landxml",
+            (".xml", ".hexml"),
+            "survey in LandXML or HeXML",
+            NetworkAlone(read_landxml),
+            recognises=recognises_landxml,
+        ),
+        Reader("columns", (".csv",), "table with a mapping", NetworkAlone(read_columns)),
     )
 )
 """The formats that can be read."""

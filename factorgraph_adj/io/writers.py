@@ -14,6 +14,8 @@ from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .format_options import options_of, refuse_unknown
 from .photogrammetry.metashape_write import write_metashape
+from .survey.write_landxml import write_landxml
+from .survey.write_star_net import write_star_net
 from .write_project import write_project
 
 
@@ -105,6 +107,8 @@ WRITERS = Writers(
     (
         Writer("project", (".toml",), "project", write_project),
         Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),
+        Writer("star-net", (".dat",), "STAR*NET", write_star_net),
+        Writer("landxml", (".xml",), "points in LandXML", write_landxml),
     )
 )
 """The formats that can be written."""

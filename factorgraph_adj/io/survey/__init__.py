@@ -1,0 +1,1 @@
+"""Readers and writers of field books and of formats of survey programs."""
