@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeAlias
 
+from ...approximate.rounds import reach
 from ...errors import InputError, Problem
 from ...frames import LocalFrame
 from ...graph.equations import compile_rows
@@ -42,7 +43,8 @@ def write_star_net(network: Network, path: str | Path) -> None:
     Coordinates are metres in the order EN, angles gons, standard errors metres and milligons; the
     file says so (.UNITS, .ORDER, .DELTA, .REFRACTION). Read it in a project of 3D adjustment.
     Points without coordinates have no C line. Standard deviations with ppm or centring are written
-    as they are at the coordinates of the network; an adjusted one is `Solution.as_network`.
+    as they are at the coordinates of the network, given or approximate ones that its observations
+    determine; an adjusted one is `Solution.as_network`.
 
     Args:
         network: the network.
@@ -151,7 +153,7 @@ class _Writer:
     def _sigmas(self) -> dict[str, float]:
         """Return σ by id of observation at the coordinates of the network; NaN where unknown."""
         equations = compile_rows(self.network)
-        state = equations.unknowns.start()
+        state, _ = reach(equations)
         out: dict[str, float] = {}
         for block in equations.blocks:
             if block.prior or block.lens is not None:
