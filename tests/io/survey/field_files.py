@@ -35,7 +35,9 @@ def sights() -> list[Sight]:
             level, slope = math.hypot(*d[:2]), math.hypot(*d)
             hz, v = math.atan2(d[0], d[1]) - ORIENTATION, math.acos(d[2] / slope)
             c = COLLIMATION / math.sin(v)
-            hz, v = (hz - c, v + INDEX) if face == 1 else (hz + c + math.pi, 2 * math.pi - v + INDEX)
+            hz, v = (
+                (hz - c, v + INDEX) if face == 1 else (hz + c + math.pi, 2 * math.pi - v + INDEX)
+            )
             assert level > 0
             out.append(Sight(name, face, hz % (2 * math.pi), v, slope))
     return out
@@ -52,7 +54,9 @@ def gsi(size: int = 16) -> str:
     star = "*" * (size == 16)
     lines = []
     for i, (name, xyz) in enumerate(KNOWN.items(), start=1):
-        words = "".join(word(w, "...0", 1e3 * v) for w, v in zip(("81", "82", "83"), xyz, strict=True))
+        words = "".join(
+            word(w, "...0", 1e3 * v) for w, v in zip(("81", "82", "83"), xyz, strict=True)
+        )
         lines.append(f"{star}{word('11', f'{i:04d}', name)}{words}")
     lines.append(f"{star}{word('11', '0009', 'S')}{word('88', '...0', 1e3 * HEIGHT)}")
     for i, s in enumerate(sights(), start=10):
@@ -117,7 +121,9 @@ def jobxml(constant: float = -0.035, ppm: float = 12.0) -> str:
         "<Face>Face1</Face></Circle><StationID>s1</StationID></PointRecord>"
     )
     body = "\n".join(records)
-    return f'<?xml version="1.0"?>\n<JOBFile version="5.6"><FieldBook>\n{body}\n</FieldBook></JOBFile>'
+    return (
+        f'<?xml version="1.0"?>\n<JOBFile version="5.6"><FieldBook>\n{body}\n</FieldBook></JOBFile>'
+    )
 
 
 def landxml(*, hexml: bool = False) -> str:

@@ -143,7 +143,9 @@ def test_convert_writes_a_field_book_as_a_project_and_for_star_net(tmp_path, cap
         assert "4 points" in capsys.readouterr().out
     a = fga.adjust(fga.read_gsi(path, fixed="A,B,C"))
     b = fga.adjust(fga.read(tmp_path / "project"))
-    c = fga.adjust(fga.read(tmp_path / "book.dat", options={"adjustment": "3D", "linear": "Meters"}))
+    c = fga.adjust(
+        fga.read(tmp_path / "book.dat", options={"adjustment": "3D", "linear": "Meters"})
+    )
     assert np.array_equal(a.point("S"), b.point("S"))
     assert np.max(np.abs(a.point("S") - c.point("S"))) < 1e-6
 
