@@ -62,7 +62,8 @@ class FieldBook:
         self.accuracies = accuracies
         self.points: dict[str, tuple[float, float, float]] = {}
         self.said: dict[str, int] = {}
-        self.only_levelled: set[str] = set()
+        self.levelled_points: set[str] = set()
+        self.sighted: set[str] = set()
         self.current: SetUp | None = None
         self.setups: dict[str, int] = defaultdict(int)
         self.readings: dict[tuple[str, str], list[tuple[int, FaceReading, Stated]]] = {}
@@ -136,6 +137,7 @@ class FieldBook:
         if at is None or not target:
             return
         self.point(line, target)
+        self.sighted |= {at.station, target}
         if face is None:
             face = 2 if zenith is not None and zenith > math.pi else 1
         place = self.notes.place(line)
@@ -180,8 +182,7 @@ class FieldBook:
     def levelled(self, line: int, back: str, fore: str, value: float, length: float) -> None:
         """Note a levelled height difference, metres, of a line of some length, metres."""
         for name in (back, fore):
-            if name not in self.points:
-                self.only_levelled.add(name)
+            self.levelled_points.add(name)
             self.point(line, name)
         known_length = length if length > 0 else None
         sigma = self.accuracies.levelling()
@@ -221,7 +222,7 @@ class FieldBook:
                 self.notes.add(1, f"fixed: the file has no coordinates of point {name!r}")
         self.notes.raise_problems()
         network = Network(self.path.stem, frame=LocalFrame(), datum="given" if held else "free")
-        self._add_points(network, held, any(r is not None and r.observations for r in reduced))
+        self._add_points(network, held)
         if self.accuracies.refraction is not None and reduced:
             # Heights follow the curved Earth while the frame is flat: κ = k − 1 does both.
             network.set_refraction(value=self.accuracies.refraction - 1.0, fixed=True)
@@ -231,13 +232,14 @@ class FieldBook:
                 r.add_to(network)
         return network
 
-    def _add_points(self, network: Network, held: tuple[str, ...], in_space: bool) -> None:
-        """Add the points; those of a levelling network are held in plan."""
+    def _add_points(self, network: Network, held: tuple[str, ...]) -> None:
+        """Add the points; those that were only levelled are held in plan."""
+        only_levelled = self.levelled_points - self.sighted
         for name, (e, n, u) in self.points.items():
             fixed = "".join(
                 a for a, v in zip("xyz", (e, n, u), strict=True) if name in held and v == v
             )
-            if not in_space and name in self.only_levelled:
+            if name in only_levelled:
                 e, n = (0.0 if math.isnan(v) else v for v in (e, n))
                 fixed = "xy" + fixed.strip("xy")
             network.add_point(name, (e, n, u), fixed=fixed)
