@@ -237,10 +237,9 @@ READERS = Readers(
         Reader("star-net", (".dat",), "STAR*NET", NetworkAlone(read_star_net)),
         Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkAlone(read_gsi)),
         Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkAlone(read_sdr33)),
-        Reader("jobxml", (".jxl",), "Trimble JobXML", NetworkAlone(read_jobxml)),
         Reader(
-            "jobxml-xml",
-            (".xml",),
+            "jobxml",
+            (".jxl", ".xml"),
             "Trimble JobXML",
             NetworkAlone(read_jobxml),
             recognises=recognises_jobxml,

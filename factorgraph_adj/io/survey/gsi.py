@@ -62,8 +62,9 @@ def read_gsi(
     87 (height of the target); a distance of 0 was not measured. 32 (horizontal distance) counts
     without 31. Corrections of the distance (51, 58, 59) are in it already, 33 and the coordinates
     81-83 of a sighted point follow from the readings; the latter serve as approximate coordinates.
-    Face 2 is told by a zenith reading beyond 200 gon. Readings in two faces are reduced by
-    `factorgraph_adj.reduce_faces`; a target that is read again begins another round, a set of
+    Zeros that fill a name from the left are not part of it. Face 2 is told by a zenith reading
+    beyond 200 gon; a direction without one counts as of face 1. Readings in two faces are reduced
+    by `factorgraph_adj.reduce_faces`; a target that is read again begins another round, a set of
     directions of its own.
 
     Of levels, 331 and 335 are readings of the backsight, 332 and 336 of the foresight, 333

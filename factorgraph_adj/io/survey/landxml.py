@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Literal
 
@@ -62,7 +62,8 @@ def read_landxml(
     horizDistance, targetHeight, directFace and its ``<TargetPoint>``, within its set-up or in an
     ``<ObservationGroup>`` that names one. A target is named by ``name``, ``pntRef`` or ``desc``.
     Coordinates are approximate ones, held where ``fixed`` names the point; distances are corrected
-    already. What is marked ``status="deleted"`` is left out.
+    already. The circle reading of a ``<Backsight>`` counts as a direction where no raw observation
+    of its set-up has the same target. What is marked ``status="deleted"`` is left out.
 
     Features, the elements that HeXML adds (``<HexagonLandXML>``: codes, classes and qualities of
     the same points and observations), and everything outside ``<Survey>`` and ``<CgPoints>``, such
@@ -110,6 +111,8 @@ class _Reader:
         self.east_first = east_first
         self.length, self.angle = 1.0, "radians"
         self.setups: dict[str, Element] = {}
+        self.backsights: dict[str, list[Element]] = {}
+        self.raw: set[tuple[str, str]] = set()
         self.current: str | None = None
 
     def read(self, root: Element) -> None:
@@ -125,8 +128,11 @@ class _Reader:
                 self.book.notes.add(e.line, f"<{e.tag}> is not read: {NOT_READ[e.tag]}")
             elif e.tag in STATIONS and not _deleted(e):
                 self._setup(e)
-        for survey in (e for e in elements if e.tag == "Survey"):
-            self._survey(survey)
+        surveys = [e for e in elements if e.tag == "Survey"]
+        found = [(o, setup) for survey in surveys for o, setup in self._observations(survey)]
+        self.raw = {(setup, self._target(o)) for o, setup in found}
+        for o, setup in found:
+            self._observation(o, setup)
 
     # -- units --------------------------------------------------------------------------------
 
@@ -200,7 +206,8 @@ class _Reader:
 
     # -- observations ---------------------------------------------------------------------------
 
-    def _survey(self, survey: Element) -> None:
+    def _observations(self, survey: Element) -> Iterator[tuple[Element, str]]:
+        """Iterate over raw observations with their set-ups; keep backsights."""
         for e in survey.children:
             group = e.attributes.get("setupID", "")
             if e.tag == "InstrumentSetup":
@@ -213,7 +220,24 @@ class _Reader:
                         o.line, "<ReducedObservation> is not read: give the raw one"
                     )
                 elif o.tag == "RawObservation" and not _deleted(o):
-                    self._observation(o, o.attributes.get("setupID") or group)
+                    yield o, o.attributes.get("setupID") or group
+                elif o.tag == "Backsight" and not _deleted(o):
+                    setup = o.attributes.get("setupID") or group
+                    self.backsights.setdefault(setup, []).append(o)
+
+    def _target(self, o: Element) -> str:
+        """Return the name of the target of an observation or a backsight; '' where it has none."""
+        for target in (e for e in o.children if e.tag in ("TargetPoint", "BacksightPoint")):
+            for key in ("name", "pntRef", "desc"):
+                if target.attributes.get(key):
+                    return target.attributes[key].strip()
+        return ""
+
+    def _backsight(self, e: Element, setup: str) -> None:
+        """Note the circle reading of a backsight that no raw observation repeats."""
+        name = self._target(e)
+        if name and (setup, name) not in self.raw and e.attributes.get("circle"):
+            self.book.sight(e.line, name, direction=self._angle(e, "circle"), face=1)
 
     def _observation(self, o: Element, setup: str) -> None:
         notes = self.book.notes
@@ -229,10 +253,10 @@ class _Reader:
             if not station:
                 return
             self.book.begin(at.line, station, height or 0.0)
+            for e in self.backsights.pop(setup, []):
+                self._backsight(e, setup)
         target = first(o, "TargetPoint")
-        given = {} if target is None else target.attributes
-        name = next((given[k] for k in ("name", "pntRef", "desc") if given.get(k)), "")
-        name = notes.name(o.line, name, "name of the <TargetPoint>")
+        name = notes.name(o.line, self._target(o), "name of the <TargetPoint>")
         if target is not None:
             self._coordinates(target, name)
         face = o.attributes.get("directFace", "").lower()

@@ -74,8 +74,8 @@ def read_star_net(
     fixed (``!``: 0.01″ or 0.01 mm) and free (``*``: 10⁴ times the default) standard errors, ``?``
     for what was not measured, heights of instrument and target, and the inline options .2D, .3D,
     .UNITS, .ORDER, .DELTA, .REFRACTION, .SEPARATOR, .MULTIPLIER, .ADDCENTERING, .LWEIGHT and .DATA;
-    .LOSTSTATIONS, .PTOLERANCE, .ELLIPSE, .RELATIVE, .TRAVERSE, .LISTING and .TITLE concern what
-    STAR*NET prints and change nothing; other options and data types are refused by name. Lines
+    .LOSTSTATIONS, .PTOLERANCE, .ELLIPSE and .RELATIVE concern what STAR*NET prints and change
+    nothing; other options and data types are refused by name. Lines
     between .DATA OFF and .DATA ON, comments (#) and descriptors (') are not read.
 
     Units, orders and default standard errors are in the project file of STAR*NET, not here: the

@@ -261,7 +261,7 @@ APPLIED = (
     "LWEIGHT",
 )
 """Inline options that change what is read."""
-HARMLESS = ("LOSTSTATIONS", "PTOLERANCE", "ELLIPSE", "RELATIVE", "TRAVERSE", "LISTING", "TITLE")
+HARMLESS = ("LOSTSTATIONS", "PTOLERANCE", "ELLIPSE", "RELATIVE")
 """Inline options that change only what STAR*NET prints."""
 REFUSED = {
     "INCLUDE": "put the lines of the other file here",
@@ -271,16 +271,11 @@ REFUSED = {
     "ELEVATION": "ellipsoidal heights need a geoid",
     "ELLIPSOID": "positions on the ellipsoid are not read",
     "MAPMODE": "bearings in traverse lines are not read; use B and D lines",
-    "CURVE": "curves are not read",
-    "AREA": "areas are not read",
     "INSTRUMENT": "the library of instruments is in the project file; state standard errors",
     "ALIAS": "aliases of names are not read; rename the points",
     "COPY": "copies of points are not read; rename the points",
     "GPS": "GPS vectors are geocentric; give them to a reader of GNSS vectors",
     "LONGITUDE": "positions by latitude and longitude are not read",
-    "EDM": "instruments are not chosen by line; state standard errors",
-    "PRISM": "prism constants are not applied; correct the distances",
-    "VRESIDUAL": "robust settings are not read",
 }
 """Inline options that are not built, and why."""
 

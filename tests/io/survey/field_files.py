@@ -93,8 +93,8 @@ def jobxml(constant: float = -0.035, ppm: float = 12.0) -> str:
     """Return the survey as JobXML: raw distances, without prism constant and ppm."""
     deg = 180.0 / math.pi
     records = [
-        '<StationRecord ID="s1"><StationName>S</StationName><TheodoliteHeight>1.5</TheodoliteHeight>'
-        "<AtmosphereID>a1</AtmosphereID></StationRecord>",
+        '<StationRecord ID="s1"><StationName>S</StationName>'
+        "<TheodoliteHeight>1.5</TheodoliteHeight><AtmosphereID>a1</AtmosphereID></StationRecord>",
         f'<AtmosphereRecord ID="a1"><PPM>{ppm}</PPM>'
         "<ApplyPPMToRawDistances>true</ApplyPPMToRawDistances></AtmosphereRecord>",
         f'<TargetRecord ID="t1"><TargetHeight>{TARGET}</TargetHeight>'

@@ -150,7 +150,7 @@ def test_convert_writes_a_field_book_as_a_project_and_for_star_net(tmp_path, cap
     assert np.max(np.abs(a.point("S") - c.point("S"))) < 1e-6
 
 
-# -- damaged files ----------------------------------------------------------------------------------
+# -- damaged files --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -24,7 +24,7 @@ def problems(path, read, text: str, **options) -> list[str]:
     return [str(p) for p in caught.value.problems]
 
 
-# -- real surveys -------------------------------------------------------------------------------------
+# -- real surveys ---------------------------------------------------------------------------------
 
 
 def test_a_real_network_in_gsi_16_adjusts_as_its_instrument_promises():
@@ -113,7 +113,7 @@ def test_a_real_sdr33_of_coordinates():
     assert network.points["00000031"].coordinates == (937.274, 509.97, 20.053)  # north first
 
 
-# -- GSI ----------------------------------------------------------------------------------------------
+# -- GSI ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -195,7 +195,7 @@ def test_a_line_of_levels_there_and_back(tmp_path):
     assert "levels.gsi:3: the line ends with a backsight alone" in found
 
 
-# -- SDR33 --------------------------------------------------------------------------------------------
+# -- SDR33 ----------------------------------------------------------------------------------------
 
 
 def test_sdr2x_has_shorter_fields(tmp_path):
@@ -258,7 +258,7 @@ def test_vertical_readings_from_the_horizon(tmp_path):
         assert math.isclose(x.value, y.value, rel_tol=1e-7)
 
 
-# -- JobXML -------------------------------------------------------------------------------------------
+# -- JobXML ---------------------------------------------------------------------------------------
 
 
 def test_prism_constant_and_ppm_of_jobxml_are_applied_once(tmp_path):
@@ -302,7 +302,7 @@ def test_jobxml_is_told_from_landxml_by_its_content(tmp_path):
         assert len(fga.read(tmp_path / name).observations) == 9
 
 
-# -- LandXML ------------------------------------------------------------------------------------------
+# -- LandXML --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -357,7 +357,7 @@ def test_points_are_written_as_landxml_and_read_again(tmp_path):
     }
 
 
-# -- tables -------------------------------------------------------------------------------------------
+# -- tables ---------------------------------------------------------------------------------------
 
 
 def test_a_mapping_may_stand_in_a_toml_file_and_in_the_command(tmp_path):
@@ -372,8 +372,8 @@ def test_a_mapping_may_stand_in_a_toml_file_and_in_the_command(tmp_path):
 
 def test_observations_of_any_kind_by_columns(tmp_path):
     path = tmp_path / "list.csv"
-    path.write_text("From,To,Type,Obs,SD mm\nA,B,slope_distance,100.0,2\nA,C,height_difference,1.5,3\n",
-                    encoding="utf-8")  # fmt: skip
+    rows = "From,To,Type,Obs,SD mm\nA,B,slope_distance,100.0,2\nA,C,height_difference,1.5,3\n"
+    path.write_text(rows, encoding="utf-8")
     mapping = {
         "observations": {"station": "From", "target": "To", "kind": "Type", "value": "Obs",
                          "sigma_mm": "SD mm"},
@@ -419,6 +419,21 @@ def test_mistakes_in_mapping_and_table_are_told_with_their_place(tmp_path):
         fga.read(path, mapping={})
     text = columns()["book.csv"].encode("utf-8").replace(b"x", b"\xe4")
     path.write_bytes(text)
-    with pytest.raises(InputError, match="book.csv:2: is not utf-8-sig text: state encoding"):
+    with pytest.raises(InputError, match=r"book.csv:2: is not utf-8-sig text: state encoding"):
         fga.read(path, mapping=MAPPING)
     assert len(fga.read(path, mapping={**MAPPING, "encoding": "cp1252"}).observations) == 9
+
+
+def test_the_circle_of_a_backsight_counts_where_no_raw_observation_repeats_it(tmp_path):
+    body = landxml()
+    back = '<Backsight id="b" setupID="s1" circle="12.5"><BacksightPoint name="{}"/></Backsight>'
+    kinds = {}
+    for name in ("A", "D"):
+        path = tmp_path / f"{name}.xml"
+        path.write_text(body.replace("<Survey>", "<Survey>" + back.format(name)), encoding="utf-8")
+        found = [o for o in fga.read(path).observations.values() if o.target == name]
+        kinds[name] = [(o.kind, o.set if isinstance(o, Direction) else "") for o in found]
+        if name == "D":
+            assert math.isclose(found[0].value, 12.5 * GON, rel_tol=1e-3)
+    assert [k for k, _ in kinds["A"]] == ["direction", "zenith_angle", "slope_distance"]
+    assert kinds["D"] == [("direction", "1")]

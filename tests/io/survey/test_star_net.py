@@ -142,7 +142,7 @@ def problems(tmp_path, text: str, **changes: Any) -> list[str]:
     return [str(p) for p in caught.value.problems]
 
 
-# -- examples of the manual ---------------------------------------------------------------------------
+# -- examples of the manual -----------------------------------------------------------------------
 
 
 def test_the_2d_traverses_of_the_tour_fit_and_hold_their_bearing(tmp_path):
@@ -210,7 +210,7 @@ def test_a_traverse_from_a_fixed_bearing_is_read_as_the_manual_draws_it(tmp_path
     assert (last.station, last.target, last.target2) == ("5", "9", "4")
 
 
-# -- data types by hand --------------------------------------------------------------------------------
+# -- data types by hand ---------------------------------------------------------------------------
 
 
 def test_an_angle_with_its_own_standard_error(tmp_path):
@@ -303,7 +303,7 @@ def test_a_set_of_directions_has_its_own_orientation(tmp_path):
 
 
 def test_a_3d_line_in_a_2d_project_is_reduced(tmp_path):
-    angle, distance = only(tmp_path, ".3D\nM 2-1-3 12-34-13 100.0 60-00-00", adjustment="2D")
+    _, distance = only(tmp_path, ".3D\nM 2-1-3 12-34-13 100.0 60-00-00", adjustment="2D")
     assert isinstance(distance, HorizontalDistance)
     assert math.isclose(distance.value, 100 * FOOT * math.sin(math.radians(60)))
 
@@ -353,7 +353,7 @@ def test_refraction_is_that_of_star_net(tmp_path):
     assert [o.refraction for o in network.observations.values()] == [None, "0.1"]
 
 
-# -- what is refused ------------------------------------------------------------------------------------
+# -- what is refused ------------------------------------------------------------------------------
 
 
 def test_settings_that_nothing_states_are_demanded_by_name(tmp_path):
@@ -376,7 +376,7 @@ def test_settings_may_stand_in_a_toml_file(tmp_path):
     (tmp_path / "job.dat").write_text(TRAVERSE_3D, encoding="utf-8")
     network = fga.read(tmp_path / "job.dat", options=str(tmp_path / "job.toml"))
     assert len(network.observations) == 19
-    with pytest.raises(InputError, match="unknown setting 'angel'; valid: .*did you mean 'angle'"):
+    with pytest.raises(InputError, match=r"unknown setting 'angel'; valid: .*did you mean 'angle'"):
         fga.read_star_net(tmp_path / "job.dat", options={"angel": 4})
     with pytest.raises(InputError, match="linear must be one of Meters, FeetUS, FeetInt"):
         fga.read_star_net(tmp_path / "job.dat", options={"linear": "yards"})
@@ -422,7 +422,7 @@ def test_every_problem_of_a_file_is_told_at_once(tmp_path):
     ]
 
 
-# -- writing --------------------------------------------------------------------------------------------
+# -- writing --------------------------------------------------------------------------------------
 
 
 def total_station() -> fga.Network:
@@ -516,7 +516,7 @@ def test_what_star_net_cannot_hold_is_refused_all_at_once_and_nothing_is_written
     assert not (tmp_path / "no.dat").exists()
 
 
-# -- damage ---------------------------------------------------------------------------------------------
+# -- damage ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("text", [TRAVERSE_3D, LEVELS, LOOPS])
