@@ -41,8 +41,17 @@ if TYPE_CHECKING:
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
+    from .io.survey.columns import read_columns
     from .io.survey.comp3d import read_comp3d
+    from .io.survey.gsi import read_gsi
+    from .io.survey.jobxml import read_jobxml
+    from .io.survey.landxml import read_landxml
     from .io.survey.lgc2 import read_lgc2
+    from .io.survey.sdr33 import read_sdr33
+    from .io.survey.star_net import read_star_net
+    from .io.survey.star_net_options import StarNetOptions
+    from .io.survey.write_landxml import write_landxml
+    from .io.survey.write_star_net import write_star_net
     from .io.write_project import write_project
     from .models.registry import register_lens
     from .models.unknown import UnknownKind
@@ -174,6 +183,7 @@ __all__ = [
     "SlopeDistance",
     "Solution",
     "StandardDeviation",
+    "StarNetOptions",
     "StripCoordinate",
     "TopocentricFrame",
     "UnknownKind",
@@ -208,18 +218,24 @@ __all__ = [
     "read_aicon",
     "read_bal",
     "read_bundler",
+    "read_columns",
     "read_comp3d",
     "read_dbat",
     "read_dynaml",
     "read_gama",
+    "read_gsi",
     "read_gvx",
+    "read_jobxml",
+    "read_landxml",
     "read_lgc2",
     "read_metashape",
     "read_opencv",
     "read_opensfm",
     "read_opf",
     "read_project",
+    "read_sdr33",
     "read_sinex",
+    "read_star_net",
     "reduce_faces",
     "register_lens",
     "register_observation",
@@ -234,12 +250,14 @@ __all__ = [
     "without",
     "write_dynaml",
     "write_gvx",
+    "write_landxml",
     "write_metashape",
     "write_opencv",
     "write_opf",
     "write_project",
     "write_report",
     "write_sinex",
+    "write_star_net",
 ]
 
 _MODULES = {
@@ -365,6 +383,15 @@ _MODULES = {
     "snoop": "quality.snooping",
     "wgs84_coordinates": "solve.grid",
     "without": "network.selection",
+    "StarNetOptions": "io.survey.star_net_options",
+    "read_columns": "io.survey.columns",
+    "read_gsi": "io.survey.gsi",
+    "read_jobxml": "io.survey.jobxml",
+    "read_landxml": "io.survey.landxml",
+    "read_sdr33": "io.survey.sdr33",
+    "read_star_net": "io.survey.star_net",
+    "write_landxml": "io.survey.write_landxml",
+    "write_star_net": "io.survey.write_star_net",
     "write_project": "io.write_project",
 }
 """Module of each public name; type checkers read the imports above."""

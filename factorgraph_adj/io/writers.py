@@ -19,6 +19,8 @@ from .gnss.write_sinex import write_sinex
 from .photogrammetry.metashape_write import write_metashape
 from .photogrammetry.opencv import write_opencv
 from .photogrammetry.opf_write import write_opf
+from .survey.write_landxml import write_landxml
+from .survey.write_star_net import write_star_net
 from .write_project import write_project
 
 
@@ -115,6 +117,8 @@ WRITERS = Writers(
         Writer("dynaml", (), "DynaML of DynAdjust", write_dynaml),
         Writer("gvx", (".gvx",), "GNSS Vector Exchange", write_gvx),
         Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),
+        Writer("star-net", (".dat",), "STAR*NET", write_star_net),
+        Writer("landxml", (".xml",), "points in LandXML", write_landxml),
     )
 )
 """The formats that can be written."""
