@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from .incremental.adjustment import IncrementalAdjustment
     from .io.bal import read_bal
     from .io.gama import read_gama
+    from .io.photogrammetry.colmap import read_colmap
+    from .io.photogrammetry.colmap_write import write_colmap
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
@@ -175,6 +177,7 @@ __all__ = [
     "protocol",
     "read",
     "read_bal",
+    "read_colmap",
     "read_gama",
     "read_project",
     "reduce_faces",
@@ -188,6 +191,7 @@ __all__ = [
     "significance",
     "snoop",
     "without",
+    "write_colmap",
     "write_project",
 ]
 
@@ -274,6 +278,7 @@ _MODULES = {
     "protocol": "report.text",
     "read": "io.readers",
     "read_bal": "io.bal",
+    "read_colmap": "io.photogrammetry.colmap",
     "read_gama": "io.gama",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
@@ -287,6 +292,7 @@ _MODULES = {
     "significance": "quality.systematic",
     "snoop": "quality.snooping",
     "without": "network.selection",
+    "write_colmap": "io.photogrammetry.colmap_write",
     "write_project": "io.write_project",
 }
 """Module of each public name; type checkers read the imports above."""

@@ -15,6 +15,7 @@ from ..network.network import Network
 from .bal import read_bal
 from .format_options import options_of, refuse_unknown
 from .gama import read_gama
+from .photogrammetry.colmap import is_colmap, read_colmap
 from .project import Project, load_project
 
 MOST_LOOKED_AT = 65_536
@@ -216,6 +217,9 @@ READERS = Readers(
             (".txt", ".txt.bz2", ".txt.gz"),
             "Bundle Adjustment in the Large",
             NetworkAlone(read_bal),
+        ),
+        Reader(
+            "colmap", (), "COLMAP", NetworkAlone(read_colmap), folders=True, recognises=is_colmap
         ),
     )
 )
