@@ -33,7 +33,9 @@ def elsewhere(x: Array) -> Array:
     return np.asarray(SCALE * np.atleast_2d(x) @ TURN.T + ORIGIN)
 
 
-def control_table(path: Path, rows: dict[str, Array], more: str = "fixed", value: str = "xyz") -> Path:
+def control_table(
+    path: Path, rows: dict[str, Array], more: str = "fixed", value: str = "xyz"
+) -> Path:
     lines = [f"name,x,y,z,{more}"]
     lines += [",".join([n, *map(repr, x.tolist()), value]) for n, x in rows.items()]
     path.write_text("\n".join(lines) + "\n")
@@ -196,9 +198,7 @@ def test_text_and_binary_files_are_those_of_pycolmap(tmp_path: Path) -> None:
         assert data == (binary / name).read_bytes()
     for name, lines in text_files(read_sparse_model(text)).items():
         expected = (text / name).read_text().split("\n")
-        rows = [
-            [_value(w) for w in line.split()] for line in expected if not line.startswith("#")
-        ]
+        rows = [[_value(w) for w in line.split()] for line in expected if not line.startswith("#")]
         ours = [[_value(w) for w in line.split()] for line in lines.split("\n") if line[:1] != "#"]
         assert ours == rows
 

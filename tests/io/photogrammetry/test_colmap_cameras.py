@@ -93,4 +93,4 @@ def test_brown_forward_is_written_as_normalised_lens() -> None:
 
 def test_lens_without_counterpart_has_no_model() -> None:
     assert smallest(RationalLens, {"b2"}) is None
-    assert [m.name for m in candidates(Lens)][0] == "SIMPLE_PINHOLE"
+    assert next(m.name for m in candidates(Lens)) == "SIMPLE_PINHOLE"
