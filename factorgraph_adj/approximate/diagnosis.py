@@ -25,7 +25,8 @@ NOTHING_KNOWN = (
 )
 ONLY_IMAGES = (
     "nothing to start from: image measurements alone do not start a free network; give the "
-    "orientation of two photos or the coordinates of four points, in any frame"
+    "orientation of two photos or the coordinates of four points, in any frame, or the start of "
+    "fga.orient(network)"
 )
 
 

@@ -14,6 +14,7 @@ from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .format_options import options_of, refuse_unknown
 from .photogrammetry.colmap_write import write_colmap
+from .photogrammetry.metashape_write import write_metashape
 from .write_project import write_project
 
 
@@ -105,6 +106,7 @@ WRITERS = Writers(
     (
         Writer("project", (".toml",), "project", write_project),
         Writer("colmap", (), "COLMAP", write_colmap),
+        Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),
     )
 )
 """The formats that can be written."""

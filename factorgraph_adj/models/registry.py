@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..errors import InputError, Problem
+from .affine_normalised import AffineNormalisedLens
 from .lens import (
     AffineLens,
     BalancedLens,
@@ -55,6 +56,7 @@ for _lens in (
     BrownLens,
     BrownForwardLens,
     NormalisedLens,
+    AffineNormalisedLens,
     BalancedLens,
     AffineLens,
     EbnerLens,

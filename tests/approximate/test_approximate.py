@@ -39,7 +39,7 @@ from factorgraph_adj.simulation.simulate import look_at, measure
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import ARCSEC, GON
-from tests.loaders import aicon, dbat
+from tests.networks import aicon, dbat
 from tests.networks.photo_block import block
 from tests.support.places import data_dir
 

@@ -155,7 +155,7 @@ def _camera(camera: Camera, number: int, given: Iterable[float]) -> _Camera | Pr
     left, top = corner[0][0], corner[1][1]
     kind, normal = in_normalised_units(camera.lens, values)
     free = {n for n, f in zip(camera.lens.names, camera.fixed, strict=True) if not f}
-    used = {n for n in camera.lens.names[3:] if n in free or normal[n] != 0.0}
+    used = {n for n in normal if n not in ("c", "x0", "y0") and (n in free or normal[n] != 0.0)}
     if kind.kind == "eucm" and "beta" not in used:
         used.add("beta")
     model: CameraModel | None = smallest(kind, used)
