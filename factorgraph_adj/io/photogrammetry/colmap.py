@@ -19,7 +19,16 @@ from ...rotation import TURN_ABOUT_X, log_rotation
 from ...types import Array
 from .colmap_binary import read_binary_model
 from .colmap_cameras import BY_NAME
-from .colmap_model import NO_POINT, FrameRecord, ImageRecord, Pose, RigRecord, SparseModel, check
+from .colmap_model import (
+    NO_POINT,
+    CameraRecord,
+    FrameRecord,
+    ImageRecord,
+    Pose,
+    RigRecord,
+    SparseModel,
+    check,
+)
 from .colmap_tables import Mark, Prior, control_points, marks, priors, scales
 from .colmap_text import read_text_model
 from .similarity import NOTHING, Similarity, fitted
@@ -243,7 +252,7 @@ class _Assembly:
         for point in tables.control.values():
             self._control(network, point)
         for camera in model.cameras:
-            self._camera(network, camera.number)
+            self._camera(network, camera)
         left = self._photos(network, moved)
         out = self._measurements(network, number_of)
         for mark in tables.marks:
@@ -329,15 +338,14 @@ class _Assembly:
 
     # -- cameras and photos -------------------------------------------------------------------
 
-    def _camera(self, network: Network, number: int) -> None:
-        camera = next(c for c in self.model.cameras if c.number == number)
+    def _camera(self, network: Network, camera: CameraRecord) -> None:
         model = BY_NAME[camera.model]
         assert model.lens is not None
         unknown = {"held": (), "colmap": model.unknowns}.get(self.calibration)
         if unknown is None:
             unknown = (*model.unknowns, *(("x0", "y0") if model.unknowns else ()))
         network.add_camera(
-            str(number),
+            str(camera.number),
             model.lens,
             model.to_lens(camera.parameters),
             free=unknown,
