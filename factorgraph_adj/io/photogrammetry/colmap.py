@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -29,7 +29,7 @@ from .colmap_model import (
     SparseModel,
     check,
 )
-from .colmap_tables import Mark, Prior, control_points, marks, priors, scales
+from .colmap_tables import Mark, Tables, Unregistered, scales
 from .colmap_text import read_text_model
 from .similarity import NOTHING, Similarity, fitted
 
@@ -39,8 +39,6 @@ Mounts = Literal["free", "held"]
 """Whether the mounts of the cameras of rigs are unknown."""
 Repeated = Literal["refuse", "leave out"]
 """What to do with several measurements of a point in one image."""
-Unregistered = Literal["refuse", "leave out"]
-"""What to do with rows of tables that name images which the model does not have."""
 ANGLES, ARM = ("rx", "ry", "rz"), ("x", "y", "z")
 TABLES = ("cameras", "images", "points3D")
 
@@ -135,7 +133,7 @@ def read_colmap(
         raise InputError(f"sigma must be greater than zero, pixels, not {sigma!r}")
     folder = Path(path)
     model = read_sparse_model(folder)
-    tables = _Tables.read(control, marks, priors, model, unregistered)
+    tables = Tables.read(control, marks, priors, model, unregistered)
     by_scale = None
     if sigma_by_scale is not None:
         wanted = {i.name: len(i.points) for i in model.images if (i.points != NO_POINT).any()}
@@ -157,83 +155,11 @@ def _choices(**given: tuple[str, object]) -> None:
 
 
 @dataclass(frozen=True)
-class _Tables:
-    """Tables beside the model."""
-
-    control: Mapping[str, Point] = field(default_factory=dict)
-    marks: Sequence[Mark] = ()
-    priors: Sequence[Prior] = ()
-
-    @classmethod
-    def read(
-        cls,
-        control: str | Path | None,
-        marks_: str | Path | None,
-        priors_: str | Path | None,
-        model: SparseModel,
-        unregistered: Unregistered,
-    ) -> _Tables:
-        problems: list[Problem] = []
-        points, where = control_points(Path(control), problems) if control is not None else ({}, {})
-        measured = marks(Path(marks_), problems) if marks_ is not None else []
-        positions = priors(Path(priors_), problems) if priors_ is not None else []
-        seen = {i.name: bool((i.points != NO_POINT).any()) for i in model.images}
-        measured_photos = {m.photo for m in measured}
-        present = {n for n, has in seen.items() if has or n in measured_photos}
-        if unregistered == "refuse":
-            hint = '; unregistered="leave out" leaves such rows out'
-            rows = [(m.photo, m.where) for m in measured]
-            rows += [(p.photo, p.where) for p in positions]
-            problems += [
-                Problem(f"unknown image {photo!r}; images: {_names(seen, photo)}{hint}", at)
-                for photo, at in rows
-                if photo not in present
-            ]
-        measured = [m for m in measured if m.photo in present]
-        positions = [p for p in positions if p.photo in present]
-        taken = {str(p.number) for p in model.points}
-        problems += [
-            Problem(f"unknown control point {m.point!r}; known: {_names(points, m.point)}", m.where)
-            for m in measured
-            if m.point not in points and m.point not in taken
-        ]
-        marked = {m.point for m in measured}
-        problems += [
-            Problem(
-                f"control point {name!r} is measured in no image and is not the number of a 3-D "
-                "point: give its image coordinates as marks",
-                where[name],
-            )
-            for name in points
-            if name not in marked and name not in taken
-        ]
-        for what, keys in (
-            ("mark", [(m.photo, m.point, m.where) for m in measured]),
-            ("position", [(p.photo, "", p.where) for p in positions]),
-        ):
-            first: dict[tuple[str, str], str] = {}
-            for photo, point, at in keys:
-                if (photo, point) in first:
-                    name = " ".join(filter(None, (photo, point)))
-                    problems.append(
-                        Problem(f"second {what} of {name}; the first is {first[photo, point]}", at)
-                    )
-                first.setdefault((photo, point), at)
-        if problems:
-            raise InputError(problems)
-        return cls(points, measured, positions)
-
-
-def _names(names: Iterable[str], meant: str) -> str:
-    return known(names, meant=meant) or "none"
-
-
-@dataclass(frozen=True)
 class _Assembly:
     """A network in the making."""
 
     model: SparseModel
-    tables: _Tables
+    tables: Tables
     sigma: float
     by_scale: Mapping[str, Array] | None
     calibration: Calibration

@@ -47,7 +47,9 @@ def rigs_of(network: Network, cameras: Mapping[str, int]) -> Rigs:
     out = Rigs()
     reference: dict[int, int] = {}
     for o in network.observations.values():
-        if not isinstance(o, RelativeRotation) or o.mount is None or any(o.value):
+        if not isinstance(o, RelativeRotation) or o.mount is None:
+            continue
+        if max(map(abs, o.value)) > TURN:  # an observed rotation, not a tie of a member
             continue
         carrier, member = o.photos()
         first, second = cameras[carrier], cameras[member]

@@ -7,9 +7,10 @@ their measured image coordinates, and positions of photos (GNSS).
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -21,7 +22,10 @@ from ...units import LENGTH
 from ..numbers import Units
 from ..read_unknowns import UnknownsReader, check_columns
 from ..tables import Row, Table, read_table
+from .colmap_model import NO_POINT, SparseModel
 
+Unregistered = Literal["refuse", "leave out"]
+"""What to do with rows of tables that name images which the model does not have."""
 MARK_COLUMNS = ("photo", "point", "x", "y", "sigma")
 PRIOR_COLUMNS = ("photo", "x", "y", "z")
 _SIGMAS = tuple(f"sigma{axis}_{unit}" for axis in ("", "_x", "_y", "_z") for unit in LENGTH)
@@ -194,3 +198,91 @@ def _keypoints(name: str, rows: object, cols: object, data: object, n: int) -> A
     if not (np.isfinite(scale).all() and (scale > 0).all()):
         return f"a keypoint of image {name!r} has no positive scale"
     return np.asarray(scale)
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Tables beside a model."""
+
+    control: Mapping[str, Point] = field(default_factory=dict)
+    """Control and check points by name."""
+    marks: Sequence[Mark] = ()
+    """Their measured image coordinates."""
+    priors: Sequence[Prior] = ()
+    """Observed positions of photos."""
+
+    @classmethod
+    def read(
+        cls,
+        control: str | Path | None,
+        marks_: str | Path | None,
+        priors_: str | Path | None,
+        model: SparseModel,
+        unregistered: Unregistered,
+    ) -> Tables:
+        """Read the tables that are given, and compare them with the model.
+
+        Args:
+            control: table of control points.
+            marks_: table of their image coordinates.
+            priors_: table of positions of photos.
+            model: the model.
+            unregistered: what to do with rows whose image is not in the model.
+
+        Raises:
+            InputError: rows that cannot be read, unknown images and points, control points that
+                are measured nowhere, second marks and positions; all with file and line.
+        """
+        problems: list[Problem] = []
+        points, where = control_points(Path(control), problems) if control is not None else ({}, {})
+        measured = marks(Path(marks_), problems) if marks_ is not None else []
+        positions = priors(Path(priors_), problems) if priors_ is not None else []
+        seen = {i.name: bool((i.points != NO_POINT).any()) for i in model.images}
+        measured_photos = {m.photo for m in measured}
+        present = {n for n, has in seen.items() if has or n in measured_photos}
+        if unregistered == "refuse":
+            hint = '; unregistered="leave out" leaves such rows out'
+            rows = [(m.photo, m.where) for m in measured]
+            rows += [(p.photo, p.where) for p in positions]
+            problems += [
+                Problem(f"unknown image {photo!r}; images: {_names(seen, photo)}{hint}", at)
+                for photo, at in rows
+                if photo not in present
+            ]
+        measured = [m for m in measured if m.photo in present]
+        positions = [p for p in positions if p.photo in present]
+        taken = {str(p.number) for p in model.points}
+        problems += [
+            Problem(f"unknown control point {m.point!r}; known: {_names(points, m.point)}", m.where)
+            for m in measured
+            if m.point not in points and m.point not in taken
+        ]
+        marked = {m.point for m in measured}
+        problems += [
+            Problem(
+                f"control point {name!r} is measured in no image and is not the number of a 3-D "
+                "point: give its image coordinates as marks",
+                where[name],
+            )
+            for name in points
+            if name not in marked and name not in taken
+        ]
+        for what, keys in (
+            ("mark", [(m.photo, m.point, m.where) for m in measured]),
+            ("position", [(p.photo, "", p.where) for p in positions]),
+        ):
+            first: dict[tuple[str, str], str] = {}
+            for photo, point, at in keys:
+                if (photo, point) in first:
+                    name = " ".join(filter(None, (photo, point)))
+                    problems.append(
+                        Problem(f"second {what} of {name}; the first is {first[photo, point]}", at)
+                    )
+                first.setdefault((photo, point), at)
+        if problems:
+            raise InputError(problems)
+        return cls(points, measured, positions)
+
+
+def _names(names: Iterable[str], meant: str) -> str:
+    return known(names, meant=meant) or "none"

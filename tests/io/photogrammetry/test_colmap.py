@@ -18,6 +18,7 @@ from factorgraph_adj.io.photogrammetry.colmap_text import text_files
 from factorgraph_adj.models.lens import BrownLens, NoDistortion
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import exp_rotation, skew
+from factorgraph_adj.simulation.simulate import measure
 from factorgraph_adj.types import Array
 from tests.support.colmap import disturb, synthetic, written
 
@@ -301,6 +302,13 @@ def test_keypoints_with_larger_scale_have_larger_sigma(tmp_path: Path) -> None:
     for i, name in enumerate(names):
         expected = 0.7 * scales[name][1][used[name], 2].astype(float) / np.median(every)
         np.testing.assert_allclose(sigma[photo == i, 0], expected, rtol=1e-7)
+
+
+def test_simulated_ties_of_a_rig_are_still_those_of_a_rig(tmp_path: Path) -> None:
+    """`measure` gives ties values of 10⁻⁸ rad."""
+    network = read_colmap(written(synthetic(13, cameras=2, frames=3), tmp_path / "a"))
+    fga.write_colmap(measure(network, seed=1), tmp_path / "b")
+    assert list(read_colmap(tmp_path / "b").mounts) == list(network.mounts)
 
 
 def test_calibration_and_mounts_can_be_held(tmp_path: Path) -> None:
