@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from .io.gnss.write_sinex import write_sinex
     from .io.photogrammetry.aicon import read_aicon
     from .io.photogrammetry.bundler import read_bundler
+    from .io.photogrammetry.colmap import read_colmap
+    from .io.photogrammetry.colmap_write import write_colmap
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
     from .io.photogrammetry.metashape_write import write_metashape
@@ -218,6 +220,7 @@ __all__ = [
     "read_aicon",
     "read_bal",
     "read_bundler",
+    "read_colmap",
     "read_columns",
     "read_comp3d",
     "read_dbat",
@@ -248,6 +251,7 @@ __all__ = [
     "snoop",
     "wgs84_coordinates",
     "without",
+    "write_colmap",
     "write_dynaml",
     "write_gvx",
     "write_landxml",
@@ -351,6 +355,7 @@ _MODULES = {
     "write_report": "report.html.page",
     "read": "io.readers",
     "read_bal": "io.bal",
+    "read_colmap": "io.photogrammetry.colmap",
     "read_gama": "io.gama",
     "read_comp3d": "io.survey.comp3d",
     "read_dynaml": "io.gnss.dynaml",
@@ -392,6 +397,7 @@ _MODULES = {
     "read_star_net": "io.survey.star_net",
     "write_landxml": "io.survey.write_landxml",
     "write_star_net": "io.survey.write_star_net",
+    "write_colmap": "io.photogrammetry.colmap_write",
     "write_project": "io.write_project",
 }
 """Module of each public name; type checkers read the imports above."""
