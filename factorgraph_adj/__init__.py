@@ -86,7 +86,13 @@ if TYPE_CHECKING:
     from .quality.variance_components import estimate_variance_components
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
-    from .solve.grid import GridCoordinates, grid_coordinates, wgs84_coordinates
+    from .solve.grid import (
+        GridCoordinates,
+        GridPhotos,
+        grid_coordinates,
+        grid_photos,
+        wgs84_coordinates,
+    )
     from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
@@ -119,6 +125,7 @@ __all__ = [
     "GnssPosition",
     "GnssVector",
     "GridCoordinates",
+    "GridPhotos",
     "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
@@ -175,6 +182,7 @@ __all__ = [
     "find_sparable",
     "from_grid",
     "grid_coordinates",
+    "grid_photos",
     "load_solution",
     "memory_needed",
     "plan",
@@ -221,6 +229,7 @@ _MODULES = {
     "FrameZenith": "observations.frame_sights",
     "AntennaVector": "observations.airborne",
     "GridCoordinates": "solve.grid",
+    "GridPhotos": "solve.grid",
     "NavigationAttitude": "observations.airborne",
     "PhotoAngle": "observations.airborne",
     "PhotoAttitude": "observations.airborne",
@@ -280,6 +289,7 @@ _MODULES = {
     "find_sparable": "planning.spare",
     "from_grid": "network.from_grid",
     "grid_coordinates": "solve.grid",
+    "grid_photos": "solve.grid",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
     "plan": "planning.plan",
