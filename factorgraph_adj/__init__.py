@@ -11,6 +11,8 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .block_orientation.dlt import dlt
+    from .block_orientation.orient import orient
     from .crs.similarity import SevenParameters
     from .crs.system import ReferenceSystem
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
@@ -21,6 +23,10 @@ if TYPE_CHECKING:
     from .incremental.adjustment import IncrementalAdjustment
     from .io.bal import read_bal
     from .io.gama import read_gama
+    from .io.photogrammetry.aicon import read_aicon
+    from .io.photogrammetry.dbat import read_dbat
+    from .io.photogrammetry.metashape import read_metashape
+    from .io.photogrammetry.metashape_write import write_metashape
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
@@ -84,6 +90,7 @@ if TYPE_CHECKING:
     from .quality.snooping import snoop
     from .quality.systematic import significance
     from .quality.variance_components import estimate_variance_components
+    from .report.html.page import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
     from .solve.grid import (
@@ -175,6 +182,7 @@ __all__ = [
     "causes",
     "check_points",
     "distance_precision",
+    "dlt",
     "error_ellipse",
     "error_ellipsoid",
     "estimate_variance_components",
@@ -185,14 +193,18 @@ __all__ = [
     "grid_photos",
     "load_solution",
     "memory_needed",
+    "orient",
     "plan",
     "predict",
     "preliminary",
     "propose",
     "protocol",
     "read",
+    "read_aicon",
     "read_bal",
+    "read_dbat",
     "read_gama",
+    "read_metashape",
     "read_project",
     "reduce_faces",
     "register_lens",
@@ -206,7 +218,9 @@ __all__ = [
     "snoop",
     "wgs84_coordinates",
     "without",
+    "write_metashape",
     "write_project",
+    "write_report",
 ]
 
 _MODULES = {
@@ -282,6 +296,7 @@ _MODULES = {
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",
     "distance_precision": "quality.relative",
+    "dlt": "block_orientation.dlt",
     "error_ellipse": "quality.ellipses",
     "error_ellipsoid": "quality.ellipses",
     "estimate_variance_components": "quality.variance_components",
@@ -292,14 +307,20 @@ _MODULES = {
     "grid_photos": "solve.grid",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
+    "orient": "block_orientation.orient",
     "plan": "planning.plan",
     "predict": "quality.prediction",
     "preliminary": "validate.preliminary.search",
     "propose": "planning.propose",
     "protocol": "report.text",
+    "write_report": "report.html.page",
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_gama": "io.gama",
+    "read_metashape": "io.photogrammetry.metashape",
+    "write_metashape": "io.photogrammetry.metashape_write",
+    "read_dbat": "io.photogrammetry.dbat",
+    "read_aicon": "io.photogrammetry.aicon",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",

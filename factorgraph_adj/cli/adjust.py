@@ -7,19 +7,23 @@ import sys
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import get_args
 
 from ..errors import InputError, Problem
 from ..io.project import Project
+from ..parts.network import adjust
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
 from ..report.causes import likeliest
 from ..report.context import Report
 from ..report.doubts import doubts_about, of_network
+from ..report.html.language import Language
+from ..report.html.libraries import refuse_missing
+from ..report.html.page import write_html
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
 from ..report.text import render
-from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..units import significant
 from .check import refuse_problems
@@ -37,6 +41,16 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     run.add_argument("project", metavar="PROJECT", nargs="+", help=PROJECT_HELP)
     add_reading(run)
     run.add_argument("--out", metavar="DIR", help="write protocol, solution.json and CSV tables")
+    run.add_argument(
+        "--report",
+        metavar="FILE.html",
+        help="write a report as one HTML file that opens in a browser (extra report)",
+    )
+    run.add_argument(
+        "--language",
+        choices=get_args(Language),
+        help="language of the report (en)",
+    )
     run.add_argument(
         "--rows",
         type=count,
@@ -77,7 +91,7 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--ellipses", type=probability, default=0.95, metavar="CONF", help="of the plan (0.95)"
     )
     add_adjustment(plot)
-    plot.set_defaults(run=_plot)
+    plot.set_defaults(run=_plot, report=None, language=None)
 
 
 @dataclass(frozen=True)
@@ -136,7 +150,7 @@ def _solve(options: argparse.Namespace) -> Adjusted:
             solution = found.solution
         if options.variance_components is not None:
             weights = estimate_variance_components(
-                solution.network, groups=options.variance_components
+                solution.network, groups=options.variance_components, start=solution
             )
             solution = replace(weights.solution, variance=variance)
     return Adjusted(project, solution, found, weights)
@@ -147,6 +161,12 @@ def _refuse_options(options: argparse.Namespace) -> None:
     problems = []
     if options.out is not None and Path(options.out).exists() and not Path(options.out).is_dir():
         problems.append(Problem("--out must be a folder", options.out))
+    if options.report is not None:
+        refuse_missing()
+        if Path(options.report).is_dir():
+            problems.append(Problem("--report must be a file, not a folder", options.report))
+    elif options.language is not None:
+        problems.append(Problem("--language belongs to --report"))
     if options.alpha >= options.power:
         problems.append(
             Problem(f"--alpha {options.alpha:g} must be less than --power {options.power:g}")
@@ -186,6 +206,10 @@ def _adjust(options: argparse.Namespace) -> int:
     )
     if options.out is not None:
         write_tables(report, options.out)
+    if options.report is not None:
+        write_html(
+            report, options.report, language=options.language or "en", files=[options.project]
+        )
     if not options.quiet:
         print(render(report), end="", flush=True)
     return _verdict(found, report)
