@@ -217,7 +217,7 @@ def _labels(name: str, found: Sequence[Observation]) -> Iterable[str]:
 def _photos(
     network: Network, out: Network, move: GridMove, positions: Array, problems: list[Problem]
 ) -> list[tuple[str, Observation]]:
-    places = move.places(positions, list(network.photos))
+    places = move.photos(positions, list(network.photos))
     more: list[tuple[str, Observation]] = []
     for row, (name, p) in enumerate(network.photos.items()):
         try:
@@ -296,7 +296,7 @@ def _observations(
         move,
         points,
         network.point_number,
-        move.places(photos, list(network.photos)),
+        move.photos(photos, list(network.photos)),
         network.photo_number,
         {str(n): (p.values[0], p.values[1]) for n, p in verticals.items()},
     )

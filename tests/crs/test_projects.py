@@ -5,16 +5,22 @@ from __future__ import annotations
 import csv
 import io
 import json
+import pickle
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.errors import InputError
+from factorgraph_adj.errors import AdjustmentError, InputError
+from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.project import load_project
 from factorgraph_adj.report.tables import write_solution
 from tests.crs.geoids import write_gtx
+from tests.hostile.damage import damaged
+from tests.support.printed import row
 
 pytest.importorskip("pyproj", reason="the extra crs is not installed")
 
@@ -76,11 +82,11 @@ def test_a_project_in_the_grid_adjusts_and_reports_its_grid_coordinates(tmp_path
     write_solution(solution, tmp_path / "out")
     rows = list(csv.DictReader(io.StringIO((tmp_path / "out" / "points.csv").read_text())))
     found = fga.grid_coordinates(solution)
-    for i, row in enumerate(rows):
-        got = [float(row[a]) for a in ("easting", "northing", "grid_height")]
+    for i, line in enumerate(rows):
+        got = [float(line[a]) for a in ("easting", "northing", "grid_height")]
         np.testing.assert_allclose(got, found.coordinates[i], rtol=0, atol=1e-7)
-        assert float(row["combined_factor"]) == pytest.approx(found.places.combined[i], abs=1e-9)
-        assert float(row["sigma_easting_mm"]) == pytest.approx(
+        assert float(line["combined_factor"]) == pytest.approx(found.places.combined[i], abs=1e-9)
+        assert float(line["sigma_easting_mm"]) == pytest.approx(
             1e3 * found.places.sigma[i, 0], rel=1e-3, abs=1e-6
         )
     np.testing.assert_allclose(found.point("A"), [686000, 5319000, 520.5], rtol=0, atol=1e-7)
@@ -166,3 +172,70 @@ def test_a_point_outside_is_told_with_its_line(tmp_path: Path) -> None:
     points = POINTS.replace("C,686400,5320100", "C,686400,5520100")
     with pytest.raises(InputError, match=r"points\.csv:4: point 'C'.*outside of the geoid grid"):
         load_project(project(tmp_path, points=points))
+
+
+def test_200_damaged_projects_give_messages_with_places_or_a_network(tmp_path: Path) -> None:
+    """Tables, the section and the geoid are damaged; never a traceback, never a warning."""
+    crs = CRS + 'deflections = "held"\nazimuths = "grid"\ngeoid_offset = "free"\n'
+    (tmp_path / "whole").mkdir()
+    project(tmp_path / "whole", crs)
+    files = {p.name: p.read_bytes() for p in (tmp_path / "whole").iterdir()}
+    rng = np.random.default_rng(11)
+    read = 0
+    for turn in range(200):
+        done = damaged(rng, files, tmp_path / f"{turn}")
+        try:
+            fga.read_project(tmp_path / f"{turn}")
+            read += 1
+        except AdjustmentError as error:
+            assert isinstance(error, InputError), done
+            assert all(p.what and p.where for p in error.problems), (done, error)
+        shutil.rmtree(tmp_path / f"{turn}")
+    assert 20 < read < 180
+
+
+def test_solutions_and_systems_are_pickled_without_what_proj_made_of_them(tmp_path: Path) -> None:
+    solution = fga.adjust(fga.read_project(project(tmp_path)))
+    found = fga.grid_coordinates(solution).coordinates
+    again = pickle.loads(pickle.dumps(solution))
+    np.testing.assert_array_equal(fga.grid_coordinates(again).coordinates, found)
+    assert "chain" not in vars(pickle.loads(pickle.dumps(solution.network.crs)))
+
+
+def test_a_protocol_says_why_it_has_no_grid_coordinates(tmp_path: Path) -> None:
+    solution = fga.adjust(fga.read_project(project(tmp_path)))
+    (tmp_path / "geoid.gtx").unlink()
+    lost = replace(solution, network=solution.network.copy())
+    lost.network.crs = fga.ReferenceSystem("EPSG:25832", geoid=str(tmp_path / "geoid.gtx"))
+    text = fga.protocol(lost)
+    assert "none: " in text
+    assert "no such file of a geoid" in " ".join(text.split())
+    write_solution(lost, tmp_path / "out")
+    header = (tmp_path / "out" / "points.csv").read_text().splitlines()[0]
+    assert "easting" not in header
+    assert "latitude" in header
+
+
+def test_a_network_without_a_system_has_no_grid() -> None:
+    network = fga.Network("local")
+    network.add_point("A", (0.0, 0.0, 0.0), fixed="xyz")
+    network.add_point("B", (1.0, 0.0, 0.0), fixed="yz")
+    network.add(fga.SlopeDistance("A", "B", 1.0, sigma=0.001))
+    solution = fga.adjust(network)
+    for function in (fga.grid_coordinates, fga.grid_photos, fga.wgs84_coordinates):
+        with pytest.raises(InputError, match="has no reference system: state one"):
+            function(solution)
+    assert "Grid coordinates" not in fga.protocol(solution)
+
+
+def test_units_of_reports_hold_for_grid_coordinates(tmp_path: Path) -> None:
+    solution = fga.adjust(fga.read_project(project(tmp_path)))
+    units = Units(length="mm", angle="dms", sigma_length="um")
+    text = fga.protocol(solution, options=fga.ReportOptions(units=units))
+    line = row(text, "Grid coordinates", "C")
+    easting = fga.grid_coordinates(solution).point("C")[0]
+    assert float(line[1]) == pytest.approx(1e3 * easting, abs=0.01)
+    assert line[7].startswith("1-5")  # γ, degrees-minutes-seconds
+    write_solution(solution, tmp_path / "out", options=fga.ReportOptions(units=units))
+    header = (tmp_path / "out" / "points.csv").read_text().splitlines()[0].split(",")
+    assert {"easting", "sigma_easting_um", "convergence_deg"} <= set(header)
