@@ -14,8 +14,8 @@ from factorgraph_adj.observations import KINDS
 from factorgraph_adj.observations.offsets import HydrostaticReading
 from factorgraph_adj.observations.relations import CoordinateDifference, PointDirection
 from factorgraph_adj.rotation import omega_phi_kappa
-from tests.crs.grids import GRIDS
-from tests.crs.test_from_grid import NAMES, UNDULATION, Site
+from tests.networks.grid_site import NAMES, UNDULATION, Site
+from tests.networks.grids import GRIDS
 
 pytest.importorskip("pyproj", reason="the extra crs is not installed")
 

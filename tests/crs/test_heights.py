@@ -10,7 +10,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.crs.geoid import geoid
 from factorgraph_adj.errors import AdjustmentError, InputError
-from tests.crs.geoids import EAST, LATITUDE, LONGITUDE, NORTH, tilted, write_gtx, write_ntv2
+from tests.networks.geoids import EAST, LATITUDE, LONGITUDE, NORTH, tilted, write_gtx, write_ntv2
 
 pytest.importorskip("pyproj", reason="the extra crs is not installed")
 

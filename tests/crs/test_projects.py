@@ -18,8 +18,8 @@ from factorgraph_adj.errors import AdjustmentError, InputError
 from factorgraph_adj.io.numbers import Units
 from factorgraph_adj.io.project import load_project
 from factorgraph_adj.report.tables import write_solution
-from tests.crs.geoids import write_gtx
 from tests.hostile.damage import damaged
+from tests.networks.geoids import write_gtx
 from tests.support.printed import row
 
 pytest.importorskip("pyproj", reason="the extra crs is not installed")
