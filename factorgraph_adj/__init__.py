@@ -117,7 +117,13 @@ if TYPE_CHECKING:
     from .report.html.page import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
-    from .solve.grid import GridCoordinates, grid_coordinates, wgs84_coordinates
+    from .solve.grid import (
+        GridCoordinates,
+        GridPhotos,
+        grid_coordinates,
+        grid_photos,
+        wgs84_coordinates,
+    )
     from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
@@ -150,6 +156,7 @@ __all__ = [
     "GnssPosition",
     "GnssVector",
     "GridCoordinates",
+    "GridPhotos",
     "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
@@ -208,6 +215,7 @@ __all__ = [
     "find_sparable",
     "from_grid",
     "grid_coordinates",
+    "grid_photos",
     "load_solution",
     "memory_needed",
     "orient",
@@ -284,6 +292,7 @@ _MODULES = {
     "FrameZenith": "observations.frame_sights",
     "AntennaVector": "observations.airborne",
     "GridCoordinates": "solve.grid",
+    "GridPhotos": "solve.grid",
     "NavigationAttitude": "observations.airborne",
     "PhotoAngle": "observations.airborne",
     "PhotoAttitude": "observations.airborne",
@@ -344,6 +353,7 @@ _MODULES = {
     "find_sparable": "planning.spare",
     "from_grid": "network.from_grid",
     "grid_coordinates": "solve.grid",
+    "grid_photos": "solve.grid",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
     "orient": "block_orientation.orient",

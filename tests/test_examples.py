@@ -32,6 +32,7 @@ SHOWN = {
     "gallery_independent_models": "pairs, film unknown 710 345 1.50 5.3 9.6 17.6",
     "gallery_gnss_ins_block": "missing shift in x, shift in y, shift in z observed coordinates do "
     "not hold it: free shift of drift 'strip 0', drift 'strip 1', drift 'strip 2'",
+    "gallery_grid_coordinates": "E 250 km, scale +368 ppm: c 99.9651 ± 0.0018 100.0002 ± 0.0018",
     "gallery_two_faces": "set aside: zenith_angle S C, error 8.1 mgon, w -7.5 doubts that are "
     "left: 0",
     "gallery_shapes_in_plan": "radius of the ball: 0.9994 ± 0.0003 m",
@@ -43,6 +44,7 @@ SHOWN = {
 """A line of the output of each script of the gallery."""
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 ALONE = (
+    "gallery_grid_coordinates",
     "gallery_8_gtsam",
     "gallery_9_parts",
     "gallery_shapes_in_plan",
