@@ -18,8 +18,8 @@ from .views import Views, spread_out
 
 MOST_STARTS = 6
 """Largest number of start pairs that are tried for one part."""
-STARTS_OF_OTHERS = 3
-"""The same for each further calibration."""
+STARTS_OF_EACH = 3
+"""The same for each calibration where several are tried."""
 TRIAL_TURNS = 3
 """Number of turns after which a start is judged."""
 ENOUGH = 0.7
@@ -74,9 +74,10 @@ def build_parts(views: Views, distances: Distances) -> list[Part]:
     parts: list[Part] = []
     while free.sum() >= 2:
         choices: Iterable[tuple[Array, ...]] = chain([distances.first()], distances.others())
+        starts = STARTS_OF_EACH if distances.guessed else MOST_STARTS
         if parts:
-            choices = [parts[0].growth.calibrations]
-        part = _next_part(views, choices, skeleton, free)
+            choices, starts = [parts[0].growth.calibrations], MOST_STARTS
+        part = _next_part(views, choices, starts, skeleton, free)
         if part is None:
             break
         free &= ~part.growth.posed
@@ -85,7 +86,7 @@ def build_parts(views: Views, distances: Distances) -> list[Part]:
 
 
 def _next_part(
-    views: Views, choices: Iterable[tuple[Array, ...]], skeleton: Mask, free: Mask
+    views: Views, choices: Iterable[tuple[Array, ...]], starts: int, skeleton: Mask, free: Mask
 ) -> Part | None:
     """Return the part from the best start, with the first calibration that fits well, or the best.
 
@@ -93,14 +94,12 @@ def _next_part(
     of two calibrations has the smaller misses, with nearly as many image points that agree.
     """
     best: _Begun | None = None
-    starts = MOST_STARTS
     for calibrations in choices:
         empty = Growth.empty(views, calibrations, skeleton)
         if (begun := best_start(empty, free, starts)) is not None and (
             best is None or begun.better_than(best)
         ):
             best = begun
-        starts = STARTS_OF_OTHERS
         if best is not None and best.fits_well:
             break
     if best is None:

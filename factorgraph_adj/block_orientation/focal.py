@@ -38,6 +38,15 @@ class Distances:
         """Return the calibrations to begin with."""
         return self._with({n: float(values[0]) for n, values in self.stated.items()})
 
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """Cameras whose principal distance may be another: stated, or free and not weighted."""
+        return tuple(
+            c.name
+            for c in self.views.cameras
+            if c.name in self.stated or not (c.fixed[0] or np.isfinite(c.sigma[0]))
+        )
+
     def others(self) -> Iterator[tuple[Array, ...]]:
         """Iterate over further calibrations: those that were stated, or multiples of the format.
 
@@ -47,11 +56,7 @@ class Distances:
         most = max((len(v) for v in self.stated.values()), default=0)
         for i in range(1, most):
             yield self._with({n: float(v[min(i, len(v) - 1)]) for n, v in self.stated.items()})
-        guessed = {
-            c.name: self._longer_side(c.name)
-            for c in self.views.cameras
-            if c.name not in self.stated and not c.fixed[0] and not np.isfinite(c.sigma[0])
-        }
+        guessed = {n: self._longer_side(n) for n in self.guessed if n not in self.stated}
         if guessed and not most:
             paired = {n: c for n in guessed if (c := self._by_pairs(n)) is not None}
             if paired:

@@ -128,7 +128,7 @@ class _Assembled:
         oriented = np.isfinite(pose[:, 0])
         doubtful = np.flatnonzero(~fits & oriented[v.photo])
         state, problems = self._state(equations, pose, point)
-        return BlockStart(
+        found = BlockStart(
             self.network,
             state,
             tuple(self._told(p, at) for p, at in zip(self.parts, placed, strict=True)),
@@ -139,6 +139,9 @@ class _Assembled:
             distances.found(self.parts[0].growth.calibrations),
             problems,
         )
+        if state is None:
+            return found
+        return replace(found, start=replace(state, words=found.sentences()))
 
     def _placed(self, equations: Equations) -> list[Placed]:
         """Return the place of each part, the best known one first; later ones may join it."""

@@ -71,7 +71,9 @@ def ring(seed: int, *, photos: int = 16, **options) -> ImageBlock:
     rng = np.random.default_rng(seed)
     x = rng.uniform(-1, 1, (160, 3)) * [1.0, 0.8, 0.7]
     angle = np.linspace(0, 2 * np.pi, photos, endpoint=False) + rng.normal(0, 0.05, photos)
-    centres = np.stack([4 * np.cos(angle), 4 * np.sin(angle), np.tile([0.8, 2.2], photos)[:photos]], 1)
+    centres = np.stack(
+        [4 * np.cos(angle), 4 * np.sin(angle), np.tile([0.8, 2.2], photos)[:photos]], 1
+    )
     centres += rng.normal(0, 0.1, centres.shape)
     rotations = np.array(
         [look_at(p, rng.normal(0, 0.1, 3), rng.choice([0.0, np.pi / 2])) for p in centres]
@@ -137,9 +139,18 @@ def _block(
         pose = np.tile(np.concatenate([r.ravel(), at]), (len(points), 1))
         xy = np.zeros((len(points), 2))
         for _ in range(12):  # the lens corrects measured coordinates
-            xy = xy + image(
-                network.frame, pose, calibration, points, observed=xy, lens=LENS, jacobians=False
-            ).residual
+            xy = (
+                xy
+                + image(
+                    network.frame,
+                    pose,
+                    calibration,
+                    points,
+                    observed=xy,
+                    lens=LENS,
+                    jacobians=False,
+                ).residual
+            )
         depth = (points - at) @ r[:, 2]
         near = np.linalg.norm(points - at, axis=1) < reach
         inside = (depth > 0) & near & (np.abs(xy) < HALF).all(axis=1)
