@@ -26,6 +26,8 @@ ENOUGH = 0.7
 """Share of the image points in oriented photos that must agree with a start that is kept."""
 WELL = 3e-4
 """Spread of misses, part of the principal distance, of a start with a calibration that fits."""
+MOVED = 0.1
+"""Largest relative change of the principal distance in the first turns of a good start."""
 MOST_REFUSED = 0.3
 """Largest number of photos, as a share of the oriented ones, that a good start cannot orient."""
 SKELETON = 300
@@ -96,11 +98,13 @@ def _next_part(
     best: _Begun | None = None
     for calibrations in choices:
         empty = Growth.empty(views, calibrations, skeleton)
-        if (begun := best_start(empty, free, starts)) is not None and (
-            best is None or begun.better_than(best)
-        ):
+        begun = best_start(empty, free, starts)
+        if begun is None:
+            continue
+        if best is None or begun.better_than(best):
             best = begun
-        if best is not None and best.fits_well:
+        if begun.fits_well and begun.as_good_as(best):
+            best = begun
             break
     if best is None:
         return None
@@ -124,6 +128,8 @@ class _Begun:
     """Their share in oriented photos."""
     stuck: bool
     """Whether most photos that see enough known points could not be oriented from them."""
+    moved: float
+    """Relative change of the principal distance, which a good start does not change by much."""
     misses: float
     """Spread of the misses, image units: it compares calibrations."""
 
@@ -133,13 +139,17 @@ class _Begun:
         unit = float(np.median(self.growth.views.sigma))
         c = max(float(values[0]) for values in self.growth.calibrations)
         near = self.misses < max(3.0 * unit, WELL * c)
-        return self.share >= ENOUGH and near and not self.stuck
+        return self.share >= ENOUGH and near and not self.stuck and self.moved < MOVED
 
     def better_than(self, other: _Begun) -> bool:
         """Return whether it has smaller misses with not many fewer image points, or many more."""
         if self.fitting > 2.0 * other.fitting:
             return True
         return self.fitting > 0.6 * other.fitting and self.misses < other.misses
+
+    def as_good_as(self, other: _Begun) -> bool:
+        """Return whether nearly as many image points agree nearly as well."""
+        return self.fitting > 0.8 * other.fitting and self.misses < 1.5 * other.misses
 
 
 def best_start(empty: Growth, free: Mask, most: int) -> _Begun | None:
@@ -157,7 +167,9 @@ def best_start(empty: Growth, free: Mask, most: int) -> _Begun | None:
         if not adjust_growth(growth, calibrate=False):
             continue
         refused = grow(growth, free, turns=TRIAL_TURNS)
-        begun = _judged(growth, pair, stuck=refused > MOST_REFUSED * int(growth.posed.sum()))
+        begun = _judged(
+            growth, pair, empty.calibrations, stuck=refused > MOST_REFUSED * int(growth.posed.sum())
+        )
         if best is None or begun.fitting > best.fitting:
             best = begun
         if begun.share >= ENOUGH and not begun.stuck:
@@ -165,7 +177,7 @@ def best_start(empty: Growth, free: Mask, most: int) -> _Begun | None:
     return best
 
 
-def _judged(growth: Growth, pair: Pair, *, stuck: bool) -> _Begun:
+def _judged(growth: Growth, pair: Pair, given: tuple[Array, ...], *, stuck: bool) -> _Begun:
     """Count the image points that agree; points that one oriented photo sees do not count."""
     fits = growth.fitting()
     n = int(fits.sum())
@@ -175,7 +187,11 @@ def _judged(growth: Growth, pair: Pair, *, stuck: bool) -> _Begun:
     at = np.flatnonzero(fits)
     misses = float(np.median(growth.misses(at) * v.sigma[at])) if n else np.inf
     share = n / max(int(seen[seen >= 2].sum()), 1)
-    return _Begun(growth, pair, float(n), share, stuck, misses / RAYLEIGH_MEDIAN)
+    moved = max(
+        abs(float(now[0] / before[0]) - 1.0)
+        for now, before in zip(growth.calibrations, given, strict=True)
+    )
+    return _Begun(growth, pair, float(n), share, stuck, moved, misses / RAYLEIGH_MEDIAN)
 
 
 def grow(growth: Growth, free: Mask, *, turns: int | None = None) -> int:

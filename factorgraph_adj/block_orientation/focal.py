@@ -11,7 +11,7 @@ from ..types import Array
 from .robust_poses import shared_principal_distance
 from .views import Views
 
-FACTORS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+FACTORS = (1.0, 0.7, 1.4, 0.5, 2.0, 0.35, 2.8, 4.0)
 """Principal distances that are tried, parts of the longer side of the image: angles of view from
 110° to 14°."""
 MOST_PAIRS = 40
