@@ -14,7 +14,6 @@ from .similarity import (
     Similarity,
     from_components,
     from_points,
-    identity,
     in_one_line,
     mean_rotation,
     robust_similarity,
@@ -133,9 +132,3 @@ def _counted(full: Mask, n_points: int, joined: Mask) -> str:
     if n := int(full[n_points:].sum()):
         parts.append(f"{n} known projection centre{'s' * (n > 1)}")
     return " and ".join(parts) or NOTHING
-
-
-def unmoved(growth: Growth) -> Placed:
-    """Return a part as it is: the axes of the first photo of the start pair, and its base 1."""
-    misfits = np.full(len(growth.point) + len(growth.pose), np.nan)
-    return Placed(identity(), f"{NOTHING}; {UNIT}", False, misfits)
