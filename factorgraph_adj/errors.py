@@ -41,6 +41,7 @@ class Doubt(Problem):
     for readings of a whole set-up."""
 
 
+_NUMBER = re.compile(r"\d+")
 _LIST = re.compile(r"(?<=; )(valid|known|it takes): .{60,}?(?=; did you mean '|$)", re.DOTALL)
 """A long list of what would be valid, to the end of a message or to the name that was meant."""
 
@@ -135,13 +136,15 @@ def known(names: Iterable[object], *, meant: object = "", most: int = 12) -> str
 def similar(name: str, names: Collection[str]) -> str:
     """Return ``"; did you mean 'x'?"`` with the name that is most similar; empty if none is.
 
-    Units are not asked for: ``grad`` is like ``rad``, and means ``gon``.
+    Units are not asked for: ``grad`` is like ``rad``, and means ``gon``. Names with other numbers
+    are others: ``LT2`` is another instrument than ``LT1``.
 
     >>> similar("d1", ["D1", "D2"])
     "; did you mean 'D1'?"
     """
     if len(names) > MOST_COMPARED:
         return ""
-    there = {n.casefold(): n for n in names}
+    number = _NUMBER.findall(name)
+    there = {n.casefold(): n for n in names if not number or _NUMBER.findall(n) in ([], number)}
     close = get_close_matches(name.casefold(), there, 1)
     return f"; did you mean {there[close[0]]!r}?" if close else ""

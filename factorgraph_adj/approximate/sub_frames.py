@@ -111,9 +111,23 @@ def places_in_frames(progress: Progress, seen: InFrames) -> bool:
     plan, point, whole = progress.horizon.to_plan(x), seen.point[rows], there.all(axis=1)
     planned = np.flatnonzero(whole | (upright & there[:, :2].all(axis=1)))
     raised = np.flatnonzero(whole | (upright & there[:, 2]))
-    return progress.set_plan(point[planned], plan[planned, :2]) | progress.set_height(
-        point[raised], plan[raised, 2]
-    )
+    planned_at, mean = _middle(point[planned], plan[planned, :2])
+    raised_at, height = _middle(point[raised], plan[raised, 2:])
+    return progress.set_plan(planned_at, mean) | progress.set_height(raised_at, height[:, 0])
+
+
+def _middle(point: Index, x: Array) -> tuple[Index, Array]:
+    """Return each of several points once, (k,), and the median of its places, (k, d).
+
+    A place that one of three frames has wrong, because its name was confused, is not the median.
+
+    Args:
+        point: numbers of points, (n,).
+        x: their places, each from another frame, (n, d).
+    """
+    points, group = np.unique(point, return_inverse=True)
+    out = np.array([np.median(x[group == g], axis=0) for g in range(len(points))])
+    return points, out.reshape(len(points), x.shape[1])
 
 
 def origins_of(progress: Progress, seen: InFrames) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from ..approximate.rays import tangents
+from ..models.inverse import directions
 from ..network.entities import Camera
 from ..network.network import Network
 from ..types import Array, Index, Mask
@@ -75,7 +75,8 @@ class Views:
         for number, (camera, values) in enumerate(zip(self.cameras, calibrations, strict=True)):
             own = np.flatnonzero(self.camera == number)
             with np.errstate(all="ignore"):
-                tangent[own] = tangents(camera.lens, self.xy[own], values[None])
+                d = directions(camera.lens, self.xy[own], values[None])
+                tangent[own] = np.where(d[:, 2:] > 0.0, d[:, :2] * [1.0, -1.0] / d[:, 2:], np.nan)
             unit[own] = self.sigma[own] / values[0]
         # A ray that a lens model cannot undo, or one beside the camera, orients nothing.
         lost = ~(np.isfinite(tangent).all(axis=1) & (np.abs(tangent).max(axis=1) < IDEAL_RADIUS))

@@ -7,6 +7,7 @@ import sys
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import get_args
 
 from ..errors import InputError, Problem
 from ..io.project import Project
@@ -17,6 +18,9 @@ from ..quality.variance_components import VarianceComponents, estimate_variance_
 from ..report.causes import likeliest
 from ..report.context import Report
 from ..report.doubts import doubts_about, of_network
+from ..report.html.language import Language
+from ..report.html.libraries import refuse_missing
+from ..report.html.page import write_html
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
 from ..report.text import render
@@ -37,6 +41,16 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     run.add_argument("project", metavar="PROJECT", nargs="+", help=PROJECT_HELP)
     add_reading(run)
     run.add_argument("--out", metavar="DIR", help="write protocol, solution.json and CSV tables")
+    run.add_argument(
+        "--report",
+        metavar="FILE.html",
+        help="write a report as one HTML file that opens in a browser (extra report)",
+    )
+    run.add_argument(
+        "--language",
+        choices=get_args(Language),
+        help="language of the report (en)",
+    )
     run.add_argument(
         "--rows",
         type=count,
@@ -77,7 +91,7 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--ellipses", type=probability, default=0.95, metavar="CONF", help="of the plan (0.95)"
     )
     add_adjustment(plot)
-    plot.set_defaults(run=_plot)
+    plot.set_defaults(run=_plot, report=None, language=None)
 
 
 @dataclass(frozen=True)
@@ -147,6 +161,12 @@ def _refuse_options(options: argparse.Namespace) -> None:
     problems = []
     if options.out is not None and Path(options.out).exists() and not Path(options.out).is_dir():
         problems.append(Problem("--out must be a folder", options.out))
+    if options.report is not None:
+        refuse_missing()
+        if Path(options.report).is_dir():
+            problems.append(Problem("--report must be a file, not a folder", options.report))
+    elif options.language is not None:
+        problems.append(Problem("--language belongs to --report"))
     if options.alpha >= options.power:
         problems.append(
             Problem(f"--alpha {options.alpha:g} must be less than --power {options.power:g}")
@@ -186,6 +206,10 @@ def _adjust(options: argparse.Namespace) -> int:
     )
     if options.out is not None:
         write_tables(report, options.out)
+    if options.report is not None:
+        write_html(
+            report, options.report, language=options.language or "en", files=[options.project]
+        )
     if not options.quiet:
         print(render(report), end="", flush=True)
     return _verdict(found, report)
@@ -232,7 +256,7 @@ def _verdict(found: Adjusted, report: Report) -> int:
                 f"{left} observation{'s' * (left != 1)} above the critical value could not be set "
                 "aside"
             )
-        doubts += report.likelier
+        doubts += report.in_common
     for doubt in doubts:
         print(doubt, file=sys.stderr)
     return DOUBTFUL if doubts else FINE

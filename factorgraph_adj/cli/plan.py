@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +30,7 @@ from ..planning.targets import (
     limit_of,
 )
 from ..units import LENGTH
+from ..validate.where import with_lines
 from .exit_codes import DOUBTFUL, FINE
 from .input import add_project, read_input
 from .options import add_probabilities, count
@@ -86,7 +89,8 @@ def _plan(options: argparse.Namespace) -> int:
         wishes = read_wishes(options.targets, project, candidates=False)
         if not wishes.targets:
             raise InputError(Problem("has no [[target]]", options.targets))
-    found = plan(project.network, wishes.targets, alpha=options.alpha, power=options.power)
+    with _lines_of(project):
+        found = plan(project.network, wishes.targets, alpha=options.alpha, power=options.power)
     print(render_plan(found, options.rows or LISTED))
     return FINE if found.met else DOUBTFUL
 
@@ -110,7 +114,7 @@ def _propose(options: argparse.Namespace) -> int:
         try:
             unmet = _unmet(project, wishes, **chances)
         except AdjustmentError:
-            raise error from None
+            raise InputError(with_lines(error.problems, project.sources)) from None
         if not unmet.explains(error):
             raise
         print(render_unmet(unmet, error, rows))
@@ -120,6 +124,15 @@ def _propose(options: argparse.Namespace) -> int:
         write_project(found.plan.network, out, units=project.units)
         print(f"\n{out}: the design as proposed; its readings are those that its coordinates give")
     return FINE
+
+
+@contextmanager
+def _lines_of(project: Project) -> Iterator[None]:
+    """Tell problems of unknowns with the file and line of the project that state them."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(with_lines(error.problems, project.sources)) from None
 
 
 @dataclass(frozen=True)

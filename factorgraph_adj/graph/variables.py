@@ -203,6 +203,23 @@ class Unknowns:
         stored = state[kind][number][None]
         return UNKNOWNS[kind].given(stored)[0, : self.tables[kind].size[number]].copy()
 
+    def by_step(self, state: State, kind: VariableKind, number: int) -> Array:
+        """Return the partials of `given` by the columns of one variable, (size, size)."""
+        size = int(self.tables[kind].size[number])
+        return UNKNOWNS[kind].by_step(state[kind][number][None])[0, :size, :size]
+
+    def covariance_of_given(
+        self, state: State, kind: VariableKind, number: int, covariance: Array
+    ) -> Array:
+        """Return the covariance of the `given` values from that of the columns, (size, size).
+
+        The columns of a rotation are turns about its own axes; its values are a rotation vector.
+        """
+        if not UNKNOWNS[kind].rotates:
+            return covariance
+        by = self.by_step(state, kind, number)
+        return np.asarray(by @ covariance @ by.T)
+
     def shown(self, state: State, kind: VariableKind, number: int) -> Array:
         """Return the values of one variable for results, (size,): orientations in [0, 2π)."""
         stored = state[kind][number][None]

@@ -16,6 +16,7 @@ from ..solve.anywhere import anywhere
 from ..solve.batch import adjust_from
 from ..solve.solution import Solution
 from ..types import Index
+from .anew import better_of
 from .candidates import Candidates, Nothing
 from .entering import rays_alone
 from .finding import Search
@@ -153,6 +154,7 @@ def settled(state: State, rules: Rules) -> State:
     found = draft.adjusted(rules.datum, tolerances=EFFORT.at_rest)
     if isinstance(found, Failure):
         return state
+    found = better_of(draft, found, rules.datum, tolerances=EFFORT.at_rest)
     return State(state.ledger, found.prepared(), settled=True)
 
 

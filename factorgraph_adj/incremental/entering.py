@@ -17,6 +17,7 @@ from ..errors import AdjustmentError
 from ..graph.dependence import Variable
 from ..observations.base import is_condition
 from ..types import NO_ROWS, Index, Mask
+from .anew import better_of
 from .beside import Beside
 from .candidates import Candidates, Nothing, known_in
 from .finding import LIMITS, Found
@@ -24,7 +25,7 @@ from .holding import with_rest, within
 from .inside import Inside
 from .judging import Joint, accepted, decide, left_out, untested
 from .ledger import Ledger
-from .rebasing import Draft, Failure, notices, with_doubt
+from .rebasing import EFFORT, Draft, Failure, notices, with_doubt
 from .rules import Rules
 from .system import MOST_BESIDE, System
 from .verdicts import Verdict
@@ -212,16 +213,22 @@ class Entering:
 
     def _adjusted(self, draft: Draft, base: System | None, doubted: bool) -> System | Failure:
         """Adjust a draft; the whole network where its section is not enough."""
-        found = draft.adjusted(self.rules.datum, doubted=doubted)
         if draft.section is None:
-            return found
+            return self._of_whole(draft, doubted)
+        found = draft.adjusted(self.rules.datum, doubted=doubted)
         if isinstance(found, Failure) and self.found and not found.singular:
             return found  # it waits: the whole, which has the same values, would creep as long
         with suppress(AdjustmentError):  # an observation of the rest may have no answer there
             if isinstance(found, System) and (held := with_rest(found, self.rules.accuracy)):
                 return held
-        whole = self._draft(base, section=False)
-        return whole.adjusted(self.rules.datum, doubted=doubted)
+        return self._of_whole(self._draft(base, section=False), doubted)
+
+    def _of_whole(self, draft: Draft, doubted: bool) -> System | Failure:
+        """Adjust the whole; after a time without a minimum, the better one that there is."""
+        found = draft.adjusted(self.rules.datum, doubted=doubted)
+        if doubted and isinstance(found, System):
+            return better_of(draft, found, self.rules.datum, tolerances=(EFFORT.close,))
+        return found
 
     def _fill(self) -> None:
         """Write approximate values that were found into the ledger, where none were given."""

@@ -251,7 +251,9 @@ class _Loop:
             self.state = State(result.ledger, result.system, settled=False)
             if result.system is None:
                 return
-            if before.system is None:  # what lies between constants has waited for anything
+            # What lies between constants has waited for anything, and while there was no minimum
+            # whatever came with an unknown of its own has waited.
+            if before.system is None or (before.system.doubt and not result.system.doubt):
                 self.tasks.append(Task(result.ledger.having("waiting")))
             else:
                 self._awake(result.new)

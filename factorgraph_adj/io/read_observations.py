@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 from math import isfinite
@@ -77,14 +77,16 @@ class ObservationsReader:
             except InputError as error:
                 self.problems.extend(error.problems)
                 self._stand_in(record, where, found)
+        refused: list[Problem] = []
         for item in found if matrices is None else matrices.join(found):
             if self.unreadable:
                 break
             try:
                 self.network.add(item)
             except InputError as error:
-                self.problems.extend(error.problems)
+                refused.extend(error.problems)
                 self.complete = False
+        self.problems.extend(_counted(refused))
 
     def _stand_in(self, record: dict[str, object], where: str, found: list[Observation]) -> None:
         try:
@@ -324,6 +326,22 @@ class _Covariances:
         except InputError as error:
             self.problems.extend(Problem(p.what, where) for p in error.problems)
             return list(members)
+
+
+def _counted(problems: Sequence[Problem]) -> list[Problem]:
+    """Return problems of which those with the same text, such as an unknown name, are one.
+
+    A name that no row states is unknown in every observation that has it.
+    """
+    same: dict[str, list[Problem]] = {}
+    for p in problems:
+        same.setdefault(p.what, []).append(p)
+    out = []
+    for what, own in same.items():
+        more = len(own) - 1
+        also = f" (and in {more} more observation{'s' * (more > 1)})" if more else ""
+        out.append(replace(own[0], what=what + also))
+    return out
 
 
 def _symmetric(matrix: Array) -> Array:

@@ -137,7 +137,7 @@ def load_solution(path: str | Path) -> Solution:
 
 
 def _solution(header: dict[str, Any], entries: Mapping[str, Any]) -> Solution:
-    network = network_of(header["files"])
+    network = network_of(header["files"], allow_outside=True)
     network.datum = "free" if "datum/motions" in entries else network.datum
     weights = entries.get("weights")
     equations = _with_sigmas(compile_network(network), entries["sigmas"], weights)

@@ -7,6 +7,7 @@ given values of R are the rotation vector Log R. Steps of all other components a
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from ..rotation import exp_rotation, log_rotation
+from ..rotation import exp_rotation, log_rotation, right_jacobian_inverse
 from ..types import Array, Index, Mask
 from . import motions
 from .base import within
@@ -54,9 +55,14 @@ class Component:
     a coordinate, or a rotation of any size."""
     circular: bool = False
     """Whether it is an angle of the whole circle, which results give in [0, 2π)."""
+    largest_error: float = math.inf
+    """Largest error, SI, that a given value may have; a larger one explains nothing."""
     power: int = 0
     """Power of the time t by which observations multiply it: its unit is one per unit of t to this
     power, which reports say."""
+    planned: float = float("nan")
+    """Value that a plan takes where none is given: no partial depends on it, or it is the natural
+    one, as no offset from an origin that was stated; NaN: a plan refuses the unknown."""
 
 
 @dataclass(frozen=True)
@@ -206,6 +212,18 @@ class UnknownKind:
         turn = log_rotation(np.swapaxes(a, 1, 2) @ b)
         rest = slice(ROTATION, self.moving)
         return np.concatenate([turn, other[:, rest] - stored[:, rest]], axis=1)
+
+    def by_step(self, stored: Array) -> Array:
+        """Return the partials of given values by steps of the tangent, (n, k, k), at (n, s).
+
+        The rotation vector w = Log R moves by J_r⁻¹(w) ω where R ← R Exp(ω); all other components
+        move by their steps.
+        """
+        given = self.given(stored)
+        out = np.tile(np.eye(given.shape[1]), (len(given), 1, 1))
+        if self.rotates:
+            out[:, :3, :3] = right_jacobian_inverse(given[:, :3])
+        return out
 
     def in_stored_form(self, components: Mask) -> Mask:
         """Return flags of components (n, k) as flags of stored numbers (n, s).

@@ -39,6 +39,10 @@ __all__ = [
 VariableKind: TypeAlias = str
 """Name of a kind of unknowns: a key of `UNKNOWNS`."""
 
+LARGEST_LN = 10.0
+"""Largest error of the logarithm of a scale: a factor of 22 000, more than that of any two units in
+which one measures."""
+
 UNKNOWNS: dict[str, UnknownKind] = {}
 """Registered kinds of unknowns by name, in the order of their columns."""
 
@@ -92,13 +96,29 @@ def _xyz(*, start: float = np.nan) -> tuple[Component, ...]:
 
 _ATTITUDE = tuple(Component(f"r{a}", "angle", np.nan) for a in "xyz")
 
+RATES = (
+    "drifts per unit of time need observations at different times: `time` is 0 in those that leave "
+    "it out"
+)
+"""What helps where drifts are not determined."""
+
 _BUILT_IN: Sequence[UnknownKind] = (
     UnknownKind("point", "point", "p", _xyz(), motions=motions.of_points, connects=True),
     UnknownKind(
         "orientation",
         "orientation of set",
         "o",
-        (Component("orientation", "angle", np.nan, column="value", plain=True, circular=True),),
+        (
+            Component(
+                "orientation",
+                "angle",
+                np.nan,
+                column="value",
+                plain=True,
+                circular=True,
+                planned=0.0,
+            ),
+        ),
         motions=motions.of_orientations,
         connects=True,
         table=UnknownTable("orientations", ("station", "set"), key_default="1"),
@@ -184,7 +204,11 @@ _BUILT_IN: Sequence[UnknownKind] = (
         "frame",
         "frame",
         "f",
-        (*(replace(c, whole=True) for c in (*_ATTITUDE, *_xyz())), Component("ln_scale")),
+        (
+            *(replace(c, whole=True) for c in _ATTITUDE),
+            *(replace(c, whole=True, planned=0.0) for c in _xyz()),
+            Component("ln_scale", largest_error=LARGEST_LN),
+        ),
         rotates=True,
         single_turns=True,
         constants=("origin_x", "origin_y", "origin_z", "level"),
@@ -234,6 +258,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         table=UnknownTable("drifts", held_unless_free=True),
         default=(0.0,) * 9,
         additional=True,
+        remedy=RATES,
     ),
     UnknownKind(
         "attitude_drift",
@@ -249,6 +274,7 @@ _BUILT_IN: Sequence[UnknownKind] = (
         table=UnknownTable("attitude_drifts", held_unless_free=True),
         default=(0.0,) * 6,
         additional=True,
+        remedy=RATES,
     ),
     UnknownKind(
         "shutter",
@@ -310,12 +336,13 @@ _BUILT_IN: Sequence[UnknownKind] = (
         default=(0.0,) * 4,
         additional=True,
         instrument=True,
+        remedy=RATES,
     ),
     UnknownKind(
         "gyro",
         "gyrotheodolite",
         "g",
-        (Component("constant", "angle", np.nan, sign="E", column="value"),),
+        (Component("constant", "angle", np.nan, sign="E", column="value", planned=0.0),),
         motions=motions.of_orientations,
         connects=True,
         at_stations=True,

@@ -24,7 +24,7 @@ class StatedShapes:
         name: str,
         shape: str,
         *,
-        origin: str | Sequence[float],
+        origin: str | Sequence[float] | None = None,
         free: Iterable[str] | None = None,
         values: Mapping[str, float] | None = None,
         sigma: Mapping[str, float] | None = None,
@@ -40,7 +40,8 @@ class StatedShapes:
                 of a paraboloid have the same name; the radius of the ring of a torus has the name
                 ``NAME ring``.
             shape: plane, line, circle, cylinder, sphere, cone, torus or paraboloid.
-            origin: constant coordinates near its points, metres, or the name of a point.
+            origin: constant coordinates near its points, metres, or the name of a point; every
+                shape needs one.
             free: free components of its frame, see `add_frame`; none: all that the shape has. With
                 ``level`` and ``free=("x", "y")`` lines, cylinders and cones are upright; with
                 ``level`` and ``free=("z",)`` planes are horizontal.
@@ -49,11 +50,17 @@ class StatedShapes:
             level: whether its frame counts from the horizon at its origin.
 
         Raises:
-            InputError: an unknown shape; errors of `add_frame`.
+            InputError: an unknown shape, no origin; errors of `add_frame`.
         """
         found = SHAPES.get(shape)
         if found is None:
             what = f"unknown shape {shape!r}; valid: {known(SHAPES, meant=shape)}"
+            raise InputError(Problem(what, f"shape {name!r}"))
+        if origin is None:
+            what = (
+                "it needs an origin: constant coordinates near its points, such as "
+                "origin=(100.0, 200.0, 10.0), or the name of a point"
+            )
             raise InputError(Problem(what, f"shape {name!r}"))
         wanted = [n for n in found.free if n not in (sigma or {})] if free is None else free
         self.add_frame(name, free=wanted, values=values, sigma=sigma, origin=origin, level=level)

@@ -32,9 +32,10 @@ def refuse_duplicate(name: str, names: Mapping[str, object], what: str) -> None:
 
 
 def required(name: str, names: Mapping[Any, object], what: str, where: str, told: str = "") -> None:
-    """Refuse a name that is not there; ``told`` follows where there are none at all."""
+    """Refuse a name that is not there; ``told`` follows where no name that is there is like it."""
     if name not in names:
-        there = known(names, meant=name) + told * (not names)
+        there = known(names, meant=name)
+        there += told * ("; did you mean" not in there)
         raise InputError(Problem(f"unknown {what} {name!r}; known: {there}", where))
 
 

@@ -13,7 +13,7 @@ from ..graph.equations import Equations
 from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
 from ..shown import Rows, Shown
-from ..solve.estimates import Estimate
+from ..solve.estimates import Estimate, estimate
 from ..types import Array
 from .folder import Scratch
 from .junctions import Junctions
@@ -45,7 +45,7 @@ class PartResult:
     state: State
     """Values of all its variables, in stored form."""
     covariances: dict[VariableKind, Array]
-    """Covariance of each variable by kind, (n, k, k), SI; zero for held components."""
+    """Covariance of the tangent of each variable by kind, (n, k, k), SI; zero where held."""
     redundancy_numbers: Array
     """Redundancy number of each scalar observation, (n,)."""
     w: Array
@@ -60,6 +60,13 @@ class PartResult:
     def residuals(self) -> Array:
         """Return v = computed − observed of every scalar observation, (n,), SI or image units."""
         return self.equations.residuals(self.state, whitened=False)
+
+    def unknown(self, kind: VariableKind, number: int) -> Estimate:
+        """Return an unknown by its number in the part, SI; see `Solution.unknown`."""
+        unknowns = self.equations.unknowns
+        k = int(unknowns[kind].size[number])
+        tangent = self.covariances[kind][number, :k, :k]
+        return estimate(unknowns, self.state, kind, number, tangent)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -238,17 +245,7 @@ class PartsSolution(Shown):
     def unknown(self, kind: VariableKind, name: str) -> Estimate:
         """Return an unknown of any kind by its name, SI; see `Solution.unknown`."""
         result, number = self._found(kind, name)
-        unknowns = result.equations.unknowns
-        k = int(unknowns[kind].size[number])
-        covariance = result.covariances[kind][number, :k, :k]
-        sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        safe = np.where(sigmas > 0, sigmas, 1.0)
-        return Estimate(
-            unknowns.component_names(kind, number),
-            unknowns.shown(result.state, kind, number),
-            sigmas,
-            covariance / np.outer(safe, safe),
-        )
+        return result.unknown(kind, number)
 
     def _in_memory(self, name: str) -> PartResult:
         """Return the results of the part that was asked for last, or read them."""

@@ -22,6 +22,7 @@ from ..io.tables import Row, read_table
 from ..models.variables import VariableKind, unknown_kind
 from ..network.entities import Key, Parameter, Photo, Point, parameter_name
 from ..observations import AnyObservation, Correlated
+from ..simulation.given_values import with_defaults, without_values
 from .candidates import Candidate, dependent, identified, with_candidates
 
 CANDIDATE_KEYS = ("name", "cost", "points", "photos", "unknowns", "observations")
@@ -205,8 +206,10 @@ class Drafts:
         where = f"{source}: {unknown_kind(kind).noun} {parameter_name(key)!r}"
         if key in there:
             self.problems.append(Problem("there are two of this name", where))
-        if not np.isfinite(found.values).all() and unknown_kind(kind).absent != "found":
-            self.problems.append(Problem("a plan needs its values", where))
+        of = unknown_kind(kind)
+        lacking = without_values(of, with_defaults(of, found), where)
+        if lacking is not None:
+            self.problems.append(lacking)
             draft.unread.add("unknowns")
         there[key] = found
 

@@ -143,8 +143,9 @@ def plan(
         power: probability with which an error of the smallest detectable size is found.
 
     Raises:
-        InputError: points without coordinates, photos without orientation, invalid targets,
-            targets without any item; all at once.
+        InputError: points without coordinates, photos without orientation, frames and other
+            unknowns without the values that a plan needs, invalid targets, targets without any
+            item; all at once.
         DatumError: the observations leave unknowns undetermined; the error names them.
     """
     wanted = as_targets(targets)

@@ -2,50 +2,24 @@
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import replace
-
 import numpy as np
 
-from ..errors import InputError, Problem
 from ..network.entities import ImageTable
 from ..network.network import Network
 from ..simulation.simulate import measure
-
-NO_TURN = 0.0
-"""Orientation of a planned set of directions, radians; partials are independent of it."""
 
 
 def as_planned(network: Network) -> Network:
     """Return the network with all readings computed from its given values.
 
     Args:
-        network: coordinates and orientations as planned; the observed values are ignored.
+        network: coordinates and places as planned; the observed values are ignored.
 
     Raises:
-        InputError: every point without coordinates and every photo without position or rotation.
+        InputError: points, photos and other unknowns without the values that a plan needs, as
+            `factorgraph_adj.simulation.given_values.with_given_values`.
     """
-    problems = [
-        Problem("a plan needs its coordinates", f"point {name!r}")
-        for name, p in network.points.items()
-        if not np.isfinite(p.coordinates).all()
-    ]
-    problems += [
-        Problem("a plan needs its position and rotation", f"photo {name!r}")
-        for name, f in network.photos.items()
-        if f.position is None or f.rotation is None
-    ]
-    if problems:
-        raise InputError(problems)
-    plan = copy(network)
-    plan.parameters = {
-        kind: {
-            key: p if np.isfinite(p.values).all() else replace(p, values=(NO_TURN,) * len(p.values))
-            for key, p in given.items()
-        }
-        for kind, given in network.parameters.items()
-    }
-    read = measure(plan, seed=0, noise=False)
+    read = measure(network, seed=0, noise=False)
     return _with_names(network, read)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 
+from ..observations import KINDS
 from ..solve.solution import Solution
 from ..solve.start import Start
 from .causes.readings import Readings
@@ -45,13 +46,28 @@ def astray(search: SnoopingSearch, found: Snooping) -> bool:
     return any(n > 1 for n in points.values())
 
 
-def _ends(search: SnoopingSearch) -> dict[str, frozenset[int]]:
-    """Return the station and the target of readings, by id."""
+End = tuple[str, int]
+"""An end of a sight: the kind of the unknown, and its number."""
+
+
+def _ends(search: SnoopingSearch) -> dict[str, frozenset[End]]:
+    """Return what readings join, by id: the station and the target, or the frame and the place."""
     equations = search.equations
     r = Readings.of(equations, search.solution.state)
     ids = (equations.id(int(row)) for row in r.row)
     ends = zip(r.station.tolist(), r.target.tolist(), strict=True)
-    return {ident: frozenset(pair) for ident, pair in zip(ids, ends, strict=True)}
+    out: dict[str, frozenset[End]] = {
+        ident: frozenset({("point", a), ("point", b)})
+        for ident, (a, b) in zip(ids, ends, strict=True)
+    }
+    for block in equations.blocks:
+        record = KINDS.get(block.kind)
+        if block.prior or record is None or record.tells == "nothing":
+            continue
+        (_, frame), (what, place) = block.variables[:2]
+        pairs = zip(block.ids, frame.tolist(), place.tolist(), strict=True)
+        out |= {i: frozenset({("frame", f), (str(what), p)}) for i, f, p in pairs}
+    return out
 
 
 def approximate_values(solution: Solution) -> Start:

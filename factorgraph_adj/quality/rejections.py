@@ -141,6 +141,8 @@ class Snooping(Shown):
     """Reason why the search ended."""
     factors_set_aside: tuple[FactorSetAside, ...] = ()
     """Factors of the user that were set aside, in that order."""
+    whole: Solution | None = field(default=None, repr=False)
+    """The adjustment of everything; None where it has no minimum."""
     look: Callable[[], Causes | None] | None = field(default=None, repr=False)
     """Looks for the causes of the misfits; none: they were not asked for before pickling."""
 

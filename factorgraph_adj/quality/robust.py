@@ -19,6 +19,11 @@ errors.) All components of an observation have the same γ, from the largest |t|
 Correlated observations keep their correlation (bifactor equivalent weights, Yang et al. 2002).
 All estimators start with Huber's criterion, because it is convex and the others have many minima.
 Its scale is small at first, so that it is nearly the sum of |t|.
+
+Huber's criterion bounds the effect of an error by 1.5 σ of its own reading: distances with a σ of
+micrometres carry a target away that angles with a σ of tenths of a millimetre should hold. So where
+the estimation begins at start values at which few observations are far off, these get the weight
+γ = 10⁻⁶ (1000/t)², with which an error has the effect of at most 0.001 σ, until they fit.
 """
 
 from __future__ import annotations
@@ -37,7 +42,7 @@ from ..solve.batch import MOST_ITERATIONS, adjust
 from ..solve.solution import Solution
 from ..solve.standing import standing
 from ..solve.start import Start, start_of
-from ..types import Array
+from ..types import Array, Mask
 from .reliability import Reliability, reliability
 
 Estimator = Literal["huber", "danish", "igg3", "tukey"]
@@ -52,6 +57,11 @@ OF_THE_MEDIAN = 1.4826
 LEAST_REDUNDANCY = 0.01
 """Smallest redundancy number r in t; the small residuals of observations with a smaller r depend
 mainly on the γ of other observations."""
+FAR = 1000.0
+"""Smallest |t| at start values of an observation that is far off."""
+FEW = 0.1
+"""Largest share of observations that are far off because of gross errors; where there are more, the
+start values are poor."""
 LOOSE = 0.05
 """Largest change of a γ at which the start with Huber's criterion ends."""
 NEARLY_ABSOLUTE = 0.1
@@ -141,10 +151,15 @@ def robust_adjust(
     trusted = scale == "a-priori"
     gamma = np.ones(len(size))
     starting, s = True, np.inf
+    far: Mask = np.zeros(len(size), dtype=bool)
     for iteration in range(1, max_iterations + 1):
         t = solution.equations.residuals(solution.state, whitened=False) / size
         s = _next_scale(t, s, estimator, starting=starting, known=trusted)
-        last, gamma = gamma, _of_observations(solution, t / s, "huber" if starting else estimator)
+        largest = _largest(solution, t / s)
+        far = largest > FAR if iteration == 1 and solution.reason == AT_START else far
+        far = far & (largest > FAR) & (np.mean(far) <= FEW)
+        last, gamma = gamma, _weights("huber" if starting else estimator, largest)
+        gamma = np.where(far, LEAST_WEIGHT * np.square(FAR / np.maximum(largest, FAR)), gamma)
         change = float(np.max(np.abs(gamma - last), initial=0.0))
         if progress is not None:
             progress(iteration, s, change)
@@ -229,9 +244,13 @@ def _scale(t: Array) -> float:
     return (OF_THE_MEDIAN * float(np.median(size)) if len(size) else 0.0) or 1.0
 
 
-def _of_observations(solution: Solution, t: Array, estimator: Estimator) -> Array:
-    """Return γ (n,) for scaled t (n,), equal for all components of an observation."""
+def _largest(solution: Solution, t: Array) -> Array:
+    """Return the largest scaled |t| of all components of an observation for each of them, (n,)."""
     number = solution.equations.observation_of_row
     first = np.flatnonzero(np.diff(number, prepend=-1))
-    largest = np.maximum.reduceat(np.nan_to_num(np.abs(t)), first)
-    return np.maximum(equivalent_weights(estimator, largest), LEAST_WEIGHT)[number]
+    return np.asarray(np.maximum.reduceat(np.nan_to_num(np.abs(t)), first)[number])
+
+
+def _weights(estimator: Estimator, t: Array) -> Array:
+    """Return γ (n,) for scaled |t| (n,), with the lower limit."""
+    return np.maximum(equivalent_weights(estimator, t), LEAST_WEIGHT)

@@ -20,18 +20,15 @@ from math import sqrt
 
 import numpy as np
 
-from ..frames import Frame
 from ..graph.blocks import Block
 from ..models.base import within
 from ..models.shapes import SHAPES, Shape
-from ..models.sub_frame import InFrame, in_frame, split_frame
 from ..models.variables import VariableKind
 from ..observations import observation_kind
 from ..solve.solution import Solution
 from ..types import Array
+from .posed import POSED, Posed
 
-_POSED = ("frame", "point", "vertical")
-"""Kinds of the variables that give a frame its place; the others are sizes."""
 UPRIGHT = 1e-12
 """Sine of a tilt below which an axis has no azimuth."""
 
@@ -151,40 +148,13 @@ def _columns(block: Block) -> tuple[list[int], int | None]:
     return own, on
 
 
-@dataclass(frozen=True, eq=False)
-class _Posed:
-    """The frame of a shape after the adjustment."""
-
-    frame: Frame
-    """Frame of the network."""
-    state: dict[VariableKind, Array]
-    """Stored values (1, s) of frame, origin and vertical, as far as the shape has them."""
-
-    def there(self, place: Array) -> InFrame:
-        """Return a place (3,) in the frame, with partials."""
-        get = self.state.get
-        return in_frame(self.frame, self.state["frame"], place[None], get("point"), get("vertical"))
-
-    @property
-    def origin(self) -> Array:
-        """O, (3,) metres."""
-        constant = split_frame(self.state["frame"]).origin
-        return np.asarray(self.state.get("point", constant)[0])
-
-    def moves(self, place: Array, kind: VariableKind) -> Array:
-        """Return ∂X/∂(variable) (3, k) of a place that keeps its coordinates q in the frame."""
-        found = self.there(place)
-        by = {"frame": found.by_frame, "point": found.by_origin, "vertical": found.by_vertical}
-        return np.asarray(-np.linalg.solve(found.by_place[0], by[kind][0]))
-
-
 def _adjusted(solution: Solution, shape: Shape, seen: _Seen) -> AdjustedShape:
     """Return one shape."""
     names = [(kind, solution.equations.unknowns[kind].names[n]) for kind, n in seen.variables]
     sizes = _adjusted_sizes(solution, shape, dict(zip(seen.attributes, names, strict=True)))
     lift = sum(z.value for z in sizes if _lifts(shape, z.attribute))
-    state = {kind: solution.state[kind][[n]] for kind, n in seen.variables if kind in _POSED}
-    posed = _Posed(solution.network.frame, state)
+    state = {kind: solution.state[kind][[n]] for kind, n in seen.variables if kind in POSED}
+    posed = Posed(solution.network.frame, state)
     points = [n for what, n in seen.on if what == "point"]
     near = solution.state["point"][points].mean(axis=0) if points else posed.origin
     there = posed.there(near)

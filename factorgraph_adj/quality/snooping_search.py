@@ -21,9 +21,8 @@ from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..types import Array
 from .candidates import Choice, Outlier, Units, choose, conditions
-from .causes.matches import Match, matches
-from .causes.mirrored_block import mirrored_block
-from .causes.photos import photos
+from .causes.every_match import every_match
+from .causes.matches import Match
 from .causes.search import Causes, causes
 from .distributions import chi2_quantile, fisher_quantile, normal_quantile
 from .factor_search import FactorSearch
@@ -404,6 +403,7 @@ class SnoopingSearch:
             self.test,
             reason,
             tuple(self._final_factors()),
+            self.first.solution if self.first.solution.weights is None else None,
             self._causes,
         )
 
@@ -428,12 +428,8 @@ class SnoopingSearch:
     def matches(self) -> tuple[Match, ...]:
         """Return what the observations set aside may be instead; a solution looks once."""
         if self._matched is None or self._matched[0] is not self.solution:
-            ids = self.ids_aside()
-            arguments = self.equations, self.solution, ids, self.alpha
-            found = (*matches(*arguments), *photos(*arguments))
-            if not self.factors.given.factors:
-                arguments = self.equations, self.solution, [*ids, *self._above()], self.alpha
-                found = (*mirrored_block(*arguments), *found)
+            bad, again = (self.ids_aside(), self._above()), not self.factors.given.factors
+            found = every_match(self.equations, self.solution, *bad, self.alpha, again=again)
             self._matched = self.solution, found
         return self._matched[1]
 

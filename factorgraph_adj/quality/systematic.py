@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from scipy.sparse import block_diag
 
 from ..errors import AdjustmentError, InputError, known
 from ..models.variables import UNKNOWNS, VariableKind
@@ -278,11 +279,12 @@ def significance(
     parameters: list[TestedParameter] = []
     among: list[Array] = []
     tested = np.concatenate([np.zeros(0, np.intp), *(v.columns for v in variables)])
+    by_steps: Any = block_diag([v.by_step for v in variables], format="csr") if variables else None
     for v in variables:
         unit = np.zeros((solution.equations.unknowns.n_columns, len(v.columns)))
-        unit[v.columns, np.arange(len(v.columns))] = 1.0
+        unit[v.columns] = v.by_step.T
         covariance = solution.cofactor_times(unit) * solution.variance_factor
-        among.append(covariance[tested])
+        among.append(by_steps @ covariance[tested])
         own = photos.get(v.name, NO_PARTNERS) if v.kind == "calibration" else NO_PARTNERS
         with_photos = own.ties(covariance, v.sigma, correlation)
         with_points = points.ties(covariance, v.sigma, correlation)
@@ -324,6 +326,8 @@ class _Variable:
     weighted: Mask
     sigma: Array
     inflation: Array
+    by_step: Array
+    """Partials of the values by the columns; turns about the turned axes are no values."""
 
 
 def _variables(solution: Solution) -> Iterator[_Variable]:
@@ -340,7 +344,9 @@ def _variables(solution: Solution) -> Iterator[_Variable]:
             weighted = np.isfinite(table.sigma[number, free])
             as_given = weighted | np.isin(components, INTERIOR)
             as_given = as_given | (UNKNOWNS[kind].reference == "given")
-            covariance = solution.variable_covariance((kind, name))[np.ix_(free, free)]
+            by_step = unknowns.by_step(solution.state, kind, number)[np.ix_(free, free)]
+            tangent = solution.variable_covariance((kind, name))[np.ix_(free, free)]
+            covariance = by_step @ tangent @ by_step.T
             sigma = np.sqrt(np.diag(covariance))
             inflation = np.diag(np.linalg.inv(covariance / np.outer(sigma, sigma)))
             yield _Variable(
@@ -353,6 +359,7 @@ def _variables(solution: Solution) -> Iterator[_Variable]:
                 weighted,
                 sigma,
                 np.maximum(inflation, 1.0),
+                by_step,
             )
 
 

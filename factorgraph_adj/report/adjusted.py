@@ -27,7 +27,7 @@ def observations(report: Report) -> list[str]:
         return []
     some, note = report.cut(numbers, "adjusted observations", "observations.csv")
     shown = report.rows.at(some)
-    places = _places(shown)
+    places = decimals_of(shown)
     widths = [max(len(u) for u in x) for x in zip(*map(_units, shown), strict=True)]
     name = "τ" if report.pope else "w"
     cells, last = [], ""
@@ -111,7 +111,7 @@ def _between_points(block: Block) -> bool:
     return not block.prior and block.kind != "image" and not block.by_axis
 
 
-def _places(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
+def decimals_of(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
     """Return by small unit the decimals of values and of v: two digits of the smallest σ."""
     sizes: dict[str, list[float]] = {}
     whole: dict[str, int] = {}
@@ -141,7 +141,7 @@ def weighted_coordinates(report: Report) -> list[str]:
     some, note = report.cut(found, "weighted coordinates", "observations.csv")
     rows = report.rows.at(number for number, _ in some)
     shown = [(row, sigma) for row, (_, sigma) in zip(rows, some, strict=True)]
-    places = _places(row for row, _ in shown)
+    places = decimals_of(row for row, _ in shown)
     values, _ = report.tests
     name = "τ" if report.pope else "w"
     cells = []

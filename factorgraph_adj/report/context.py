@@ -18,6 +18,7 @@ from ..quality.causes.given import GivenValue
 from ..quality.causes.search import Causes, causes
 from ..quality.ellipses import ErrorEllipse, ErrorEllipsoid, error_ellipses, error_ellipsoids
 from ..quality.lines import AdjustedLine, adjusted_lines
+from ..quality.losses import losses
 from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.relative import Place
 from ..quality.reliability import Reliability, reliability
@@ -33,8 +34,9 @@ from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array, Mask
 from ..units import ANGLE, LENGTH
+from ..validate.preliminary.search import preliminary
 from . import axes
-from .doubts import above_critical, doubts_about, of_network
+from .doubts import above_critical, doubts_about, lost, of_network, reasons
 from .options import Provenance, ReportOptions
 from .rows import ReportRows
 from .set_aside import SetAside, set_aside
@@ -161,8 +163,34 @@ class Report:
             *doubts_about(self.solution),
             *of_network(self.network),
             *above_critical(values, critical, name, self.options.alpha),
-            *self.likelier,
+            *self.in_common,
         ]
+
+    @property
+    def in_common(self) -> list[str]:
+        """What speaks against gross errors of single readings, where data snooping found some."""
+        return [*self.likelier, *self._found_before, *self._lost]
+
+    @cached_property
+    def _found_before(self) -> list[str]:
+        """The preliminary findings that explain observations set aside or unresolved."""
+        original = self.provenance.original
+        if self.snooping is None or original is None:
+            return []
+        wrong = {*self.snooping.ids_set_aside, *(u.id for u in self.snooping.unresolved)}
+        if not wrong:
+            return []
+        found = preliminary(original, length=self.units.length, angle=self.units.angle)
+        named = set(self.causes.likelier[0].ids) if self.likelier and self.causes else set()
+        return reasons([f for f in found if not named or set(f.ids) != named], wrong)
+
+    @cached_property
+    def _lost(self) -> list[str]:
+        """The instruments and points of which much was set aside."""
+        original = self.provenance.original
+        if self.snooping is None or original is None:
+            return []
+        return lost(losses(self.snooping, original, self.snooping.whole))
 
     @property
     def likelier(self) -> list[str]:

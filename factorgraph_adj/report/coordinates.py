@@ -101,7 +101,7 @@ def photos(report: Report) -> list[str]:
             continue
         about = [s / report.radian for s in pose.sigma_angles]
         centre = [s / report.small for s in pose.sigma_position]
-        sigmas = zip([*centre, *about], _held(network.photos[name].fixed), strict=True)
+        sigmas = zip([*centre, *about], held_of_pose(network.photos[name].fixed), strict=True)
         label = f"σ [{units.sigma_length}, {units.sigma_angle}]"
         rows.append(["", "", label, *("held" if held else short(s) for s, held in sigmas)])
     header = ["photo", "points", "RMS v/σ", *(f"{a} [{units.length}]" for a in ("X0", "Y0", "Z0"))]
@@ -109,7 +109,7 @@ def photos(report: Report) -> list[str]:
     return [*title("Photos"), *table(header, rows), *note]
 
 
-def _held(fixed: tuple[bool, ...]) -> tuple[bool, ...]:
+def held_of_pose(fixed: tuple[bool, ...]) -> tuple[bool, ...]:
     """Return whether X0, Y0, Z0, ω, φ, κ are held; an angle is held if all rotations are."""
     return (*fixed[3:], *[all(fixed[:3])] * 3)
 

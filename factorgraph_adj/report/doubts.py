@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence, Set
 from typing import Protocol
 
 import numpy as np
 
 from ..network.network import Network
+from ..quality.losses import Loss
 from ..quality.unit_weight import Adjusted, global_test
 from ..types import Array
+from ..validate.preliminary.finding import Finding
 from ..validate.preliminary.left_handed import left_handed
+
+NAMED = 6
+"""Largest number of names or ids that a doubt lists."""
 
 
 class Ended(Adjusted, Protocol):
@@ -60,6 +66,38 @@ def of_network(network: Network) -> list[str]:
             f"{n} doubt{'s' * (n != 1)} about the two faces of targets, the first: {first}"
         )
     return found
+
+
+def reasons(found: Sequence[Finding], wrong: Set[str]) -> list[str]:
+    """Return the preliminary findings that are a likely reason for readings that do not fit.
+
+    Args:
+        found: what was found before the adjustment.
+        wrong: ids of the observations that were set aside, or stay above the critical value.
+    """
+    out = []
+    for finding in found:
+        own = [i for i in finding.ids if i in wrong]
+        if own:
+            n, more = len(own), f", … {len(own)} in all" if len(own) > NAMED else ""
+            concerned = "the observation" if n == 1 else "observations"
+            out.append(
+                f"found before the adjustment: {finding}; this concerns {concerned} "
+                f"{', '.join(own[:NAMED])}{more}"
+            )
+    return out
+
+
+def lost(found: Sequence[Loss]) -> list[str]:
+    """Return the groups of which data snooping has set much aside, each kind in one sentence."""
+    out = []
+    for noun in dict.fromkeys(loss.noun for loss in found):
+        own = [loss for loss in found if loss.noun == noun]
+        rest = [repr(loss.name) for loss in own[1:NAMED]]
+        more = f", … {len(own)} in all" if len(own) > NAMED else ""
+        others = f"; too much also of {noun}s {', '.join(rest)}{more}" if rest else ""
+        out.append(f"{own[0]}{others}")
+    return out
 
 
 def above_critical(values: Array, critical: float, name: str, alpha: float) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 from ..models.sub_frame import split_frame
 from ..network.entities import Parameter
 from ..observations import observation_kind
+from ..quality.posed import PLACE, place_of_frame
 from ..rotation import TURN_ABOUT_X, angles_by_rotation, omega_phi_kappa
 from ..units import ANGLE, decimal, decimal_angle
 from .context import Report
@@ -18,7 +19,8 @@ from .layout import decimals, paragraph, short, table, title
 MEANING = (
     "X = O + Eᵀ e^ℓ R (q + c): rotation R of ω, φ, κ, offset c of x, y, z, scale e^ℓ; E: the "
     "horizon at the origin O of a level frame. Offset and v are in the unit of the frame, which is "
-    "e^ℓ times that of the network. Under each value its σ, (w) where it was weighted"
+    "e^ℓ times that of the network. X, Y, Z: the place of the zero of the frame in the network, "
+    "where a scanner or tracker stands. Under each value its σ, (w) where it was weighted"
 )
 
 
@@ -38,14 +40,13 @@ def frames(report: Report) -> list[str]:
     """Return the frames: origin, places, residuals; rotation, offset and scale with their σ."""
     stated, seen, units = report.network.frames, _seen(report), report.units
     number = report.solution.equations.unknowns["frame"].number
-    shapes = {s.name for s in report.shapes}
-    # A shape has a table of its own, unless something was measured in its frame.
-    own = [n for n in stated if n not in shapes or seen[number[n]].places]
+    own = _own(report, seen)
     if not own:
         return []
     names, note = report.cut(own, "frames", "unknowns.csv")
     overview: list[list[str]] = []
     rows: list[list[str]] = []
+    places: list[list[str]] = []
     for name in names:
         found = seen[number[name]]
         overview.append(
@@ -59,6 +60,7 @@ def frames(report: Report) -> list[str]:
             ]
         )
         rows += _values(report, name, stated[name])
+        places += _place(report, name)
     angle = decimal_angle(units.angle)
     header = [
         "frame",
@@ -80,8 +82,34 @@ def frames(report: Report) -> list[str]:
         *note,
         "",
         *table([*second, "scale"], [r if r[0] else [f"  {small}", *r[1:]] for r in rows]),
+        "",
+        *table(
+            ["frame", *(f"{a} [{units.length}]" for a in PLACE)],
+            [r if r[0] else [f"  σ [{units.sigma_length}]", *r[1:]] for r in places],
+        ),
         *paragraph(MEANING),
     ]
+
+
+def measured_frames(report: Report) -> list[str]:
+    """Return the frames in which something was measured, and those that are no shapes."""
+    return _own(report, _seen(report))
+
+
+def _own(report: Report, seen: list[_Seen]) -> list[str]:
+    """Return the frames of the section; a shape has a table of its own instead."""
+    number = report.solution.equations.unknowns["frame"].number
+    shapes = {s.name for s in report.shapes}
+    return [n for n in report.network.frames if n not in shapes or seen[number[n]].places]
+
+
+def _place(report: Report, name: str) -> list[list[str]]:
+    """Return two rows of the table of places: X, Y, Z of a frame's zero, and their σ."""
+    e = place_of_frame(report.solution, name)
+    small = [float(s) / report.small for s in e.sigmas]
+    digits = decimals([s * report.small / report.metre for s in small], default=4, most=9)
+    values = [decimal(float(v) / report.metre, digits) for v in e.values]
+    return [[name, *values], ["", *("held" if s == 0 else short(s) for s in small)]]
 
 
 def _origin(report: Report, stated: Parameter) -> str:

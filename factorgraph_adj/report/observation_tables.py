@@ -35,8 +35,11 @@ def observations_table(report: Report) -> str:
 
 
 def _what(rows: Sequence[Row]) -> dict[str, list[str]]:
-    """Return the columns that identify the observations."""
-    points = [r.points for r in rows]
+    """Return the columns that identify the observations.
+
+    A frame of its own stands in ``frame``, and the only point that is observed from it in ``to``.
+    """
+    points = [("", *r.points) if r.frame and len(r.points) == 1 else r.points for r in rows]
     return {
         "id": [r.id for r in rows],
         "kind": [r.kind for r in rows],

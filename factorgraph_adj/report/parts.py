@@ -190,11 +190,10 @@ def _unknowns(name: str, part: PartResult, seen: set[str]) -> dict[str, list[str
             if label in seen:
                 continue
             seen.add(label)
-            values = tables.shown(part.state, kind, number)
-            names = tables.component_names(kind, number)
+            e = part.unknown(kind, number)
+            names, values, sigma = e.names, e.values, e.sigmas
             sign = axes.signs(part.equations.network, kind, t.names[number], names)
             values = values if sign is None else sign * values
-            sigma = np.sqrt(np.maximum(np.diag(part.covariances[kind][number]), 0.0))
             for c, component in enumerate(names):
                 value = exact(float(values[c]))
                 rows.append((kind, t.names[number], component, value, f"{sigma[c]:.6g}"))

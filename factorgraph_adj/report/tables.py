@@ -18,11 +18,13 @@ from ..graph.variables import camera_of_calibration
 from ..io.atomic import write_files
 from ..io.tables import write_columns, write_table
 from ..models.variables import VariableKind
+from ..quality.posed import place_of_frame
 from ..quality.variance_components import VarianceComponents
 from ..solve.solution import Solution
 from .causes import unit_of
 from .context import Report
 from .coordinates import by_photo
+from .frames import measured_frames
 from .geographic import geographic_columns
 from .lines import lines_table
 from .observation_tables import figures, observations_table, snooping_table
@@ -219,6 +221,19 @@ def _unknowns(report: Report) -> Iterator[dict[str, str]]:
             "state": u.state,
             **_test(report, u.kind, u.name, u.component),
         }
+    length = report.units.length
+    for name in measured_frames(report):
+        place = place_of_frame(report.solution, name)
+        for component, value, sigma in zip(place.names, place.values, place.sigmas, strict=True):
+            yield {
+                "kind": "frame",
+                "name": name,
+                "component": component,
+                "value": exact(float(value), length),
+                "sigma": figure(float(sigma) / report.metre),
+                "unit": length,
+                "state": "computed" if sigma > 0 else "held",
+            }
 
 
 def _test(report: Report, kind: VariableKind, name: str, component: str) -> dict[str, str]:

@@ -207,11 +207,13 @@ def others(report: Report) -> list[str]:
             continue
         shown_ones.append(u)
         value, sigma = u.value / u.size, u.sigma / u.size
-        shown = f"{value + 0.0:.5g}" if u.state == "held" else with_sigma(value, sigma)
+        # A held turn keeps its component of the rotation vector only where the others are held.
+        still = u.state == "held" and sigma == 0
+        shown = f"{value + 0.0:.5g}" if still else with_sigma(value, sigma)
         label = f"{u.sign} [{u.unit}{_PER[u.power]}]" if u.unit else u.sign
         what = f"{UNKNOWNS[u.kind].title} {u.name}".strip()
         test = _verdict(report.tested(u.kind, u.name, u.component))
-        rows.append([what, label, shown, "held" if u.state == "held" else short(sigma), *test])
+        rows.append([what, label, shown, "held" if still else short(sigma), *test])
     if not rows:
         return []
     shown_rows, note = report.cut(rows, "unknowns", "unknowns.csv")

@@ -23,6 +23,7 @@ from ..network.network import Network
 from ..observations import BUILT_IN, KINDS
 from ..rotation import exp_rotation
 from ..types import Array, Mask
+from .given_values import with_given_values
 
 Seed = int
 """Seed of a simulation: the same seed gives the same errors on every machine."""
@@ -113,7 +114,8 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
     stretches the image by one per cent also increases σ̂0 by one per cent.
 
     Args:
-        plan: a network with true values everywhere, including the orientation unknowns.
+        plan: a network with true values everywhere; those that may be missing are those of
+            `factorgraph_adj.simulation.given_values`.
         seed: seed of the errors.
         noise: whether readings have random errors; otherwise all readings are true values.
 
@@ -122,8 +124,10 @@ def measure(plan: Network, *, seed: Seed, noise: bool = True) -> Network:
         apart. Its image points have no ids.
 
     Raises:
-        InputError: an observation cannot be computed, as its geometry has no answer.
+        InputError: an unknown without a value that is needed, or an observation that cannot be
+            computed, as its geometry has no answer.
     """
+    plan = with_given_values(plan)
     equations = compile_network(plan)
     state = equations.unknowns.start()
     true = [_observed_truly(equations, block, state) for block in equations.blocks]

@@ -113,7 +113,9 @@ def others(solution: Adjusted) -> Columns:
         table = unknowns[kind]
         for number, name in enumerate(table.names):
             values = unknowns.shown(solution.state, kind, number)
-            sigma = np.sqrt(np.diag(solution.variable_covariance((kind, name))))
+            tangent = solution.variable_covariance((kind, name))
+            covariance = unknowns.covariance_of_given(solution.state, kind, number, tangent)
+            sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
             names = unknowns.component_names(kind, number)
             held = ~table.free[number, : len(names)]
             for cells in zip(names, values, sigma, held, strict=True):

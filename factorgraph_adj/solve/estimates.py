@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError, known
+from ..graph.variables import State, Unknowns
+from ..models.variables import VariableKind
 from ..rotation import omega_phi_kappa
 from ..types import Array
 
@@ -20,7 +22,7 @@ class Estimate:
     values: Array
     """Estimates, SI."""
     sigmas: Array
-    """Standard deviations; zero where held."""
+    """Standard deviations of the estimates; zero where they are held."""
     correlation: Array
     """Correlations; zero with held components."""
 
@@ -36,6 +38,29 @@ class Estimate:
         if name not in self.names:
             raise InputError(f"unknown component {name!r}; known: {known(self.names, meant=name)}")
         return self.names.index(name)
+
+
+def estimate(
+    unknowns: Unknowns, state: State, kind: VariableKind, number: int, tangent: Array
+) -> Estimate:
+    """Return one unknown with the precision of its values.
+
+    Args:
+        unknowns: all unknowns.
+        state: their values.
+        kind: its kind.
+        number: its number.
+        tangent: covariance of its columns, (k, k); those of a rotation are turns about its axes.
+    """
+    covariance = unknowns.covariance_of_given(state, kind, number, tangent)
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    safe = np.where(sigmas > 0, sigmas, 1.0)
+    return Estimate(
+        unknowns.component_names(kind, number),
+        unknowns.shown(state, kind, number),
+        sigmas,
+        covariance / np.outer(safe, safe),
+    )
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from ..types import Array, Index
 from . import columns
 from .adjusted import with_values
 from .datum import Defect, FreeDatum
-from .estimates import CalibrationEstimate, Estimate, PoseEstimate
+from .estimates import CalibrationEstimate, Estimate, PoseEstimate, estimate
 from .extra import Extra
 from .extrapolation import NONE_TAKEN, Extrapolated
 from .factor import Factor
@@ -214,7 +214,10 @@ class Solution(Shown):
     def unknown(self, kind: VariableKind, name: str) -> Estimate:
         """Return an unknown of any kind by its name, SI.
 
-        Standard deviations of the three components of a rotation are about the turned axes.
+        Standard deviations and correlations are those of the returned values: of a rotation, those
+        of the components of its rotation vector. Turns about the turned axes are the tangent, whose
+        covariance is that of `variable_covariance`. Where only some turns are held, the components
+        of the vector all have a standard deviation.
         """
         return self._estimate(kind, name)
 
@@ -313,7 +316,10 @@ class Solution(Shown):
     def variable_covariance(
         self, a: tuple[VariableKind, str], b: tuple[VariableKind, str] | None = None
     ) -> Array:
-        """Return the covariance between any two variables, by kind and name."""
+        """Return the covariance between any two variables, by kind and name.
+
+        It is that of steps of the tangent: of a rotation R ← R Exp(ω), ω about the turned axes.
+        """
         columns_a, size_a, rows_a = self._columns(*a)
         columns_b, size_b, rows_b = (columns_a, size_a, rows_a) if b is None else self._columns(*b)
         out = np.zeros((size_a, size_b))
@@ -442,14 +448,5 @@ class Solution(Shown):
         return columns, size, np.arange(size) if len(columns) else np.zeros(0, dtype=np.intp)
 
     def _estimate(self, kind: VariableKind, name: str) -> Estimate:
-        number = self.number(kind, name)
-        names = self.equations.unknowns.component_names(kind, number)
-        covariance = self.variable_covariance((kind, name))
-        sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        safe = np.where(sigmas > 0, sigmas, 1.0)
-        return Estimate(
-            names,
-            self.equations.unknowns.shown(self.state, kind, number),
-            sigmas,
-            covariance / np.outer(safe, safe),
-        )
+        tangent, number = self.variable_covariance((kind, name)), self.number(kind, name)
+        return estimate(self.equations.unknowns, self.state, kind, number, tangent)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
-from ..errors import known
+from ..errors import Problem, known
 
 Sources: TypeAlias = Mapping[tuple[str, str], str]
 """File and line by noun (point, photo) and name."""
@@ -18,3 +19,12 @@ def listed(noun: str, names: Sequence[str], at: Sources) -> str:
     if len(names) == 1:
         return f"{where}{noun} {names[0]!r}"
     return f"{where}{noun}s {known(map(repr, names))}"
+
+
+def with_lines(problems: Sequence[Problem], at: Sources) -> list[Problem]:
+    """Return problems of single unknowns with the file and line that state them, where known."""
+    lines = {f"{noun} {name!r}": source for (noun, name), source in at.items()}
+    return [
+        replace(p, where=f"{lines[p.where]}: {p.where}") if p.where in lines else p
+        for p in problems
+    ]

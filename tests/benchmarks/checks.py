@@ -131,7 +131,14 @@ MISTAKES: dict[str, Callable[[int], Told]] = {
 """What makes networks with a mistake from a seed, by its name."""
 PARTS = (
     *("more than the full circle", "are in gon", "are in degrees", "are in radians"),
-    *("times better as", "with the factor", "are exchanged in", "contradicts the given heights of"),
+    *(
+        "stated to be level",
+        "better with its",
+        "times better as",
+        "with the factor",
+        "are exchanged in",
+        "contradicts the given heights of",
+    ),
 )
 """What the sentences of these checks have in them."""
 

@@ -16,6 +16,7 @@ from .mistakes import (
     yard_with_lake,
 )
 from .projects import Project, book_of_both, facade, field_book, hall, yard, yard_on_earth
+from .trackers import rig, tracked_hall
 
 
 def pixels() -> Project:
@@ -43,7 +44,7 @@ def test_a_mistake_is_named(mistake: Mistake, tmp_path, capsys) -> None:
 
 
 FAULTLESS = [yard, facade, field_book, hall, book_of_both, pixels, poles, yard_on_earth]
-FAULTLESS += [polar_hall, yard_with_lake, full_circle]
+FAULTLESS += [polar_hall, yard_with_lake, full_circle, tracked_hall, rig]
 
 
 @pytest.mark.parametrize("project", FAULTLESS)

@@ -144,9 +144,9 @@ def test_the_tables_have_gon_and_metres_and_the_frame_of_each_observation(tmp_pa
         assert row["state"] == "free"
     assert found["station", "rx"]["state"] == "held"
     rows = list(csv.DictReader(io.StringIO((tmp_path / "observations.csv").read_text("utf-8"))))
-    assert [(r["frame"], r["from"], r["component"]) for r in rows[:2]] == [
-        ("scan", "P0", "x"),
-        ("scan", "P0", "y"),
+    assert [(r["frame"], r.get("from", ""), r["to"], r["component"]) for r in rows[:2]] == [
+        ("scan", "", "P0", "x"),
+        ("scan", "", "P0", "y"),
     ]
     table = s.unknown_table()
     of_model = (table["kind"] == "frame") & (table["name"] == "model")

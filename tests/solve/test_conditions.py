@@ -149,7 +149,7 @@ def test_relations_and_edges_arrive():
 def test_protocols_and_plots_take_shapes_and_relations(network, tmp_path):
     solution = fga.adjust(network)
     text = fga.protocol(solution)
-    assert "Frames" in text
+    assert "Shapes" in text
     for kind in {x.kind for x in network.observations.values()}:
         assert kind.replace("_", " ") in text or kind in text
     assert save_plots(solution, tmp_path)

@@ -25,6 +25,9 @@ MOST_RAYS = 2_000_000
 """Largest number of image points with which held values of calibrations are tested: each touches
 all of them."""
 
+MOST_OF_C = 0.5
+"""Largest error of a principal distance, relative to it: the partials hold for no larger one."""
+
 
 @dataclass(frozen=True)
 class GivenValue:
@@ -43,6 +46,9 @@ class GivenValue:
     image units."""
     apart: tuple[Explained, ...]
     """Each of them alone, the others held."""
+    possible: bool = True
+    """Whether errors of this size are made: a principal distance that is another one altogether, or
+    a factor between any two units, explains nothing."""
 
     @property
     def w(self) -> Array:
@@ -101,9 +107,23 @@ def given_values(solution: Solution) -> tuple[GivenValue, ...]:
                 _sizes(kind, which),
                 whole,
                 tuple(next(apart) for _ in which),
+                _possible(equations, kind, number, which, whole.error),
             )
         )
     return tuple(out)
+
+
+def _possible(
+    equations: Equations, kind: VariableKind, number: int, which: Index, error: Array
+) -> bool:
+    """Return whether errors (q,) of held components have a size in which they are made."""
+    table, components = equations.unknowns[kind], UNKNOWNS[kind].components
+    if components:
+        largest = np.array([components[i].largest_error for i in which.tolist()])
+        return not bool(np.any(np.abs(error) > largest))
+    lengths = [equations.unknowns.component_names(kind, number)[i] == "c" for i in which.tolist()]
+    given = np.abs(table.values[number][which])
+    return not bool(np.any(np.asarray(lengths) & (np.abs(error) > MOST_OF_C * given)))
 
 
 def _sizes(kind: VariableKind, which: Index) -> tuple[Size, ...]:

@@ -43,6 +43,8 @@ IN_FRAME = 12
 was set aside."""
 EXCHANGED = "two targets, exchanged:"
 """Cause of two targets that fit as each other."""
+NAME = "the name of the target"
+"""Cause of a target that fits as another point."""
 WITH_HEIGHT = ", with the height that goes with the name"
 """What is added where the height of the target is that of the wrong name as well."""
 
@@ -174,7 +176,7 @@ class _Search:
                 moved = bool(np.any(heights[b] != part.constant(HEIGHT)))
                 seen = f"{names[target]!r} seen from {names[station]!r}"
                 where = f"{seen}, which is {right!r}{WITH_HEIGHT if moved else ''}"
-                if found := self._match("the name of the target", where, own, changed):
+                if found := self._match(NAME, where, own, changed):
                     sight = (names[station], names[target], right)
                     yield replace(found, sight=sight, moved=moved)
                     break
@@ -207,9 +209,10 @@ class _Search:
                     yield found
 
     def places(self) -> Iterator[Match]:
-        """Iterate over two targets that are exchanged in a frame of its own.
+        """Iterate over two targets that are exchanged in a frame of its own, and over wrong names.
 
-        All that was measured of both in the frame must fit the other one.
+        All that was measured of both in the frame must fit the other one; all of a single target
+        another point.
         """
         own: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
         for i, o in self.every.items():
@@ -228,6 +231,22 @@ class _Search:
                 if found := self._match(EXCHANGED, where, ids, changed):
                     done |= {a, b}
                     yield found
+            for a in touched[:IN_FRAME]:
+                if a not in done:
+                    yield from self._named(frame, a, targets[a])
+
+    def _named(self, frame: str, a: str, ids: Sequence[str]) -> Iterator[Match]:
+        """Iterate over the point that a target of a frame is, if all that was measured fits it."""
+        if len(ids) < 2 and self.every[ids[0]].record.tells != "coordinates":
+            return  # a single reading fits another point by chance
+        fits = []
+        for b in self.clean.network.points:
+            if b != a:
+                changed = [_to_place(self.every[i], {a: b}) for i in ids]
+                where = f"{a!r} in frame {frame!r}, which is {b!r}"
+                if found := self._match(NAME, where, ids, changed):
+                    fits.append(found)
+        yield from sorted(fits, key=lambda m: m.after)[:1]
 
 
 def _to_place(o: Observation, names: Mapping[str, str]) -> Observation:

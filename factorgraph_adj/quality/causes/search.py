@@ -222,7 +222,7 @@ def explanations(solution: Solution, given: Iterable[GivenValue] | None = None) 
     """
     readings = Readings.of(solution.equations, solution.state)
     held = given_values(solution) if given is None else given
-    return [*_tested(solution, hypotheses(readings)), *map(_of_given, held)]
+    return [*_tested(solution, hypotheses(readings)), *(_of_given(v) for v in held if v.possible)]
 
 
 def _ordered(found: Iterable[Cause]) -> list[Cause]:

@@ -100,6 +100,18 @@ class Precision:
         """Largest extent of each point's region, (n,)."""
         return np.maximum(self.semi[:, 0], self.height)
 
+    @property
+    def positive_sizes(self) -> Array:
+        """Extents of the regions of points; of those of photos and others where points have none.
+
+        The result is empty where everything is held.
+        """
+        sizes, others = self.sizes, [each.semi[:, 0] for each in self.others]
+        if np.any(sizes > 0):
+            return np.asarray(sizes[sizes > 0])
+        every = np.concatenate([self.centre_semi[:, 0], *others])
+        return np.asarray(every[every > 0])
+
 
 def precision_of(
     solution: Solution,
@@ -159,21 +171,14 @@ def draw_precision(
     from matplotlib.collections import LineCollection
 
     sizes = precision.sizes
-    other_sizes = [each.semi[:, 0] for each in precision.others]
-    positive = np.concatenate([sizes, precision.centre_semi[:, 0], *other_sizes])
-    positive = sizes[sizes > 0] if np.any(sizes > 0) else positive[positive > 0]
+    positive = precision.positive_sizes
     if not len(positive):
         return Shown("every point is held: there are no error ellipses", [], [])
     extent = float(np.max(limits[1] - limits[0]))
     typical = float(np.median(positive))
     factor = precision.factor
     if factor is None:
-        # Instruments and photos around the points leave no more room between these.
-        places = at if len(at) else centres
-        own = places.min(axis=0) - BESIDE * extent, places.max(axis=0) + BESIDE * extent
-        among = np.maximum(own[0], limits[0]), np.minimum(own[1], limits[1])
-        room = min(0.45 * spacing(places, *among), 0.05 * extent)
-        factor = readable(room / typical)
+        factor = visible_factor(typical, at if len(at) else centres, limits)
     fits = sizes * factor <= LARGEST * extent
     found: list[Artist] = []
     line = 1.0 if len(at) <= 300 else 0.5
@@ -224,6 +229,22 @@ def draw_precision(
         key = readable(2.6 * key)
     scale_key(axes, key * factor, f"{length(key)}, {exaggeration(factor)}")
     return Shown(precision.title, found, notes)
+
+
+def visible_factor(typical: float, places: Array, limits: tuple[Array, Array]) -> float:
+    """Return the exaggeration, 1, 2 or 5 times a power of ten, that makes regions well visible.
+
+    Args:
+        typical: size of a region of medium size, metres.
+        places: places of the regions, (n, 2) metres.
+        limits: lower left and upper right corner of the drawing, (2,) metres each.
+    """
+    extent = float(np.max(limits[1] - limits[0]))
+    # Instruments and photos around the points leave no more room between these.
+    own = places.min(axis=0) - BESIDE * extent, places.max(axis=0) + BESIDE * extent
+    among = np.maximum(own[0], limits[0]), np.minimum(own[1], limits[1])
+    room = min(0.45 * spacing(places, *among), 0.05 * extent)
+    return readable(room / typical)
 
 
 def _ellipses(

@@ -108,6 +108,7 @@ def level_sights(network: Network, unit: str, compared: frozenset[str]) -> Itera
                 f"in {_noun(stated)}: {why} in {_noun(best)}, the first {some[0].label()}",
                 f"state their unit; in {_noun(stated)} a level sight reads "
                 f"{level / ANGLE[stated]:.4g}",
+                ids=tuple(i for i, o in network.observations.items() if o.kind == kind),
             )
 
 

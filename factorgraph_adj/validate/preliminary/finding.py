@@ -22,6 +22,9 @@ class Finding:
     """How large it may be: `TIMES` its standard deviation, in ``unit``; NaN if there is none."""
     unit: str = ""
     """Unit of both."""
+    ids: tuple[str, ...] = ()
+    """Ids of the observations that share the mistake; empty where a finding is of something else,
+    or of one reading alone."""
 
     def __str__(self) -> str:
         """Return the finding as text."""

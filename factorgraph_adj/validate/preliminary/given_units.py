@@ -88,6 +88,7 @@ def wrong_units(equations: Equations, length: str, angle: str) -> Iterator[Findi
                 f"the values of {len(rows)} {kind.replace('_', ' ')}s fit the given "
                 f"coordinates {times}",
                 remedy,
+                ids=tuple(block.ids[int(i)] for i in rows),
             )
 
 

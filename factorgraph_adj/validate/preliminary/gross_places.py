@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import known
 from ...graph.equations import Equations
+from ...network.network import Network
 from ...quality.distributions import chi2_upper_quantile
 from ...types import Array
 from .closures import WORST
@@ -119,6 +120,28 @@ def _exchanged(pair: Pair, share: Array) -> tuple[int, int] | None:
     return None if best is None else best[1]
 
 
+def ids_in(
+    network: Network, systems: Collection[str], places: Collection[str] | None = None
+) -> tuple[str, ...]:
+    """Return the ids of what was observed in some systems, of all places or of some.
+
+    Args:
+        network: the network.
+        systems: names of systems, as findings say them.
+        places: names of places, as findings say them; none: all.
+    """
+    return tuple(
+        i
+        for i, o in network.observations.items()
+        if any(f"frame {f!r}" in systems for f in o.frames())
+        and (
+            places is None
+            or any(f"point {p!r}" in places for p in o.points())
+            or any(f"photo {p!r}" in places for p in o.photos())
+        )
+    )
+
+
 def gross_places(equations: Equations, wrong: list[Wrong]) -> Iterator[Finding]:
     """Places that do not fit, each once: in the frame that all its comparisons share."""
     unknowns = equations.unknowns
@@ -147,7 +170,10 @@ def gross_places(equations: Equations, wrong: list[Wrong]) -> Iterator[Finding]:
             what += " with the names of each other, apart"
             remedy = "exchange their names"
         size, most = 1e3 * worst.size, 1e3 * worst.tolerance
-        finding = Finding(what, remedy, size, most, "mm")
+        ids: tuple[str, ...] = ()
+        if other is not None:
+            ids = ids_in(equations.network, inside, {names[key], names[other]})
+        finding = Finding(what, remedy, size, most, "mm", ids)
         found.append((worst.size / worst.tolerance, finding))
     found.sort(key=lambda each: -each[0])
     for _, finding in found[:WORST]:

@@ -24,10 +24,12 @@ from ...types import Array, Index
 from ...units import GON, significant
 from .closures import NAMED, WORST, Edges, loops
 from .finding import Finding
-from .gross_places import ALPHA, GIVEN, Wrong, gross_places, put_right, without_gross
+from .gross_places import ALPHA, GIVEN, Wrong, gross_places, ids_in, put_right, without_gross
 from .left_handed import left_handed
+from .levelled import not_level
 from .scale import LARGE, meaning
 from .similar import PLANE, Pair, Similarity, System, common
+from .units_in_frames import wrong_circles
 
 BETTER = 5.0
 """How many times better places must fit with a mirror for it to be told."""
@@ -38,12 +40,13 @@ PAIRS = 2000
 """Largest number of pairs that are compared; those with the most common places come first."""
 
 
-def in_frames(equations: Equations, length: str = "m") -> Iterator[Finding]:
+def in_frames(equations: Equations, length: str = "m", angle: str = "gon") -> Iterator[Finding]:
     """Iterate over doubts about places in frames.
 
     Args:
         equations: the network.
         length: unit of lengths in its files.
+        angle: unit of angles in its files.
     """
     given = _given(equations)
     systems = _systems(equations, given)
@@ -53,11 +56,17 @@ def in_frames(equations: Equations, length: str = "m") -> Iterator[Finding]:
     yield from left_handed(equations.network)
     if equations.network.frame.left_handed:
         given = replace(given, horizon=_horizon(equations, np.zeros(3)))
+    network = equations.network
     mirrored, findings = _mirrored([*systems.values(), given])
-    yield from findings
+    yield from (replace(f, ids=ids_in(network, mirrored)) for f in findings)
     scaled, findings = _scaled([*systems.values(), given], length)
+    yield from (replace(f, ids=ids_in(network, scaled)) for f in findings)
+    turned, findings = wrong_circles(equations, [*systems.values(), given], angle)
     yield from findings
-    clean = [s for s in systems.values() if s.name not in mirrored | scaled]
+    clean = [s for s in systems.values() if s.name not in mirrored | scaled | turned]
+    tilted, findings = not_level(clean, given)
+    yield from (replace(f, ids=ids_in(network, tilted)) for f in findings)
+    clean = [replace(s, upright=s.upright and s.name not in tilted) for s in clean]
     fits, wrong = _compared([*clean, given])
     exchanges = [w for w in wrong if w.other is not None]
     if exchanges:

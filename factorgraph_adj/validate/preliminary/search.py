@@ -65,7 +65,7 @@ def preliminary(network: Network, *, length: str = "m", angle: str = "gon") -> t
         *heights(network),
         *closures(equations),
         *traverses(network),
-        *in_frames(equations, length),
+        *in_frames(equations, length, angle),
         *surfaces(equations),
         # Where given coordinates are wrong they say nothing of geometry.
         *(() if compared else undetermined(equations)),

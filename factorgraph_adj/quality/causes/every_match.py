@@ -1,0 +1,43 @@
+"""All searches for what observations that do not fit may be instead, in one list."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ...graph.equations import Equations
+from ...solve.solution import Solution
+from .exchanged_photos import exchanged_photos
+from .matches import Match, matches
+from .mirrored_block import mirrored_block
+from .photos import photos
+
+
+def every_match(
+    equations: Equations,
+    clean: Solution,
+    aside: Sequence[str],
+    above: Sequence[str],
+    alpha: float,
+    *,
+    again: bool,
+) -> tuple[Match, ...]:
+    """Look for what observations that do not fit may be instead.
+
+    Args:
+        equations: the network with them.
+        clean: the solution without those set aside.
+        aside: ids of the observations set aside.
+        above: ids of those above the critical value that have stayed.
+        alpha: probability with which a reading that is right does not fit.
+        again: whether the network may be adjusted again with other images.
+    """
+    found = (
+        *matches(equations, clean, aside, alpha),
+        *photos(equations, clean, aside, alpha),
+    )
+    if not again:
+        return found
+    bad = [*aside, *above]
+    block = tuple(mirrored_block(equations, clean, bad, alpha))
+    pairs = () if block else tuple(exchanged_photos(equations, clean, bad, alpha))
+    return (*block, *pairs, *found)

@@ -1,0 +1,257 @@
+"""The HTML report: its parts in the order in which a reader needs them, and the file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files as resources
+from pathlib import Path
+from typing import Any
+
+from ...io.atomic import write_files
+from ...solve.solution import Solution
+from ...version import __version__
+from ..context import Report
+from ..layout import listed
+from ..options import Provenance, ReportOptions
+from ..text import render
+from . import inputs, observations, places, snooping, statistics, unknowns
+from .language import Language, Texts
+from .libraries import libraries, packed, refuse_missing
+from .plan import Plan
+from .scene import scene
+from .sheets import NONE, PAGE, Sheet
+from .verdict import verdict
+
+SCRIPTS = ("base.js", "tables.js", "plan.js", "figures.js")
+"""Scripts of the page, in the order in which they run."""
+NAMED = 8
+"""Largest number of names in a sentence."""
+
+
+def write_report(
+    solution: Solution,
+    path: str | Path,
+    *,
+    language: Language = "en",
+    options: ReportOptions | None = None,
+    provenance: Provenance | None = None,
+    files: Sequence[str | Path] = (),
+) -> None:
+    """Write the report of an adjustment as one HTML file; the extra ``report`` is required.
+
+    The file opens in a browser by a double click and asks for nothing from the network. It has:
+    the verdict with its reasons; the plan, with error ellipses and with the observations that are
+    in doubt, and a view in three dimensions; groups of observations; the worst observations and
+    those that were set aside; points, control and check points, photos, calibrations and other
+    unknowns; all observations; the distribution of test values and of redundancy; input files,
+    versions, options, and the protocol as text. Tables sort, filter and export CSV.
+
+    The same arguments give the same file: a date stands in it only if ``provenance`` has one.
+
+    Args:
+        solution: the result of `adjust`.
+        path: the file, such as ``report.html``; one that is there is replaced.
+        language: ``en`` or ``de``. Sentences of the adjustment itself, such as the reason why an
+            iteration ended and the name of a likely cause, are English in both.
+        options: units, probabilities, tests, ellipses and lines, as for `protocol`. Without a
+            confidence, the plan shows ellipses of 95 % and the tables none.
+        provenance: data snooping or variance components that the solution comes from, and the run.
+        files: input files and folders, which the report lists with their SHA-256.
+
+    Raises:
+        InputError: the extra is not installed, the language is unknown, an input file cannot be
+            read, or the file cannot be written; an earlier one has not changed then.
+    """
+    report = Report(solution, options or ReportOptions(), provenance or Provenance())
+    write_html(report, path, language=language, files=files)
+
+
+def write_html(
+    report: Report,
+    path: str | Path,
+    *,
+    language: Language = "en",
+    files: Sequence[str | Path] = (),
+) -> None:
+    """Write a report as an HTML file, see `write_report`."""
+    target = Path(path)
+    write_files(target.parent, {target.name: html(report, language=language, files=files)})
+
+
+def html(report: Report, *, language: Language = "en", files: Sequence[str | Path] = ()) -> str:
+    """Return the page of a report.
+
+    Raises:
+        InputError: as `write_report`.
+    """
+    refuse_missing()
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+    def text_of(name: str) -> str:
+        return (resources(__package__) / "page" / name).read_text(encoding="utf-8")
+
+    environment = Environment(
+        loader=FunctionLoader(text_of),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    t = Texts(language)
+    content = contents(report, t, files)
+    return environment.get_template("page.html.j2").render(
+        t=t,
+        language=language,
+        program=f"factorgraph_adj {__version__}",
+        style=text_of("style.css"),
+        script="\n".join(text_of(name) for name in SCRIPTS),
+        libraries=libraries(),
+        page_rows=PAGE,
+        none=NONE,
+        **content,
+    )
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page with tables."""
+
+    id: str
+    """Name of the part in the page."""
+    title: str
+    """Its heading."""
+    sheets: Sequence[Sheet]
+    """Its tables."""
+    empty: str = ""
+    """What it says without a table; empty: the part is left out."""
+
+
+def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str, Any]:
+    """Return what the template fills in."""
+    plan = Plan(report, t)
+    view, drawn = scene(plan), plan.data()
+    numbers = statistics.statistics(report, t)
+    means = statistics.mean_photos(report, t)
+    calibrations, n_calibrations = unknowns.calibrations(report, t)
+    sections = {
+        "groups": _section(
+            "groups", t, observations.groups, observations.components, report=report
+        ),
+        "worst": _section("worst", t, observations.worst, snooping.causes, report=report),
+        "aside": _section(
+            "aside",
+            t,
+            snooping.rejected,
+            snooping.points_aside,
+            snooping.unresolved,
+            snooping.given,
+            report=report,
+        ),
+        "points": _section("points", t, places.points, report=report),
+        "control": _section(
+            "control", t, observations.control, places.check_points, places.lines, report=report
+        ),
+        "photos": _section("photos", t, places.photos, report=report),
+        "unknowns": _section(
+            "unknowns", t, unknowns.orientations, unknowns.shapes, unknowns.others, report=report
+        ),
+        "observations": _section("observations", t, observations.observations, report=report),
+    }
+    listed_files = inputs.files(files, t)
+    every = [s for section in sections.values() for s in section.sheets]
+    every += [c.sheet for c in calibrations]
+    every += [listed_files] if listed_files else []
+    data: dict[str, Any] = {f"sheet-{s.id}": packed(s.data) for s in every}
+    data["plan"] = packed(drawn)
+    if view is not None:
+        data["scene"] = packed(view)
+    if numbers is not None:
+        data["statistics"] = packed(numbers)
+    if means:
+        data["mean-photos"] = packed(means)
+    return {
+        "name": report.network.name or t("unnamed"),
+        "date": report.provenance.run.date,
+        "verdict": verdict(report, t),
+        "plan_text": _plan_text(plan, t),
+        "plan_note": _capital(plan.words(plan.plane.note)),
+        "has_plan": bool(len(plan.points) + len(plan.centres)),
+        "has_r": report.reliability is not None,
+        "scene_text": None if view is None else _scene_text(plan, view, t),
+        "sections": sections,
+        "calibrations": calibrations,
+        "more_calibrations": max(n_calibrations - len(calibrations), 0),
+        "means": [{"camera": m["camera"], "text": m["text"]} for m in means],
+        "statistics": numbers,
+        "statistics_text": None if numbers is None else _statistics_text(report, numbers, t),
+        "run": inputs.run(report, t),
+        "files": listed_files,
+        "protocol": render(report),
+        "data": data,
+        "script_texts": t.of_script(),
+    }
+
+
+def _section(ident: str, t: Texts, *makers: Any, report: Report) -> Section:
+    """Return a part of the page with the tables that there are."""
+    found = [made for make in makers if (made := make(report, t)) is not None]
+    return Section(ident, t(f"section.{ident}"), found)
+
+
+def _plan_text(plan: Plan, t: Texts) -> list[str]:
+    """Return the plan in words, for those who do not see it, and what it leaves out."""
+    report, points = plan.report, len(plan.points)
+    out = [t.number("plan.text", points, photos=len(plan.centres))]
+    p = plan.precision
+    if p is None:
+        out.append(t("plan.singular"))
+    elif plan.without_plan:
+        if p.height.any():
+            worst = int(p.height.argmax())
+            size = f"{float(p.height[worst]) / report.small:.3g} {report.units.sigma_length}"
+            out.append(t("plan.heights", name=list(report.network.points)[worst], size=size))
+    elif len(p.semi) and p.semi[:, 0].any():
+        worst = int(p.semi[:, 0].argmax())
+        size = f"{float(p.semi[worst, 0]) / report.small:.3g} {report.units.sigma_length}"
+        out.append(t("plan.ellipses", name=list(report.network.points)[worst], size=size))
+    else:
+        out.append(t("plan.held"))
+    lost = plan.too_large()
+    if lost:
+        out.append(t("plan.too_large", names=listed(lost, NAMED)))
+    if plan.schematic:
+        out.append(t("plan.schematic"))
+    return out
+
+
+def _capital(text: str) -> str:
+    """Return a text with a capital letter at its beginning."""
+    return text[:1].upper() + text[1:]
+
+
+def _scene_text(plan: Plan, view: dict[str, Any], t: Texts) -> str:
+    rays = view["rays"]
+    text = t("scene.text", points=len(plan.points), photos=len(plan.centres))
+    if rays["shown"] < rays["all"]:
+        text += " " + t("scene.rays", shown=rays["shown"], all=rays["all"])
+    return f"{text} {t('scene.flat')}" if view["flat"] else text
+
+
+def _statistics_text(report: Report, numbers: dict[str, Any], t: Texts) -> dict[str, str]:
+    rel = report.reliability
+    assert rel is not None
+    values, critical = report.tests
+    size = [abs(v) for v in numbers["sorted"]]
+    above = int((abs(values) > critical).sum())
+    r = rel.redundancy_numbers
+    return {
+        "histogram": t("histogram.text", name=numbers["test"], n=numbers["n"], above=above),
+        "quantiles": t("quantiles.text", name=numbers["test"], largest=f"{max(size):.2f}"),
+        "redundancy": t(
+            "redundancy.text",
+            mean=f"{max(float(r.mean()), 0.0):.2f}",
+            weak=int((r < 0.1).sum()),
+            n=len(r),
+        ),
+    }

@@ -1,0 +1,300 @@
+"""Data of the plan: points, ellipses, sights, photos, shapes, and the observations in doubt.
+
+Lengths are metres in the drawing plane of `plots.plan`. The regions of confidence are those of
+`plots.precision`; the page exaggerates them by one factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import pi
+from typing import Any
+
+import numpy as np
+
+from ...frames import GeocentricFrame
+from ...quality.ellipses import FLAT
+from ...quality.levels import CONFIDENCE
+from ...types import Array, Index
+from ..context import Report
+from ..layout import percent
+from ..lines import place_name
+from ..plots.aside import places_of
+from ..plots.heights import place_in_order
+from ..plots.image_rows import image_rows
+from ..plots.marks import window
+from ..plots.network import in_frames_of
+from ..plots.outlines import around
+from ..plots.plan import DrawingPlane, plan_of
+from ..plots.precision import LARGEST, Precision, precision_of, visible_factor
+from ..plots.sights import lines_by_kinds, photo_shapes
+from ..plots.style import length, multiple, readable
+from ..weakest import point_redundancy
+from .language import Texts
+from .observations import test_name
+from .places import STATES, largest_tests, states
+
+MOST_DOUBTS = 300
+"""Largest number of observations in doubt that are marked, those with the largest tests first."""
+WORDS = ("east of the centre", "north of the centre", "east", "north", "up", "horizon at")
+"""Words in the names of axes and in the note of a drawing plane, the longer ones first."""
+COINCIDENT = 1e-6
+"""Largest extent, metres, at which points count as coincident; the plan then shows 2 m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The drawing of a network, and what the page needs to draw it."""
+
+    report: Report
+    """The report."""
+    t: Texts
+    """Words of its language."""
+
+    @cached_property
+    def xyz(self) -> Array:
+        """Coordinates of the points, (n, 3) metres."""
+        return np.nan_to_num(self.report.solution.state["point"])
+
+    @cached_property
+    def plane(self) -> DrawingPlane:
+        """Drawing plane of the network."""
+        centres = self.report.solution.state["pose"][:, 9:]
+        everything = self.xyz if len(self.xyz) else centres
+        return plan_of(self.report.network.frame, everything)
+
+    @cached_property
+    def without_plan(self) -> bool:
+        """Whether no plan coordinate is unknown, so that intervals of heights are drawn."""
+        solution = self.report.solution
+        free = solution.equations.unknowns["point"].free
+        geocentric = isinstance(solution.network.frame, GeocentricFrame)
+        return bool(not geocentric and len(free) and not free[:, :2].any())
+
+    @cached_property
+    def schematic(self) -> bool:
+        """Whether points have heights only; they are drawn side by side then."""
+        flat = len(self.xyz) and not np.ptp(self.xyz[:, :2], axis=0).any()
+        return bool(self.without_plan and not self.report.network.photos and flat)
+
+    @cached_property
+    def points(self) -> Array:
+        """Places of points, (n, 2)."""
+        if self.schematic:
+            return np.stack([place_in_order(self.report.solution), self.xyz[:, 2]], 1).astype(float)
+        return self.plane.coordinates(self.xyz)[:, :2]
+
+    @cached_property
+    def centres(self) -> Array:
+        """Places of projection centres, (m, 2)."""
+        return self.plane.coordinates(self.report.solution.state["pose"][:, 9:])[:, :2]
+
+    @property
+    def confidence(self) -> float:
+        """Probability of the ellipses."""
+        return self.report.options.confidence or CONFIDENCE
+
+    @cached_property
+    def precision(self) -> Precision | None:
+        """Regions of confidence; None where there are no covariances."""
+        if self.report.singular:
+            return None
+        solution, doubtful = self.report.solution, bool(self.report.doubts)
+        bars = self.without_plan
+        return precision_of(solution, self.plane, self.confidence, None, bars, doubtful)
+
+    @cached_property
+    def limits(self) -> tuple[Array, Array]:
+        """Lower left and upper right corner of the drawing."""
+        found = in_frames_of(self.report.solution, self.plane)
+        places = np.concatenate([self.points, found.instruments])
+        if not self.schematic:
+            places = np.concatenate([places, self.centres])
+        if not len(places):
+            return np.zeros(2), np.ones(2)
+        low, high, _ = window(places)
+        if not self.schematic:
+            reach = around(np.stack([low, high]), found.shapes)
+            low, high = reach.min(axis=0), reach.max(axis=0)
+        if float(np.max(high - low)) < COINCIDENT:
+            return low - 1.0, high + 1.0
+        return low, high
+
+    @cached_property
+    def factor(self) -> float:
+        """Exaggeration of the regions."""
+        sizes = np.zeros(0) if self.precision is None else self.precision.positive_sizes
+        if not len(sizes):
+            return 1.0
+        typical = float(np.median(sizes))
+        if self.schematic:
+            return readable(0.06 * (float(np.ptp(self.points[:, 1])) or 1.0) / typical)
+        return visible_factor(
+            typical, self.points if len(self.points) else self.centres, self.limits
+        )
+
+    def words(self, text: str) -> str:
+        """Return the name of an axis, or the note of the plane, in the language of the report."""
+        for word in WORDS:
+            if word in text:
+                text = text.replace(word, self.t.kind(word))
+                break
+        return text
+
+    def data(self) -> dict[str, Any]:
+        """Return what the script of the page draws."""
+        low, high = self.limits
+        found = in_frames_of(self.report.solution, self.plane)
+        names = self.report.solution.equations.unknowns["frame"].names
+        standing = [names[f] for f in found.frames.instruments.tolist()]
+        x, y, _ = self.plane.names
+        return {
+            "axes": ["", "Z"] if self.schematic else [self.words(x), self.words(y)],
+            "schematic": self.schematic,
+            "limits": [low.tolist(), high.tolist()],
+            "factor": self.factor,
+            "multiple": multiple(self.factor),
+            "doubtful": bool(self.report.doubts),
+            "level": percent(self.confidence),
+            "test": test_name(self.report),
+            "points": self._points(),
+            "states": [self.t(f"state.{key}") for key in STATES],
+            "lines": self._lines(found.frames.instruments),
+            "photos": self._photos(),
+            "shapes": [
+                {"name": self.t.kind(s.name), "lines": [_flat(line) for line in s.lines]}
+                for s in ([] if self.schematic else found.shapes)
+            ],
+            "instruments": {"names": standing, "xy": _flat(found.instruments)},
+            "relative": self._relative(),
+            "doubts": self._doubts(found.frames.instruments, found.instruments),
+            "aside": self._aside(found.frames.instruments, found.instruments),
+        }
+
+    def _points(self) -> dict[str, Any]:
+        report, n = self.report, len(self.points)
+        out: dict[str, Any] = {
+            "names": list(report.network.points),
+            "xy": _flat(self.points),
+            "state": [STATES.index(s) for s in states(report)],
+            "test": _rounded(largest_tests(report)),
+            "ellipses": self._ellipses(),
+            "height": [0.0] * n if self.precision is None else _rounded(self.precision.height),
+        }
+        if report.reliability is not None:
+            counts = point_redundancy(report.reliability)
+            with np.errstate(invalid="ignore"):
+                out["r"] = _rounded(np.maximum(counts.redundancy, 0.0) / counts.rows)
+        return out
+
+    def _ellipses(self) -> list[list[float | None]]:
+        """Return semi-axes and direction, (3, n); zero for one too large to be drawn."""
+        p = self.precision
+        if p is None or self.without_plan:
+            return [[0.0] * len(self.points)] * 3
+        extent = float(np.max(self.limits[1] - self.limits[0]))
+        fits = p.semi[:, 0] * self.factor <= LARGEST * extent
+        flat = p.semi[:, 1] ** 2 <= FLAT * p.semi[:, 0] ** 2
+        b = np.where(flat, 0.0, p.semi[:, 1])
+        return [_rounded(np.where(fits, v, 0.0)) for v in (p.semi[:, 0], b, p.direction)]
+
+    def too_large(self) -> list[str]:
+        """Return points whose ellipses are too large to be drawn, with their sizes."""
+        p = self.precision
+        if p is None or self.without_plan:
+            return []
+        extent = float(np.max(self.limits[1] - self.limits[0]))
+        lost = np.flatnonzero(p.semi[:, 0] * self.factor > LARGEST * extent)
+        lost = lost[np.argsort(-p.semi[lost, 0], kind="stable")]
+        names = list(self.report.network.points)
+        return [f"{names[i]} ({length(float(p.semi[i, 0]))})" for i in lost.tolist()]
+
+    def _lines(self, instruments: Index) -> list[dict[str, Any]]:
+        return [
+            {
+                "kinds": ", ".join(self.t.kind(k.replace("_", " ")) for k in kinds),
+                "ends": ends.T.tolist(),
+            }
+            for kinds, ends in lines_by_kinds(self.report.solution, instruments)
+        ]
+
+    def _photos(self) -> dict[str, Any]:
+        solution, n = self.report.solution, len(self.centres)
+        if self.schematic or not n:
+            return {"names": [], "xy": [[], []], "shapes": []}
+        extent = float(np.max(self.limits[1] - self.limits[0]))
+        size = 0.07 * extent / max(1.0, np.sqrt(n / 30))
+        shapes = photo_shapes(solution, image_rows(solution), size)
+        flat = self.plane.coordinates(shapes.reshape(-1, 3))[:, :2].reshape(n, -1, 2)
+        return {
+            "names": list(self.report.network.photos),
+            "xy": _flat(self.centres),
+            "shapes": [_flat(one) for one in flat],
+        }
+
+    def _relative(self) -> dict[str, Any]:
+        """Return relative ellipses at the middle of their lines."""
+        found = [] if self.schematic else list(self.report.lines)
+        centres = np.array([x.ellipse.centre for x in found]).reshape(-1, 3)
+        at = self.plane.coordinates(centres)[:, :2]
+        a, b, turned = (
+            np.array([[*x.ellipse.semi_axes, pi / 2 - x.ellipse.azimuth] for x in found])
+            .reshape(-1, 3)
+            .T
+        )
+        extent = float(np.max(self.limits[1] - self.limits[0]))
+        a = np.where(a * self.factor <= LARGEST * extent, a, 0.0)
+        names = [f"{place_name(x.a)} – {place_name(x.b)}" for x in found]
+        return {"names": names, "xy": _flat(at), "ellipses": [_rounded(v) for v in (a, b, turned)]}
+
+    def _drawn(self, instruments: Index, at: Array) -> dict[Any, Array]:
+        standing = np.full((len(self.report.solution.state["frame"]), 2), np.nan)
+        standing[instruments] = at
+        return {"point": self.points, "pose": self.centres, "frame": standing}
+
+    def _doubts(self, instruments: Index, at: Array) -> list[dict[str, Any]]:
+        """Return the observations above the critical value, each with its place and its row."""
+        values, critical = self.report.tests
+        size = np.where(np.isfinite(values), np.abs(values), 0.0)
+        rows = np.flatnonzero(size > critical)
+        rows = rows[np.argsort(-size[rows], kind="stable")][:MOST_DOUBTS]
+        equations, drawn = self.report.solution.equations, self._drawn(instruments, at)
+        out = []
+        for row in self.report.rows.at(rows.tolist()):
+            one = places_of(equations, np.array([row.number]), self.report.solution, drawn)
+            value = row.sign * float(values[row.number])
+            text = f"{self.t.kind(row.kind_name)} {row.what}: {test_name(self.report)} {value:.2f}"
+            lines, points = [_flat(line) for line in one.lines], _flat(one.points)
+            out.append({"row": row.number, "text": text, "lines": lines, "points": points})
+        return out
+
+    def _aside(self, instruments: Index, at: Array) -> list[dict[str, Any]]:
+        """Return the observations that were set aside, each with its place."""
+        aside = self.report.set_aside
+        if aside is None:
+            return []
+        out: list[dict[str, Any]] = []
+        drawn = self._drawn(instruments, at)
+        seen: set[str] = set()
+        for row in aside.rows.at(aside.numbers.tolist()):
+            if row.id in seen or len(out) == MOST_DOUBTS:
+                continue
+            seen.add(row.id)
+            numbers = np.array([row.number])
+            one = places_of(aside.rows.equations, numbers, self.report.solution, drawn)
+            text = f"{self.t.kind(row.kind_name)} {row.what}"
+            lines, points = [_flat(line) for line in one.lines], _flat(one.points)
+            out.append({"id": row.id, "text": text, "lines": lines, "points": points})
+        return out
+
+
+def _flat(places: Array) -> list[list[float]]:
+    """Return places (k, 2) as the lists of x and y, to a tenth of a millimetre."""
+    x, y = np.round(np.asarray(places, dtype=float).reshape(-1, 2), 4).T.tolist()
+    return [x, y]
+
+
+def _rounded(values: Array) -> list[float | None]:
+    """Return numbers with four significant digits; None for one that is not finite."""
+    return [float(f"{v:.4g}") if np.isfinite(v) else None for v in values.tolist()]
