@@ -1,9 +1,9 @@
 """A block from images alone
 =========================
 
-Fourteen photos of an object, no pose, no control point, a guess of the principal distance, one scale
-bar, and image points of which one in twenty belongs to another point. The start finds the block and
-names the mismatches; the picture shows the photos and points after the adjustment.
+Fourteen photos of an object, no pose, no control point, a guess of the principal distance, one
+scale bar, and image points of which one in twenty belongs to another point. The start finds the
+block and names the mismatches; the picture shows the photos and points after the adjustment.
 """
 
 import argparse

@@ -59,15 +59,15 @@ class Assembly:
         point[stated] = at_once[stated]
         fits |= self._near_stated(pose, point, stated)
         unreached = self._rough_points(pose, point)
-        oriented = np.isfinite(pose[:, 0])
-        doubtful = np.flatnonzero(~fits & oriented[v.photo])
+        judged = np.isfinite(pose[v.photo, 0]) & self.parts[0].growth.rays.usable
+        doubtful = ~fits & judged
         state, problems = self._state(equations, pose, point)
         found = BlockStart(
             self.equations.network,
             state,
             tuple(self._told(p, at) for p, at in zip(self.parts, placed, strict=True)),
-            tuple(v.label(int(row)) for row in doubtful),
-            ~fits & oriented[v.photo],
+            tuple(v.label(int(row)) for row in np.flatnonzero(doubtful)),
+            doubtful,
             self._unoriented(pose, point),
             unreached,
             distances.found(self.parts[0].growth.calibrations),

@@ -19,8 +19,8 @@ from factorgraph_adj.block_orientation.robust_poses import relative_pose
 from factorgraph_adj.block_orientation.views import Views
 from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.types import Array
-from tests.loaders.aicon import read_aicon
-from tests.loaders.dbat import read_roma, read_sxb
+from tests.networks.aicon import read_aicon
+from tests.networks.dbat import read_roma, read_sxb
 from tests.support.places import data_dir
 
 FOCAL = 1000.0

@@ -14,10 +14,11 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.network.selection import filtered
-from tests.loaders.aicon import CAMERA as AICON_CAMERA
-from tests.loaders.aicon import read_aicon
 from tests.loaders.borea import Block, read_borea
-from tests.loaders.dbat import CAMERA, read_camcal, read_report, read_roma, read_sxb
+from tests.networks.aicon import CAMERA as AICON_CAMERA
+from tests.networks.aicon import read_aicon
+from tests.networks.dbat import CAMCAL, read_camcal, read_roma, read_sxb
+from tests.support.dbat_report import read_report
 from tests.support.places import data_dir
 
 pytestmark = pytest.mark.published
@@ -65,7 +66,7 @@ def test_a_camera_is_calibrated_from_its_nominal_focal_length(
     folder = data_dir("dbat_camcal")
     solution, found = from_images(images_alone(read_camcal(folder, model=model)), 21)
     assert solution.sigma0 == pytest.approx(sigma0, abs=0.5e-7)
-    assert solution.calibration(CAMERA)["c"] == pytest.approx(c, abs=0.5e-6)
+    assert solution.calibration(CAMCAL)["c"] == pytest.approx(c, abs=0.5e-6)
     assert len(found.doubtful) < 10
 
 
@@ -73,8 +74,8 @@ def test_a_camera_is_calibrated_from_its_nominal_focal_length(
 def test_a_wrong_guess_of_the_principal_distance_ends_at_the_same_minimum(c: float) -> None:
     """7.457 mm is true: the guesses are half and twice as long."""
     network = images_alone(read_camcal(data_dir("dbat_camcal")))
-    camera = network.cameras[CAMERA]
-    network.cameras[CAMERA] = replace(camera, values=(c, *camera.values[1:]))
+    camera = network.cameras[CAMCAL]
+    network.cameras[CAMCAL] = replace(camera, values=(c, *camera.values[1:]))
     solution, _ = from_images(network, 21)
     assert solution.sigma0 == pytest.approx(1.6148043, abs=0.5e-7)
 
