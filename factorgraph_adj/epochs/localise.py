@@ -215,7 +215,7 @@ def robust_differences(found: Differences, names: Sequence[str]) -> tuple[Array,
     k = len(found.axes)
     least = 1e-3 * float(np.sqrt(np.median(np.diag(q))))
     p = np.ones(len(d))
-    moves = d
+    moves = np.full(len(d), np.inf)
     s = np.eye(len(d))
     for _ in range(ROBUST_ITERATIONS):
         pg = p[:, None] * g
