@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from .block_orientation.orient import orient
     from .crs.similarity import SevenParameters
     from .crs.system import ReferenceSystem
+    from .epochs.blocks import block_motion
+    from .epochs.congruence import congruence
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
@@ -203,9 +205,11 @@ __all__ = [
     "adjust_parts",
     "adjusted_lines",
     "as_models",
+    "block_motion",
     "build_graph",
     "causes",
     "check_points",
+    "congruence",
     "distance_precision",
     "dlt",
     "error_ellipse",
@@ -342,8 +346,10 @@ _MODULES = {
     "adjusted_lines": "quality.lines",
     "as_models": "triangulation.models",
     "build_graph": "graph.build",
+    "block_motion": "epochs.blocks",
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",
+    "congruence": "epochs.congruence",
     "distance_precision": "quality.relative",
     "dlt": "block_orientation.dlt",
     "error_ellipse": "quality.ellipses",
