@@ -11,8 +11,12 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .block_orientation.dlt import dlt
+    from .block_orientation.orient import orient
     from .crs.similarity import SevenParameters
     from .crs.system import ReferenceSystem
+    from .epochs.blocks import block_motion
+    from .epochs.congruence import congruence
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
     from .export.arrays import covariance_array, to_xarray
     from .export.dxf import write_dxf
@@ -29,13 +33,37 @@ if TYPE_CHECKING:
     from .incremental.adjustment import IncrementalAdjustment
     from .io.bal import read_bal
     from .io.gama import read_gama
+    from .io.gnss.dynaml import read_dynaml
+    from .io.gnss.gvx import read_gvx
+    from .io.gnss.sinex import read_sinex
+    from .io.gnss.write_dynaml import write_dynaml
+    from .io.gnss.write_gvx import write_gvx
+    from .io.gnss.write_sinex import write_sinex
     from .io.photogrammetry.aicon import read_aicon
+    from .io.photogrammetry.bundler import read_bundler
+    from .io.photogrammetry.colmap import read_colmap
+    from .io.photogrammetry.colmap_write import write_colmap
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
     from .io.photogrammetry.metashape_write import write_metashape
+    from .io.photogrammetry.opencv import read_opencv, write_opencv
+    from .io.photogrammetry.opensfm import read_opensfm
+    from .io.photogrammetry.opf import read_opf
+    from .io.photogrammetry.opf_write import write_opf
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
+    from .io.survey.columns import read_columns
+    from .io.survey.comp3d import read_comp3d
+    from .io.survey.gsi import read_gsi
+    from .io.survey.jobxml import read_jobxml
+    from .io.survey.landxml import read_landxml
+    from .io.survey.lgc2 import read_lgc2
+    from .io.survey.sdr33 import read_sdr33
+    from .io.survey.star_net import read_star_net
+    from .io.survey.star_net_options import StarNetOptions
+    from .io.survey.write_landxml import write_landxml
+    from .io.survey.write_star_net import write_star_net
     from .io.write_project import write_project
     from .models.registry import register_lens
     from .models.unknown import UnknownKind
@@ -99,7 +127,13 @@ if TYPE_CHECKING:
     from .report.html.page import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
-    from .solve.grid import GridCoordinates, grid_coordinates, wgs84_coordinates
+    from .solve.grid import (
+        GridCoordinates,
+        GridPhotos,
+        grid_coordinates,
+        grid_photos,
+        wgs84_coordinates,
+    )
     from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
@@ -132,6 +166,7 @@ __all__ = [
     "GnssPosition",
     "GnssVector",
     "GridCoordinates",
+    "GridPhotos",
     "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
@@ -167,6 +202,7 @@ __all__ = [
     "SlopeDistance",
     "Solution",
     "StandardDeviation",
+    "StarNetOptions",
     "StripCoordinate",
     "TopocentricFrame",
     "UnknownKind",
@@ -177,11 +213,14 @@ __all__ = [
     "adjust_parts",
     "adjusted_lines",
     "as_models",
+    "block_motion",
     "build_graph",
     "causes",
     "check_points",
+    "congruence",
     "covariance_array",
     "distance_precision",
+    "dlt",
     "error_ellipse",
     "error_ellipsoid",
     "estimate_variance_components",
@@ -189,8 +228,10 @@ __all__ = [
     "find_sparable",
     "from_grid",
     "grid_coordinates",
+    "grid_photos",
     "load_solution",
     "memory_needed",
+    "orient",
     "plan",
     "predict",
     "preliminary",
@@ -199,10 +240,26 @@ __all__ = [
     "read",
     "read_aicon",
     "read_bal",
+    "read_bundler",
+    "read_colmap",
+    "read_columns",
+    "read_comp3d",
     "read_dbat",
+    "read_dynaml",
     "read_gama",
+    "read_gsi",
+    "read_gvx",
+    "read_jobxml",
+    "read_landxml",
+    "read_lgc2",
     "read_metashape",
+    "read_opencv",
+    "read_opensfm",
+    "read_opf",
     "read_project",
+    "read_sdr33",
+    "read_sinex",
+    "read_star_net",
     "reduce_faces",
     "register_lens",
     "register_observation",
@@ -218,15 +275,23 @@ __all__ = [
     "wgs84_coordinates",
     "without",
     "write",
+    "write_colmap",
     "write_dxf",
+    "write_dynaml",
     "write_geojson",
     "write_geopackage",
+    "write_gvx",
     "write_kml",
+    "write_landxml",
     "write_metashape",
+    "write_opencv",
+    "write_opf",
     "write_ply",
     "write_project",
     "write_report",
     "write_results",
+    "write_sinex",
+    "write_star_net",
 ]
 
 _MODULES = {
@@ -249,6 +314,7 @@ _MODULES = {
     "FrameZenith": "observations.frame_sights",
     "AntennaVector": "observations.airborne",
     "GridCoordinates": "solve.grid",
+    "GridPhotos": "solve.grid",
     "NavigationAttitude": "observations.airborne",
     "PhotoAngle": "observations.airborne",
     "PhotoAttitude": "observations.airborne",
@@ -298,9 +364,12 @@ _MODULES = {
     "adjusted_lines": "quality.lines",
     "as_models": "triangulation.models",
     "build_graph": "graph.build",
+    "block_motion": "epochs.blocks",
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",
+    "congruence": "epochs.congruence",
     "distance_precision": "quality.relative",
+    "dlt": "block_orientation.dlt",
     "error_ellipse": "quality.ellipses",
     "error_ellipsoid": "quality.ellipses",
     "estimate_variance_components": "quality.variance_components",
@@ -308,8 +377,10 @@ _MODULES = {
     "find_sparable": "planning.spare",
     "from_grid": "network.from_grid",
     "grid_coordinates": "solve.grid",
+    "grid_photos": "solve.grid",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
+    "orient": "block_orientation.orient",
     "plan": "planning.plan",
     "predict": "quality.prediction",
     "preliminary": "validate.preliminary.search",
@@ -318,11 +389,26 @@ _MODULES = {
     "write_report": "report.html.page",
     "read": "io.readers",
     "read_bal": "io.bal",
+    "read_colmap": "io.photogrammetry.colmap",
     "read_gama": "io.gama",
+    "read_comp3d": "io.survey.comp3d",
+    "read_dynaml": "io.gnss.dynaml",
+    "read_gvx": "io.gnss.gvx",
+    "read_sinex": "io.gnss.sinex",
+    "write_dynaml": "io.gnss.write_dynaml",
+    "write_gvx": "io.gnss.write_gvx",
+    "write_sinex": "io.gnss.write_sinex",
     "read_metashape": "io.photogrammetry.metashape",
     "write_metashape": "io.photogrammetry.metashape_write",
     "read_dbat": "io.photogrammetry.dbat",
     "read_aicon": "io.photogrammetry.aicon",
+    "read_opf": "io.photogrammetry.opf",
+    "write_opf": "io.photogrammetry.opf_write",
+    "read_opensfm": "io.photogrammetry.opensfm",
+    "read_opencv": "io.photogrammetry.opencv",
+    "write_opencv": "io.photogrammetry.opencv",
+    "read_bundler": "io.photogrammetry.bundler",
+    "read_lgc2": "io.survey.lgc2",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",
@@ -336,16 +422,26 @@ _MODULES = {
     "snoop": "quality.snooping",
     "wgs84_coordinates": "solve.grid",
     "without": "network.selection",
+    "StarNetOptions": "io.survey.star_net_options",
     "covariance_array": "export.arrays",
+    "read_columns": "io.survey.columns",
+    "read_gsi": "io.survey.gsi",
+    "read_jobxml": "io.survey.jobxml",
+    "read_landxml": "io.survey.landxml",
+    "read_sdr33": "io.survey.sdr33",
+    "read_star_net": "io.survey.star_net",
+    "results_schema": "export.results",
     "to_xarray": "export.arrays",
-    "write_dxf": "export.dxf",
     "write": "export.exports",
+    "write_colmap": "io.photogrammetry.colmap_write",
+    "write_dxf": "export.dxf",
     "write_geojson": "export.geojson",
     "write_geopackage": "export.geopackage",
     "write_kml": "export.kml",
+    "write_landxml": "io.survey.write_landxml",
     "write_ply": "export.ply",
-    "results_schema": "export.results",
     "write_results": "export.results",
+    "write_star_net": "io.survey.write_star_net",
     "write_project": "io.write_project",
 }
 """Module of each public name; type checkers read the imports above."""

@@ -25,7 +25,8 @@ NOTHING_KNOWN = (
 )
 ONLY_IMAGES = (
     "nothing to start from: image measurements alone do not start a free network; give the "
-    "orientation of two photos or the coordinates of four points, in any frame"
+    "orientation of two photos or the coordinates of four points, in any frame, or the start of "
+    "fga.orient(network)"
 )
 
 
@@ -198,6 +199,8 @@ class _Joined:
             ("height difference", s.steps),
             ("GNSS vector", s.vectors),
         ]
+        self._kinds = [(kind, sighted) for kind, sighted in self._kinds if sighted.n]
+        self._placed = progress.placed
         n = s.n_points
         has_pose = posed(progress)
         self._rays = np.bincount(rays.point[has_pose[rays.photo]], minlength=n)
@@ -207,7 +210,7 @@ class _Joined:
 
     def why(self, p: int) -> str:
         """Return why point ``p`` could not be reached."""
-        if self._progress.placed[p]:
+        if self._placed[p]:
             return self._why_no_height(p)
         if p in self._doubt:
             # Positions differ from point to point: such points are listed one by one.

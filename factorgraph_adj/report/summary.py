@@ -21,6 +21,7 @@ from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.unit_weight import global_test
 from ..version import __version__
 from .context import Report
+from .grid import grid_record
 from .lines import line_record
 from .observation_tables import identities
 from .unknowns import small_unknowns
@@ -55,6 +56,7 @@ def summary(report: Report) -> dict[str, Any]:
         "converged": s.converged,
         "reason": s.reason,
         "iterations": s.iterations,
+        **({"start": list(s.begun)} if s.begun else {}),
         **({"extrapolated": asdict(s.extrapolated)} if s.extrapolated.count else {}),
         "n_observations": s.n_observations,
         "n_unknowns": s.n_unknowns,
@@ -270,6 +272,7 @@ def _unknown_values(report: Report) -> dict[str, Any]:
                 "covariance": [float(s.point_covariances[i, j, k]) for j, k in COVARIANCE],
                 **_geographic(report, i),
                 **_ellipse(report, name),
+                **grid_record(report, i),
             }
             for i, (name, xyz) in enumerate(
                 zip(network.points, s.state["point"].tolist(), strict=True)

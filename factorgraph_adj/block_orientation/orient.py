@@ -1,0 +1,87 @@
+"""Orientation of a block from its image points alone: parts, their place in the frame, the start.
+
+Every part starts from a pair of photos and grows by resection and intersection; known coordinates,
+attitudes and lengths bring it into the frame of the network. Nothing is taken out of the network:
+the result is a start of the adjustment, and names what does not agree with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..errors import ApproximationError, InputError, Problem, known
+from ..graph.equations import compile_network
+from ..network.network import Network
+from .assemble import Assembly
+from .block_start import BlockStart
+from .build import build_parts
+from .focal import Distances
+from .known import given
+from .robust_poses import solvers
+from .views import Views
+
+
+def orient(
+    network: Network, *, principal_distances: Mapping[str, Sequence[float]] | None = None
+) -> BlockStart:
+    """Find poses of all photos and coordinates of all points from the image points of a network.
+
+    No photo needs a pose and no point coordinates. Pairs of photos are oriented relatively from
+    five points at a time; from the best pair the block grows by resection and intersection, with
+    adjustments on the way. Mismatches are left out of the start by their misses: they stay in the
+    network, and are listed. Control points, weighted points and photos, observed positions and
+    attitudes, known lengths and the frame of what other observations determine give scale and
+    datum.
+
+    Args:
+        network: the network; it is not changed. The calibration of its cameras is approximate, or
+            held. A free principal distance may be a guess: where the block does not fit with it,
+            others are tried.
+        principal_distances: by camera, values to try in the place of the given one, image units,
+            such as those of the description of a lens.
+
+    Returns:
+        The start, for ``adjust(network, start=found.start)``, and what was left out.
+
+    Raises:
+        InputError: there are no image points, PoseLib is not installed (extra ``images``), or a
+            camera is unknown.
+        ApproximationError: no two photos have enough common points that fit.
+    """
+    solvers()
+    views = Views.of(network)
+    problems = [
+        Problem(f"unknown camera {name!r}; known: {known(network.cameras, meant=name)}")
+        for name in (principal_distances or {})
+        if name not in network.cameras
+    ]
+    problems += [
+        Problem("principal distances must be numbers > 0", f"camera {name!r}")
+        for name, values in (principal_distances or {}).items()
+        if not len(values) or not all(np.isfinite(v) and v > 0 for v in values)
+    ]
+    if not views.n:
+        problems.append(Problem("the network has no image points to orient photos from"))
+    if problems:
+        raise InputError(problems)
+    equations = compile_network(network)
+    distances = Distances(views, principal_distances or {}, given(equations).point)
+    parts = build_parts(views, distances)
+    if not parts:
+        raise ApproximationError([Problem(*_why_none(views))])
+    return Assembly(equations, views, parts).start(distances)
+
+
+def _why_none(views: Views) -> tuple[str, str]:
+    common = views.table(np.ones(views.n, dtype=bool))
+    both = (common @ common.T).tolil()
+    both.setdiag(0)
+    most = int(both.tocsr().max()) if both.nnz else 0
+    return (
+        f"no pair of photos could be oriented from image points: two photos have {most} common "
+        "points at most that fit each other or not; eight that fit are needed, seen from two "
+        "places, with a calibration that is right to a few per cent",
+        "network",
+    )
