@@ -23,17 +23,30 @@ if TYPE_CHECKING:
     from .incremental.adjustment import IncrementalAdjustment
     from .io.bal import read_bal
     from .io.gama import read_gama
+    from .io.gnss.dynaml import read_dynaml
+    from .io.gnss.gvx import read_gvx
+    from .io.gnss.sinex import read_sinex
+    from .io.gnss.write_dynaml import write_dynaml
+    from .io.gnss.write_gvx import write_gvx
+    from .io.gnss.write_sinex import write_sinex
     from .io.photogrammetry.aicon import read_aicon
+    from .io.photogrammetry.bundler import read_bundler
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
     from .io.photogrammetry.metashape_write import write_metashape
+    from .io.photogrammetry.opencv import read_opencv, write_opencv
+    from .io.photogrammetry.opensfm import read_opensfm
+    from .io.photogrammetry.opf import read_opf
+    from .io.photogrammetry.opf_write import write_opf
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
     from .io.survey.columns import read_columns
+    from .io.survey.comp3d import read_comp3d
     from .io.survey.gsi import read_gsi
     from .io.survey.jobxml import read_jobxml
     from .io.survey.landxml import read_landxml
+    from .io.survey.lgc2 import read_lgc2
     from .io.survey.sdr33 import read_sdr33
     from .io.survey.star_net import read_star_net
     from .io.survey.star_net_options import StarNetOptions
@@ -204,15 +217,24 @@ __all__ = [
     "read",
     "read_aicon",
     "read_bal",
+    "read_bundler",
     "read_columns",
+    "read_comp3d",
     "read_dbat",
+    "read_dynaml",
     "read_gama",
     "read_gsi",
+    "read_gvx",
     "read_jobxml",
     "read_landxml",
+    "read_lgc2",
     "read_metashape",
+    "read_opencv",
+    "read_opensfm",
+    "read_opf",
     "read_project",
     "read_sdr33",
+    "read_sinex",
     "read_star_net",
     "reduce_faces",
     "register_lens",
@@ -226,10 +248,15 @@ __all__ = [
     "snoop",
     "wgs84_coordinates",
     "without",
+    "write_dynaml",
+    "write_gvx",
     "write_landxml",
     "write_metashape",
+    "write_opencv",
+    "write_opf",
     "write_project",
     "write_report",
+    "write_sinex",
     "write_star_net",
 ]
 
@@ -325,10 +352,24 @@ _MODULES = {
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_gama": "io.gama",
+    "read_comp3d": "io.survey.comp3d",
+    "read_dynaml": "io.gnss.dynaml",
+    "read_gvx": "io.gnss.gvx",
+    "read_sinex": "io.gnss.sinex",
+    "write_dynaml": "io.gnss.write_dynaml",
+    "write_gvx": "io.gnss.write_gvx",
+    "write_sinex": "io.gnss.write_sinex",
     "read_metashape": "io.photogrammetry.metashape",
     "write_metashape": "io.photogrammetry.metashape_write",
     "read_dbat": "io.photogrammetry.dbat",
     "read_aicon": "io.photogrammetry.aicon",
+    "read_opf": "io.photogrammetry.opf",
+    "write_opf": "io.photogrammetry.opf_write",
+    "read_opensfm": "io.photogrammetry.opensfm",
+    "read_opencv": "io.photogrammetry.opencv",
+    "write_opencv": "io.photogrammetry.opencv",
+    "read_bundler": "io.photogrammetry.bundler",
+    "read_lgc2": "io.survey.lgc2",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",

@@ -1,1 +1,1 @@
-"""Readers and writers of field books and of formats of survey programs."""
+"""Files of survey programs and field books: GSI, SDR33, STAR*NET, Comp3D, LGC2, JAG3D."""

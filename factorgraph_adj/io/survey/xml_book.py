@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..text import beginning
 from ..xml_tree import Element, read_xml
 from .notes import Notes
 
@@ -56,11 +57,7 @@ def root_of(path: Path, tag: str) -> Element | None:
 
 def begins_with(path: Path, tag: bytes) -> bool:
     """Return whether an element is named at the beginning of an XML file."""
-    try:
-        with path.open("rb") as stream:
-            return b"<" + tag in stream.read(4096)
-    except OSError:
-        return False
+    return b"<" + tag in beginning(path)
 
 
 def known_or_nan(value: float | None) -> float:
