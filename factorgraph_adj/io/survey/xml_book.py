@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 from ..text import beginning
@@ -38,15 +37,6 @@ def attribute(notes: Notes, element: Element, name: str, scale: float = 1.0) -> 
     """Return the number in an attribute; None where it is absent or empty."""
     text = element.attributes.get(name, "")
     return notes.number(element.line, text, name, scale) if text else None
-
-
-def walk(element: Element) -> Iterator[Element]:
-    """Iterate over an element and all inside, in the order of the file, however deep."""
-    stack = [element]
-    while stack:
-        at = stack.pop()
-        yield at
-        stack += reversed(at.children)
 
 
 def root_of(path: Path, tag: str) -> Element | None:
