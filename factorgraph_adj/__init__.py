@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from .block_orientation.orient import orient
     from .crs.similarity import SevenParameters
     from .crs.system import ReferenceSystem
+    from .epochs.blocks import block_motion
+    from .epochs.congruence import congruence
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from .io.gnss.write_sinex import write_sinex
     from .io.photogrammetry.aicon import read_aicon
     from .io.photogrammetry.bundler import read_bundler
+    from .io.photogrammetry.colmap import read_colmap
+    from .io.photogrammetry.colmap_write import write_colmap
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
     from .io.photogrammetry.metashape_write import write_metashape
@@ -115,7 +119,13 @@ if TYPE_CHECKING:
     from .report.html.page import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
-    from .solve.grid import GridCoordinates, grid_coordinates, wgs84_coordinates
+    from .solve.grid import (
+        GridCoordinates,
+        GridPhotos,
+        grid_coordinates,
+        grid_photos,
+        wgs84_coordinates,
+    )
     from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
@@ -148,6 +158,7 @@ __all__ = [
     "GnssPosition",
     "GnssVector",
     "GridCoordinates",
+    "GridPhotos",
     "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
@@ -194,9 +205,11 @@ __all__ = [
     "adjust_parts",
     "adjusted_lines",
     "as_models",
+    "block_motion",
     "build_graph",
     "causes",
     "check_points",
+    "congruence",
     "distance_precision",
     "dlt",
     "error_ellipse",
@@ -206,6 +219,7 @@ __all__ = [
     "find_sparable",
     "from_grid",
     "grid_coordinates",
+    "grid_photos",
     "load_solution",
     "memory_needed",
     "orient",
@@ -218,6 +232,7 @@ __all__ = [
     "read_aicon",
     "read_bal",
     "read_bundler",
+    "read_colmap",
     "read_columns",
     "read_comp3d",
     "read_dbat",
@@ -248,6 +263,7 @@ __all__ = [
     "snoop",
     "wgs84_coordinates",
     "without",
+    "write_colmap",
     "write_dynaml",
     "write_gvx",
     "write_landxml",
@@ -280,6 +296,7 @@ _MODULES = {
     "FrameZenith": "observations.frame_sights",
     "AntennaVector": "observations.airborne",
     "GridCoordinates": "solve.grid",
+    "GridPhotos": "solve.grid",
     "NavigationAttitude": "observations.airborne",
     "PhotoAngle": "observations.airborne",
     "PhotoAttitude": "observations.airborne",
@@ -329,8 +346,10 @@ _MODULES = {
     "adjusted_lines": "quality.lines",
     "as_models": "triangulation.models",
     "build_graph": "graph.build",
+    "block_motion": "epochs.blocks",
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",
+    "congruence": "epochs.congruence",
     "distance_precision": "quality.relative",
     "dlt": "block_orientation.dlt",
     "error_ellipse": "quality.ellipses",
@@ -340,6 +359,7 @@ _MODULES = {
     "find_sparable": "planning.spare",
     "from_grid": "network.from_grid",
     "grid_coordinates": "solve.grid",
+    "grid_photos": "solve.grid",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
     "orient": "block_orientation.orient",
@@ -351,6 +371,7 @@ _MODULES = {
     "write_report": "report.html.page",
     "read": "io.readers",
     "read_bal": "io.bal",
+    "read_colmap": "io.photogrammetry.colmap",
     "read_gama": "io.gama",
     "read_comp3d": "io.survey.comp3d",
     "read_dynaml": "io.gnss.dynaml",
@@ -392,6 +413,7 @@ _MODULES = {
     "read_star_net": "io.survey.star_net",
     "write_landxml": "io.survey.write_landxml",
     "write_star_net": "io.survey.write_star_net",
+    "write_colmap": "io.photogrammetry.colmap_write",
     "write_project": "io.write_project",
 }
 """Module of each public name; type checkers read the imports above."""

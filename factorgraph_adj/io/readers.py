@@ -20,6 +20,7 @@ from .gnss.gvx import read_gvx
 from .gnss.sinex import read_sinex
 from .photogrammetry.aicon import read_aicon
 from .photogrammetry.bundler import is_bundler, read_bundler
+from .photogrammetry.colmap import is_colmap, read_colmap
 from .photogrammetry.dbat import is_dbat, read_dbat
 from .photogrammetry.metashape import is_metashape_xml, read_metashape
 from .photogrammetry.opencv import is_opencv, read_opencv
@@ -246,6 +247,9 @@ READERS = Readers(
         ),
         Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d)),
         Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkAlone(read_lgc2)),
+        Reader(
+            "colmap", (), "COLMAP", NetworkAlone(read_colmap), folders=True, recognises=is_colmap
+        ),
         Reader(
             "metashape",
             (".psz", ".psx"),
