@@ -23,15 +23,28 @@ if TYPE_CHECKING:
     from .incremental.adjustment import IncrementalAdjustment
     from .io.bal import read_bal
     from .io.gama import read_gama
+    from .io.gnss.dynaml import read_dynaml
+    from .io.gnss.gvx import read_gvx
+    from .io.gnss.sinex import read_sinex
+    from .io.gnss.write_dynaml import write_dynaml
+    from .io.gnss.write_gvx import write_gvx
+    from .io.gnss.write_sinex import write_sinex
     from .io.photogrammetry.aicon import read_aicon
+    from .io.photogrammetry.bundler import read_bundler
     from .io.photogrammetry.colmap import read_colmap
     from .io.photogrammetry.colmap_write import write_colmap
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
     from .io.photogrammetry.metashape_write import write_metashape
+    from .io.photogrammetry.opencv import read_opencv, write_opencv
+    from .io.photogrammetry.opensfm import read_opensfm
+    from .io.photogrammetry.opf import read_opf
+    from .io.photogrammetry.opf_write import write_opf
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
+    from .io.survey.comp3d import read_comp3d
+    from .io.survey.lgc2 import read_lgc2
     from .io.write_project import write_project
     from .models.registry import register_lens
     from .models.unknown import UnknownKind
@@ -196,11 +209,20 @@ __all__ = [
     "read",
     "read_aicon",
     "read_bal",
+    "read_bundler",
     "read_colmap",
+    "read_comp3d",
     "read_dbat",
+    "read_dynaml",
     "read_gama",
+    "read_gvx",
+    "read_lgc2",
     "read_metashape",
+    "read_opencv",
+    "read_opensfm",
+    "read_opf",
     "read_project",
+    "read_sinex",
     "reduce_faces",
     "register_lens",
     "register_observation",
@@ -214,9 +236,14 @@ __all__ = [
     "wgs84_coordinates",
     "without",
     "write_colmap",
+    "write_dynaml",
+    "write_gvx",
     "write_metashape",
+    "write_opencv",
+    "write_opf",
     "write_project",
     "write_report",
+    "write_sinex",
 ]
 
 _MODULES = {
@@ -312,10 +339,24 @@ _MODULES = {
     "read_bal": "io.bal",
     "read_colmap": "io.photogrammetry.colmap",
     "read_gama": "io.gama",
+    "read_comp3d": "io.survey.comp3d",
+    "read_dynaml": "io.gnss.dynaml",
+    "read_gvx": "io.gnss.gvx",
+    "read_sinex": "io.gnss.sinex",
+    "write_dynaml": "io.gnss.write_dynaml",
+    "write_gvx": "io.gnss.write_gvx",
+    "write_sinex": "io.gnss.write_sinex",
     "read_metashape": "io.photogrammetry.metashape",
     "write_metashape": "io.photogrammetry.metashape_write",
     "read_dbat": "io.photogrammetry.dbat",
     "read_aicon": "io.photogrammetry.aicon",
+    "read_opf": "io.photogrammetry.opf",
+    "write_opf": "io.photogrammetry.opf_write",
+    "read_opensfm": "io.photogrammetry.opensfm",
+    "read_opencv": "io.photogrammetry.opencv",
+    "write_opencv": "io.photogrammetry.opencv",
+    "read_bundler": "io.photogrammetry.bundler",
+    "read_lgc2": "io.survey.lgc2",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",
