@@ -113,8 +113,14 @@ def nest(rng: Rng, name: str, content: bytes) -> bytes:
     depth = int(rng.choice([50, 5000, 200_000]))
     if name.endswith(".gkf"):
         return content.replace(b"<network", b"<a>" * depth + b"<network", 1)
+    if name.endswith(".xml"):
+        place = content.find(b">", int(rng.integers(len(content) + 1))) + 1
+        return content[:place] + b"<a>" * depth + content[place:]
     if name.endswith(".toml"):
         return content + b"\nx = " + b"[" * depth
+    if name.endswith((".json", ".opf", ".gltf")):
+        place = content.find(b":", int(rng.integers(len(content) + 1))) + 1
+        return content[:place] + b"[" * depth + content[place:]
     if name.endswith(".jsonl"):
         return b"[" * depth + b"\n" + content
     return content + b'"' * depth
@@ -149,8 +155,12 @@ DAMAGES: tuple[Damage, ...] = (
 """Each as often as it stands here."""
 
 
+QUICK: tuple[Damage, ...] = tuple(d for d in DAMAGES if d is not long_line)
+"""Those that leave files short."""
+
+
 def damaged(
-    rng: Rng, files: dict[str, bytes], folder: Path, *, damages: tuple[Damage, ...] = DAMAGES
+    rng: Rng, files: dict[str, bytes], folder: Path, damages: tuple[Damage, ...] = DAMAGES
 ) -> str:
     """Write files of which one is damaged, once or twice; return what was done.
 
@@ -158,7 +168,7 @@ def damaged(
         rng: source of chance.
         files: contents by name.
         folder: where they are written.
-        damages: kinds of damage, each as often as it stands there.
+        damages: what may be done to them.
     """
     folder.mkdir(parents=True)
     name = str(rng.choice(sorted(n for n in files if files[n])))

@@ -87,7 +87,7 @@ def test_aicon_every_test_value_is_the_printed_one(
 
 
 def test_aicon_nothing_controls_the_scale_bar(close_range: fga.Reliability) -> None:
-    row = close_range.row("bar")
+    row = close_range.row("Scalebar")
     assert abs(close_range.redundancy_numbers[row]) < 1e-9
     assert not close_range.controlled[row]
     assert close_range.mdb[row] == np.inf and close_range.delta_bar[row] == np.inf
@@ -101,7 +101,7 @@ def test_aicon_a_wrong_scale_bar_scales_the_block_and_shows_nowhere(
     """1 mm in 1389.688 mm: every distance between points grows by as much."""
     moved = {
         effect.name: effect.values
-        for effect in close_range.effect_on("bar", error=1e-3)
+        for effect in close_range.effect_on("Scalebar", error=1e-3)
         if effect.kind == "point"
     }
     solution = close_range.solution
