@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
     from .io.photogrammetry.metashape_write import write_metashape
+    from .io.photogrammetry.micmac import read_micmac
     from .io.photogrammetry.opencv import read_opencv, write_opencv
     from .io.photogrammetry.opensfm import read_opensfm
     from .io.photogrammetry.opf import read_opf
@@ -203,6 +204,7 @@ __all__ = [
     "read_dbat",
     "read_gama",
     "read_metashape",
+    "read_micmac",
     "read_opencv",
     "read_opensfm",
     "read_opf",
@@ -328,6 +330,7 @@ _MODULES = {
     "read_opencv": "io.photogrammetry.opencv",
     "write_opencv": "io.photogrammetry.opencv",
     "read_bundler": "io.photogrammetry.bundler",
+    "read_micmac": "io.photogrammetry.micmac",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",
