@@ -128,7 +128,7 @@ def nest(rng: Rng, name: str, content: bytes) -> bytes:
 
 def bomb(rng: Rng, name: str, content: bytes) -> bytes:
     """Put entities that grow in XML; strange quotes elsewhere."""
-    if name.endswith((".gkf", ".xml")):
+    if name.endswith((".gkf", ".xml", ".gvx")):
         return BOMB
     place = int(rng.integers(len(content) + 1))
     return content[:place] + b'"' + content[place:]

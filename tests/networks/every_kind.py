@@ -539,7 +539,7 @@ LENSES_USED: dict[str, Calibrated] = {
     ),
     "brown, strong": Calibrated(lens.BrownLens(), _INTERIOR | _STRONG | {"b1": 0.02, "b2": -0.03}),
     "brown, centred": Calibrated(
-        CentredBrownLens(), _INTERIOR | _BROWN | {"b1": 0.2, "b2": -0.3, "xd": 0.4, "yd": -0.3}
+        CentredBrownLens(), _INTERIOR | _BROWN | {"b1": 0.6, "b2": -0.5, "xd": 0.4, "yd": -0.3}
     ),
     "brown forward": Calibrated(lens.BrownForwardLens(), _INTERIOR | _BROWN),
     "brown forward, strong": Calibrated(lens.BrownForwardLens(), _INTERIOR | _STRONG),

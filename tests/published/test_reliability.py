@@ -27,7 +27,7 @@ from tests.loaders import comp3d, snap
 from tests.loaders.gama_result import GamaObservation
 from tests.loaders.snap import radius_in_azimuth
 from tests.networks import aicon, dbat
-from tests.networks.comp3d import LATITUDE, REFRACTION
+from tests.networks.comp3d import network_of_topo
 from tests.networks.gama import (
     FOLDER,
     GAMA_STOPS,
@@ -129,10 +129,7 @@ SAME_RESIDUALS = 2e-5
 
 @pytest.fixture(scope="module")
 def total_stations() -> fga.Reliability:
-    folder = data_dir("comp3d_topo")
-    network = comp3d.read_network(
-        folder / "figure.cor", folder / "figure.obs", latitude=LATITUDE, refraction=REFRACTION
-    )
+    network = network_of_topo()
     power = float(norm.cdf(DELTA0_OF_COMP3D - norm.isf(0.005)))
     return fga.reliability(fga.adjust(network), alpha=0.01, power=power)
 
@@ -141,7 +138,7 @@ def total_stations() -> fga.Reliability:
 def listed(total_stations: fga.Reliability) -> list[tuple[int, float, dict[str, str]]]:
     """Row, unit and line of the table for each active observation, weighted coordinates too.
 
-    The unit of projected X and Y is that on the ground, see `comp3d.read_cor`.
+    The unit of projected X and Y is that on the ground, see `read_points`.
     """
     network = total_stations.solution.network
     out = []
