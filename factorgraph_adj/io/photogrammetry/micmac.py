@@ -191,7 +191,8 @@ class _Orientations:
             if found is None:
                 raise InputError(Problem("has no <CalibrationInternConique>", key))
             calibrated = found
-        name = key.removesuffix(".xml").removeprefix("AutoCal_").removeprefix("AutoCal")
+        stem = key.removesuffix(".xml")
+        name = stem.removeprefix("AutoCal_").removeprefix("AutoCal") or stem or "camera"
         self.cameras[key] = name
         self._calibration(name, calibrated, where)
         return name if name in self.network.cameras else None
