@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
     from .io.photogrammetry.metashape_write import write_metashape
+    from .io.photogrammetry.micmac import read_micmac
     from .io.photogrammetry.opencv import read_opencv, write_opencv
     from .io.photogrammetry.opensfm import read_opensfm
     from .io.photogrammetry.opf import read_opf
@@ -244,6 +245,7 @@ __all__ = [
     "read_landxml",
     "read_lgc2",
     "read_metashape",
+    "read_micmac",
     "read_opencv",
     "read_opensfm",
     "read_opf",
@@ -390,6 +392,7 @@ _MODULES = {
     "read_opencv": "io.photogrammetry.opencv",
     "write_opencv": "io.photogrammetry.opencv",
     "read_bundler": "io.photogrammetry.bundler",
+    "read_micmac": "io.photogrammetry.micmac",
     "read_lgc2": "io.survey.lgc2",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
