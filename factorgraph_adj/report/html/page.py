@@ -158,6 +158,9 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
         ),
         "observations": _section("observations", t, observations.observations, report=report),
     }
+    anchors = {ident for ident, section in sections.items() if section.sheets}
+    anchors |= {f"table-{s.id}" for section in sections.values() for s in section.sheets}
+    anchors |= {"inputs", *(("cameras",) if calibrations else ())}
     listed_files = inputs.files(files, t)
     every = [s for section in sections.values() for s in section.sheets]
     every += [c.sheet for c in calibrations]
@@ -180,6 +183,7 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
         "has_r": report.reliability is not None,
         "scene_text": None if view is None else _scene_text(plan, view, t),
         "sections": sections,
+        "anchors": anchors,
         "calibrations": calibrations,
         "more_calibrations": max(n_calibrations - len(calibrations), 0),
         "means": [{"camera": m["camera"], "text": m["text"]} for m in means],
