@@ -1,6 +1,7 @@
 """Contrasts of the colours, and what a screen reader and a keyboard need."""
 
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -30,7 +31,8 @@ PAIRS = [
 def themes() -> dict[str, dict[str, str]]:
     """Return the colours of the page, of the dark page, and of paper."""
     found = [dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", b)) for b in STYLE.split(":root")[1:]]
-    light, dark, paper = (f for f in found if f)
+    light, dark, paper, printed = (f for f in found if f)
+    assert paper == printed, "the script and the printer have the same colours"
     return {"light": light, "dark": {**light, **dark}, "paper": {**light, **paper}}
 
 
@@ -66,7 +68,7 @@ def test_the_structure_is_that_of_a_document():
     tags = [e.tag for e in found]
     assert tags.count("h1") == tags.count("main") == tags.count("header") == tags.count("nav") == 1
     levels = [int(t[1]) for t in tags if re.fullmatch(r"h[1-6]", t)]
-    assert all(b - a <= 1 for a, b in zip(levels, levels[1:], strict=False))
+    assert all(b - a <= 1 for a, b in pairwise(levels))
     ids = [e.attributes["id"] for e in found if "id" in e.attributes]
     assert len(ids) == len(set(ids))
     for e in found:

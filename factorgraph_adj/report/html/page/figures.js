@@ -114,5 +114,4 @@ async function start() {
   if (byId("data-mean-photos")) await drawMeanPhotos(Plotly);
   document.documentElement.dataset.all = "yes";
 }
-addEventListener("beforeprint", () => { byId("protocol").open = false; });
 start().catch(failed);
