@@ -27,9 +27,9 @@ ROUNDS = 5
 NETWORKS: dict[str, Callable[[], Network]] = {
     "three points": three_points,
     "industry block": lambda: fga.read_project(EXAMPLES / "industry_block"),
-    "1000 photos": lambda: simulate_aerial_block(
-        1, image_points=30_000, points_per_photo=30
-    ).network,
+    "1000 photos": lambda: (
+        simulate_aerial_block(1, image_points=30_000, points_per_photo=30).network
+    ),
     "Roma": lambda: read_roma(ROMA),
 }
 

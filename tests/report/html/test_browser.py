@@ -10,7 +10,8 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.report.context import Report
-from factorgraph_adj.report.html.page import html, write_report
+from factorgraph_adj.report.html.page import html
+from factorgraph_adj.report.html.write import write_report
 from tests.networks.reported import (
     NASTY,
     heights_alone,

@@ -65,7 +65,7 @@ def test_every_kind_has_a_german_name():
 
 
 def test_every_text_is_used_and_every_used_text_is_there():
-    sources = [*FOLDER.glob("*.py"), *(FOLDER / "page").iterdir()]
+    sources = [*FOLDER.glob("*.py"), *(FOLDER / "template").iterdir()]
     text = "\n".join(
         p.read_text(encoding="utf-8") for p in sources if p.stem not in ("english", "german")
     )

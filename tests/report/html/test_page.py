@@ -15,9 +15,10 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.report.context import Report
 from factorgraph_adj.report.html.language import Texts
-from factorgraph_adj.report.html.page import html, write_report
+from factorgraph_adj.report.html.page import html
 from factorgraph_adj.report.html.sheets import PAGE
 from factorgraph_adj.report.html.verdict import verdict
+from factorgraph_adj.report.html.write import write_report
 from factorgraph_adj.report.observation_tables import observations_table
 from tests.networks.reported import NASTY, heights_alone, nasty_names, three_points
 from tests.networks.small_block import small_block
@@ -290,7 +291,7 @@ def test_every_file_of_the_page_goes_into_the_wheel():
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     (globs,) = re.findall(r"^factorgraph_adj = \[(.*)\]$", text, re.MULTILINE)
     kept = {p for g in re.findall(r'"([^"]+)"', globs) for p in (ROOT / "factorgraph_adj").glob(g)}
-    folder = ROOT / "factorgraph_adj" / "report" / "html" / "page"
+    folder = ROOT / "factorgraph_adj" / "report" / "html" / "template"
     assert {p for p in folder.rglob("*") if p.is_file()} <= kept
 
 

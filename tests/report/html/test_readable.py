@@ -13,7 +13,7 @@ from factorgraph_adj.report.html.page import html
 from tests.networks.small_block import small_block
 from tests.support.pages import elements
 
-STYLE = (Path(page.__file__).parent / "page" / "style.css").read_text(encoding="utf-8")
+STYLE = (Path(page.__file__).parent / "template" / "style.css").read_text(encoding="utf-8")
 TEXT, GRAPHIC = 4.5, 3.0
 """Smallest contrasts of text and of graphics, WCAG 2.2, 1.4.3 and 1.4.11."""
 PAIRS = [
