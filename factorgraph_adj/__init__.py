@@ -11,6 +11,10 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .block_orientation.dlt import dlt
+    from .block_orientation.orient import orient
+    from .crs.similarity import SevenParameters
+    from .crs.system import ReferenceSystem
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
@@ -19,6 +23,10 @@ if TYPE_CHECKING:
     from .incremental.adjustment import IncrementalAdjustment
     from .io.bal import read_bal
     from .io.gama import read_gama
+    from .io.photogrammetry.aicon import read_aicon
+    from .io.photogrammetry.dbat import read_dbat
+    from .io.photogrammetry.metashape import read_metashape
+    from .io.photogrammetry.metashape_write import write_metashape
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
@@ -27,6 +35,7 @@ if TYPE_CHECKING:
     from .models.unknown import UnknownKind
     from .models.variables import register_unknown
     from .network.entities import Camera, Parameter, Photo, Point
+    from .network.from_grid import from_grid
     from .network.network import Network
     from .network.selection import without
     from .observations.airborne import (
@@ -84,6 +93,7 @@ if TYPE_CHECKING:
     from .report.html.write import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
+    from .solve.grid import GridCoordinates, grid_coordinates, wgs84_coordinates
     from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
@@ -115,6 +125,7 @@ __all__ = [
     "GeocentricFrame",
     "GnssPosition",
     "GnssVector",
+    "GridCoordinates",
     "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
@@ -142,9 +153,11 @@ __all__ = [
     "Point",
     "ProfileHeight",
     "Provenance",
+    "ReferenceSystem",
     "RelativePosition",
     "RelativeRotation",
     "ReportOptions",
+    "SevenParameters",
     "SlopeDistance",
     "Solution",
     "StandardDeviation",
@@ -162,21 +175,28 @@ __all__ = [
     "causes",
     "check_points",
     "distance_precision",
+    "dlt",
     "error_ellipse",
     "error_ellipsoid",
     "estimate_variance_components",
     "exclude_insignificant",
     "find_sparable",
+    "from_grid",
+    "grid_coordinates",
     "load_solution",
     "memory_needed",
+    "orient",
     "plan",
     "predict",
     "preliminary",
     "propose",
     "protocol",
     "read",
+    "read_aicon",
     "read_bal",
+    "read_dbat",
     "read_gama",
+    "read_metashape",
     "read_project",
     "reduce_faces",
     "register_lens",
@@ -188,7 +208,9 @@ __all__ = [
     "s_transform",
     "significance",
     "snoop",
+    "wgs84_coordinates",
     "without",
+    "write_metashape",
     "write_project",
     "write_report",
 ]
@@ -212,6 +234,7 @@ _MODULES = {
     "FrameDistance": "observations.frame_sights",
     "FrameZenith": "observations.frame_sights",
     "AntennaVector": "observations.airborne",
+    "GridCoordinates": "solve.grid",
     "NavigationAttitude": "observations.airborne",
     "PhotoAngle": "observations.airborne",
     "PhotoAttitude": "observations.airborne",
@@ -242,9 +265,11 @@ _MODULES = {
     "Point": "network.entities",
     "ProfileHeight": "observations.vertical",
     "Provenance": "report.options",
+    "ReferenceSystem": "crs.system",
     "RelativePosition": "observations.relative",
     "RelativeRotation": "observations.relative",
     "ReportOptions": "report.options",
+    "SevenParameters": "crs.similarity",
     "SlopeDistance": "observations.terrestrial",
     "Solution": "solve.solution",
     "StandardDeviation": "stochastic",
@@ -262,13 +287,17 @@ _MODULES = {
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",
     "distance_precision": "quality.relative",
+    "dlt": "block_orientation.dlt",
     "error_ellipse": "quality.ellipses",
     "error_ellipsoid": "quality.ellipses",
     "estimate_variance_components": "quality.variance_components",
     "exclude_insignificant": "quality.exclusion",
     "find_sparable": "planning.spare",
+    "from_grid": "network.from_grid",
+    "grid_coordinates": "solve.grid",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
+    "orient": "block_orientation.orient",
     "plan": "planning.plan",
     "predict": "quality.prediction",
     "preliminary": "validate.preliminary.search",
@@ -278,6 +307,10 @@ _MODULES = {
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_gama": "io.gama",
+    "read_metashape": "io.photogrammetry.metashape",
+    "write_metashape": "io.photogrammetry.metashape_write",
+    "read_dbat": "io.photogrammetry.dbat",
+    "read_aicon": "io.photogrammetry.aicon",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
     "register_lens": "models.registry",
@@ -289,6 +322,7 @@ _MODULES = {
     "s_transform": "quality.datum_change",
     "significance": "quality.systematic",
     "snoop": "quality.snooping",
+    "wgs84_coordinates": "solve.grid",
     "without": "network.selection",
     "write_project": "io.write_project",
 }

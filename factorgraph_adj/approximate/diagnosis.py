@@ -25,7 +25,8 @@ NOTHING_KNOWN = (
 )
 ONLY_IMAGES = (
     "nothing to start from: image measurements alone do not start a free network; give the "
-    "orientation of two photos or the coordinates of four points, in any frame"
+    "orientation of two photos or the coordinates of four points, in any frame, or the start of "
+    "fga.orient(network)"
 )
 
 
@@ -152,11 +153,11 @@ def _fits_mirrored(progress: Progress, rays: ImageRays, photo: int) -> bool:
     """Return whether nearly all known points of a photo fit the mirror image."""
     rows = np.flatnonzero((rays.photo == photo) & progress.complete[rays.point])
     x = progress.horizon.from_plan(progress.plan[rays.point[rows]])
-    t = rays.tangent[rows] * [1.0, -1.0]
-    pose = resect(x, t)
+    d = rays.direction[rows] * [1.0, -1.0, 1.0]
+    pose = resect(x, d)
     if len(rows) < MANY or pose is None:
         return False
-    fits = misses(pose[0][None], pose[1][None], x, t)[0] < FITS
+    fits = misses(pose[0][None], pose[1][None], x, d)[0] < FITS
     return int(fits.sum()) > NEARLY_ALL * len(rows)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import Problem
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.image_lines import tangents
+from ..models.inverse import directions
 from ..models.lens import Lens
 from ..models.sub_frame import horizons
 from ..network.network import Network
@@ -68,9 +68,7 @@ def _plane(
     camera = network.cameras[network.photos[photo].camera]
     lens: Lens = camera.lens
     k = np.tile(np.array(camera.values), (len(own), 1))
-    t, _ = tangents(lens, np.array([o.x for o in own]), np.array([o.y for o in own]), k)
-    rays = np.column_stack([t[:, 0], -t[:, 1], np.ones(len(t))])
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    rays = directions(lens, np.array([(o.x, o.y) for o in own]), k)
     _, values, vt = np.linalg.svd(rays)
     if len(own) < 2 or not values[1] > 1e-9 * values[0]:
         return None

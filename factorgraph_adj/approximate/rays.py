@@ -1,4 +1,4 @@
-"""Image rays: ideal tangents of measured points, and points where rays meet."""
+"""Image rays: directions of measured points, and points where rays meet."""
 
 from __future__ import annotations
 
@@ -7,42 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..graph.equations import Equations
-from ..models.lens import Lens
+from ..models.inverse import directions
 from ..types import Array, Index, Mask
 from .progress import Progress
 
-LENS_ITERATIONS = 50
-"""Largest number of fixed-point steps for lens models that distort ideal coordinates."""
-TANGENT_TOLERANCE = 1e-8
-"""Change of a tangent at which the fixed-point iteration ends."""
 GOOD_PARALLAX = 0.1
 """Smallest angle between rays, radians, of an intersection that is used at once."""
 LEAST_PARALLAX = 1e-3
 """Smallest angle between rays, radians, at which the rays determine a point."""
 REWEIGHTINGS = 5
 """Number of reweighting steps towards the least sum of misses if a ray misses by much."""
-
-
-def tangents(lens: Lens, xy: Array, calibration: Array) -> Array:
-    """Return the tangents (n, 2) of the rays of measured coordinates (n, 2).
-
-    Solves v(t) = 0 by t ← t − v/c. One step is exact for lens models that correct measured
-    coordinates; the steps converge for lens models that distort ideal ones (distortion ≪ 1).
-
-    Args:
-        lens: the lens model.
-        xy: measured coordinates, (n, 2), image units.
-        calibration: parameters of the lens model, (n, k) or (1, k).
-    """
-    c = calibration[:, :1]
-    t = (xy - calibration[:, 1:3]) / c
-    for _ in range(LENS_ITERATIONS):
-        v, _, _ = lens.residual(t[:, 0], t[:, 1], xy, calibration, jacobians=False)
-        step = v / c
-        t = t - step
-        if np.abs(step).max(initial=0.0) < TANGENT_TOLERANCE:
-            break
-    return np.asarray(t)
 
 
 @dataclass(frozen=True)
@@ -53,20 +27,13 @@ class ImageRays:
     """Number of the photo, (n,)."""
     point: Index
     """Number of the point, (n,)."""
-    tangent: Array
-    """t_x, t_y, (n, 2)."""
-
-    @property
-    def direction(self) -> Array:
-        """Unit vectors in camera axes (x right, y down, z forward), (n, 3)."""
-        t = self.tangent
-        d = np.stack([t[:, 0], -t[:, 1], np.ones(len(t))], 1)
-        return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
+    direction: Array
+    """Unit vectors in camera axes (x right, y down, z forward), (n, 3)."""
 
 
 def read_rays(equations: Equations) -> ImageRays:
     """Turn the image coordinates of a network into rays."""
-    photos, points, found = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)], [np.zeros((0, 2))]
+    photos, points, found = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)], [np.zeros((0, 3))]
     values = equations.unknowns["calibration"].values
     for block in equations.blocks:
         if block.lens is None:
@@ -76,7 +43,7 @@ def read_rays(equations: Equations) -> ImageRays:
         calibration = values[:, :k] if len(values) == 1 else values[number, :k]
         photos.append(block.variables[0][1])
         points.append(block.variables[2][1])
-        found.append(tangents(block.lens, block.observed, calibration))
+        found.append(directions(block.lens, block.observed, calibration))
     return ImageRays(np.concatenate(photos), np.concatenate(points), np.concatenate(found))
 
 
@@ -88,10 +55,10 @@ def posed(progress: Progress) -> Mask:
 def world_rays(progress: Progress, rays: ImageRays, rows: Index) -> tuple[Array, Array]:
     """Return projection centres and unit vectors in the frame, (n, 3) each, of some rays."""
     pose = progress.pose[rays.photo[rows]]
-    t = rays.tangent[rows]
+    seen = rays.direction[rows]
     r = pose[:, :9]
-    d = r[:, 0::3] * t[:, :1] - r[:, 1::3] * t[:, 1:] + r[:, 2::3]
-    return pose[:, 9:], d / np.sqrt(np.einsum("ni,ni->n", d, d))[:, None]
+    d = r[:, 0::3] * seen[:, :1] + r[:, 1::3] * seen[:, 1:2] + r[:, 2::3] * seen[:, 2:]
+    return pose[:, 9:], d
 
 
 def nearest_to_rays(

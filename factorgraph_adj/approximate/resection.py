@@ -2,7 +2,7 @@
 
 Three points each give candidate poses (Grunert's quartic, as in Haralick et al. 1994, eqs. 8–10),
 without a special case for points in a plane. The best candidate has the smallest misses of all
-known points of the photo, which must lie in front of the camera; Gauss-Newton on the tangents
+known points of the photo, on the side of their rays; Gauss-Newton on the unit vectors of the rays
 refines it. If the projection centre or the attitude is given, the other follows directly.
 """
 
@@ -20,7 +20,7 @@ TRIPLES = 60
 SCORED = 60
 """Largest number of points by which candidates are compared."""
 FITS = 0.02
-"""Miss of a tangent above which an image point does not support a pose."""
+"""Miss of a ray, radians, above which an image point does not support a pose."""
 MANY = 8
 """Number of points from which a pose that fits well is unique."""
 
@@ -94,29 +94,33 @@ def turn_and_shift(camera: Array, world: Array) -> tuple[Array, Array]:
     return r, mw - np.einsum("kij,kj->ki", r, mc)
 
 
-def misses(r: Array, x0: Array, x: Array, t: Array) -> Array:
-    """Return the miss of tangents (k, n); infinite for points behind the camera."""
+def misses(r: Array, x0: Array, x: Array, d: Array) -> Array:
+    """Return how far directions to points miss rays d, (k, n); infinite for opposite ones.
+
+    The miss is the chord between both unit vectors, for small misses the angle in radians.
+    """
     p = np.einsum("kij,kni->knj", r, x[None] - x0[:, None])
     with np.errstate(divide="ignore", invalid="ignore"):
-        miss = np.hypot(p[..., 0] / p[..., 2] - t[:, 0], -p[..., 1] / p[..., 2] - t[:, 1])
-    return np.where((p[..., 2] > 0) & np.isfinite(miss), miss, np.inf)
+        u = p / np.sqrt(np.einsum("kni,kni->kn", p, p))[..., None]
+        miss = np.sqrt(np.einsum("kni,kni->kn", u - d, u - d))
+    return np.where(miss < np.sqrt(2.0), miss, np.inf)  # not NaN
 
 
-def _refine(r: Array, x0: Array, x: Array, t: Array, iterations: int = 10) -> tuple[Array, Array]:
-    """Refine a pose r (3, 3), x0 (3,) by Gauss-Newton on tangents; large misses get low weights."""
+def _refine(r: Array, x0: Array, x: Array, d: Array, iterations: int = 10) -> tuple[Array, Array]:
+    """Refine a pose r (3, 3), x0 (3,) by Gauss-Newton on rays; large misses get low weights."""
     for _ in range(iterations):
         p = (x - x0) @ r
-        if not (p[:, 2] > 0).any():
+        length = np.sqrt(np.einsum("ni,ni->n", p, p))
+        u = p / np.where(length > 0, length, np.inf)[:, None]
+        same = np.einsum("ni,ni->n", u, d) > 0
+        if not same.any():
             break
-        z = np.where(p[:, 2] > 0, p[:, 2], np.inf)
-        a, b = p[:, 0] / z, -p[:, 1] / z
-        v = np.stack([a - t[:, 0], b - t[:, 1]], 1)
-        size = np.hypot(v[:, 0], v[:, 1])
+        v = u - d
+        size = np.sqrt(np.einsum("ni,ni->n", v, v))
         cut = max(2.0 * float(np.median(size)), 1e-9)
-        w = np.where(np.isfinite(z), np.minimum(1.0, cut / np.maximum(size, 1e-15)), 0.0)
-        by_p = np.zeros((len(x), 2, 3))
-        by_p[:, 0, 0], by_p[:, 0, 2] = 1 / z, -a / z
-        by_p[:, 1, 1], by_p[:, 1, 2] = -1 / z, -b / z
+        w = np.where(same, np.minimum(1.0, cut / np.maximum(size, 1e-15)), 0.0)
+        by_p = np.eye(3) - u[:, :, None] * u[:, None]
+        by_p /= np.where(length > 0, length, np.inf)[:, None, None]
         cross = np.zeros((len(x), 3, 3))  # ∂p/∂ω = [p]×
         cross[:, 0, 1], cross[:, 0, 2] = -p[:, 2], p[:, 1]
         cross[:, 1, 0], cross[:, 1, 2] = p[:, 2], -p[:, 0]
@@ -151,12 +155,12 @@ def some_triples(n: int) -> Index:
     return drawn[distinct][:TRIPLES]
 
 
-def resect(x: Array, t: Array) -> tuple[Array, Array] | None:
+def resect(x: Array, d: Array) -> tuple[Array, Array] | None:
     """Return world_R_camera and projection centre of a photo that sees known points.
 
     Args:
         x: points, (n, 3), metres, n ≥ 4.
-        t: tangents of their rays, (n, 2).
+        d: unit vectors of their rays in the axes of the camera, (n, 3).
 
     Returns:
         The pose that most points support; none: too few points support it.
@@ -164,9 +168,7 @@ def resect(x: Array, t: Array) -> tuple[Array, Array] | None:
     rng = np.random.default_rng(len(x))
     if len(x) > 4 * SCORED:
         chosen = np.sort(rng.choice(len(x), 4 * SCORED, replace=False))
-        x, t = x[chosen], t[chosen]
-    d = np.stack([t[:, 0], -t[:, 1], np.ones(len(t))], 1)
-    d /= np.linalg.norm(d, axis=1, keepdims=True)
+        x, d = x[chosen], d[chosen]
     middle = x.mean(axis=0)
     x = x - middle
     triples = some_triples(len(x))
@@ -174,14 +176,14 @@ def resect(x: Array, t: Array) -> tuple[Array, Array] | None:
     if not len(r):
         return None
     scored = np.arange(len(x)) if len(x) <= SCORED else rng.choice(len(x), SCORED, replace=False)
-    miss = np.minimum(misses(r, x0, x[scored], t[scored]), 10 * FITS).mean(axis=1)
+    miss = np.minimum(misses(r, x0, x[scored], d[scored]), 10 * FITS).mean(axis=1)
     best = np.argsort(miss)[:4].tolist()
     poses: list[tuple[Array, Array]] = []
     missed: list[Array] = []
     for k in best:
-        poses.append(_refine(r[k], x0[k], x, t))
+        poses.append(_refine(r[k], x0[k], x, d))
         turned, centre = poses[-1]
-        missed.append(np.minimum(misses(turned[None], centre[None], x, t)[0], 10 * FITS))
+        missed.append(np.minimum(misses(turned[None], centre[None], x, d)[0], 10 * FITS))
         if len(x) >= MANY and missed[-1].mean() < FITS / 10:
             break
     winner = int(np.argmin([m.mean() for m in missed]))
@@ -209,14 +211,14 @@ def resections(progress: Progress, rays: ImageRays, *, least: int) -> bool:
     found = False
     for photo, own in zip(photos, np.split(rows, first[1:]), strict=True):
         x = progress.horizon.from_plan(progress.plan[rays.point[own]])
-        pose = _pose(progress.pose[photo], x, rays.tangent[own], rays.direction[own], least)
+        pose = _pose(progress.pose[photo], x, rays.direction[own], least)
         if pose is not None:
             progress.pose[photo] = pose
             found = True
     return found
 
 
-def _pose(given: Array, x: Array, t: Array, d: Array, least: int) -> Array | None:
+def _pose(given: Array, x: Array, d: Array, least: int) -> Array | None:
     """Return the pose (12,) of one photo, given components kept; none: it cannot be found."""
     r, x0 = given[:9].reshape(3, 3), given[9:]
     if np.isfinite(r).all():
@@ -237,7 +239,7 @@ def _pose(given: Array, x: Array, t: Array, d: Array, least: int) -> Array | Non
             return np.concatenate([turned.ravel(), x0])
     if len(x) < least:
         return None
-    pose = resect(x, t)
+    pose = resect(x, d)
     if pose is None:
         return None
     centre = np.where(np.isnan(x0), pose[1], x0)

@@ -11,6 +11,7 @@ from typing import get_args
 
 from ..errors import InputError, Problem
 from ..io.project import Project
+from ..parts.network import adjust
 from ..quality.rejections import Snooping
 from ..quality.snooping import snoop
 from ..quality.variance_components import VarianceComponents, estimate_variance_components
@@ -23,7 +24,6 @@ from ..report.html.write import write_html
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
 from ..report.text import render
-from ..solve.batch import adjust
 from ..solve.solution import Solution
 from ..units import significant
 from .check import refuse_problems
@@ -150,7 +150,7 @@ def _solve(options: argparse.Namespace) -> Adjusted:
             solution = found.solution
         if options.variance_components is not None:
             weights = estimate_variance_components(
-                solution.network, groups=options.variance_components
+                solution.network, groups=options.variance_components, start=solution
             )
             solution = replace(weights.solution, variance=variance)
     return Adjusted(project, solution, found, weights)

@@ -26,7 +26,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     reading = parser.add_argument_group("how to read")
     reading.add_argument(
         "--from",
-        dest="format",
+        dest="read_as",
         choices=[r.name for r in READERS.entries],
         metavar="FORMAT",
         help="the format, where suffix and content do not tell it: "
@@ -64,7 +64,7 @@ def read_input(
         options.project if path is None else path,
         readings=readings,
         allow_outside=options.allow_outside,
-        format=options.format,
+        format=options.read_as,
         options=settings(options.reading, "--set"),
     )
 

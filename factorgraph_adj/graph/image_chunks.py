@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 
 from ..errors import InputError, Problem
 from ..models.base import DegenerateError
-from ..models.image import by_rotation, seen
+from ..models.image import by_rotation, in_front
 from ..types import Array, Index
 from .blocks import Block
 from .variables import State, Unknowns
@@ -154,7 +154,14 @@ class ImageChunks:
         return np.ascontiguousarray(1.0 / block.sigma.T)
 
     def depths(self, state: State) -> Array:
-        """Return the depth of the point of each ray in front of its photo, (n,) metres."""
+        """Return how far the point of each ray is on the side that its photo sees, (n,) metres.
+
+        It is the depth for lens models of tangents and the distance for those of rays.
+        """
+        lens = self.block.lens
+        if lens is not None and lens.takes == "rays":
+            (_, photos), _, (_, seen) = self.block.variables
+            return in_front(state["pose"][photos], state["point"][seen], lens)
         number = self.block.variables[2][1]
         points, poses = state["point"], state["pose"]
         out = np.empty(self.block.n)
@@ -232,7 +239,7 @@ class ImageChunks:
             own = state["calibration"][block.variables[1][1][rows], :k]
             calibration = np.asfortranarray(own)  # one contiguous array for each parameter
         x, y = self._observed[:, rows]
-        found = seen(ray, x, y, calibration, block.lens, jacobians=jacobians)
+        found = block.lens.seen(ray, x, y, calibration, jacobians=jacobians)
         v = np.empty((2, m))
         v[0], v[1] = found.v
         if not jacobians:

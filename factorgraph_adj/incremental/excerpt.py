@@ -58,7 +58,9 @@ class _Excerpt:
 
     def __init__(self, ledger: Ledger, known: Known, datum: DatumChoice, hold: bool) -> None:
         self.ledger, self.network, self.known, self.hold = ledger, ledger.network, known, hold
-        self.out = Network(self.network.name, frame=self.network.frame, datum=datum)
+        self.out = Network(
+            self.network.name, frame=self.network.frame, datum=datum, crs=self.network.crs
+        )
 
     def of(self, chosen: Index) -> Network:
         """Return the network of some rows."""

@@ -65,7 +65,7 @@ def start_of(line: Mapping[str, Any], where: str) -> tuple[Network, Rules]:
     if not isinstance(options, Mapping) or set(options) != wanted:
         what = f"the options must be {', '.join(sorted(wanted))}, not {options!r:.80}"
         raise InputError(Problem(what, where))
-    return network_of(files), Rules(**options)
+    return network_of(files, allow_outside=True), Rules(**options)
 
 
 def entities(before: Network, after: Network, given: Given) -> dict[str, Any]:

@@ -220,11 +220,12 @@ def _known(row: Row, columns: Iterable[str]) -> None:
 # -- networks -------------------------------------------------------------------------------------
 
 
-def network_of(files: Mapping[str, str]) -> Network:
+def network_of(files: Mapping[str, str], *, allow_outside: bool = False) -> Network:
     """Return the network whose project files are given; the inverse of `network_files`.
 
     Args:
         files: texts by file name, the TOML as ``project.toml``.
+        allow_outside: whether the table of a geoid may lie anywhere, as in `read_project`.
 
     Raises:
         InputError: a name is not a plain file name, ``project.toml`` is missing, a value is not
@@ -245,7 +246,7 @@ def network_of(files: Mapping[str, str]) -> Network:
             for name, text in files.items():
                 # A lone surrogate becomes a byte that is not UTF-8, which the reader names.
                 Path(folder, name).write_bytes(text.encode("utf-8", "surrogatepass"))
-            return read_project(folder)
+            return read_project(folder, allow_outside=allow_outside)
     except OSError as error:
         where = str(error.filename or tempfile.gettempdir())
         raise InputError(Problem(f"cannot be written: {error.strerror}", where)) from None

@@ -28,6 +28,7 @@ from ..units import LENGTH
 from ..validate.check import check
 from .context import ImageAxes, RecordContext
 from .fields import rules_of, sigma_fields, stand_in_sigma, unknown_field
+from .grid_section import read_grid_section
 from .numbers import Units
 from .parameter_tables import table_of
 from .read_observations import ObservationsReader
@@ -53,8 +54,8 @@ def tables() -> tuple[str, ...]:
 
 
 KEYS = (
-    *("name", "datum", "dimension", "frame", "units", "files", "camera", "sigma", "readings"),
-    "adjust",
+    *("name", "datum", "dimension", "frame", "crs", "units", "files", "camera", "sigma"),
+    *("readings", "adjust"),
 )
 FRAMES = {
     "local": ("curvature", "radius", "origin", "axes"),
@@ -139,12 +140,22 @@ def load_project(
             top.wrong(f"unknown key {key!r}; known: {known(KEYS, meant=key, most=40)}")
     units = _units(_table(document, "units", path.name, problems))
     datum = top.choice("datum", ("given", "free"), "given")
+    frame = _frame(_table(document, "frame", path.name, problems), units)
+    crs = _table(document, "crs", path.name, problems)
+    section = read_grid_section(
+        crs, path.parent, stated="crs" in document, allow_outside=allow_outside
+    )
+    if section.grid and "frame" in document and isinstance(frame, LocalFrame):
+        crs.wrong("coordinates of a grid need a topocentric or geocentric [frame], or none")
     network = Network(
         top.text("name", default="" if document.get("name") == "" else path.stem) or "",
-        frame=_frame(_table(document, "frame", path.name, problems), units),
+        frame=section.frame if section.grid else frame,
         datum=cast(Literal["given", "free"], datum),
+        crs=section.system,
     )
     dimension = top.take("dimension")
+    if section.grid and dimension in (1, 2):
+        crs.wrong(f"coordinates of a grid need all three dimensions, not dimension = {dimension}")
     if dimension not in (None, 1, 2, 3):
         top.wrong(f"unknown dimension {dimension!r}; valid: 1 (heights), 2 (plane), 3")
         dimension = 3
@@ -189,6 +200,8 @@ def load_project(
         whole = reader.complete and observations.complete and None not in found_tables.values()
         found = check(network, sources=reader.sources) if whole else ()
         raise InputError([*warnings, *problems, *found])
+    if section.grid:
+        network = section.moved(network, frame if "frame" in document else None, reader.sources)
     return Project(network, path, context, options, reader.sources, warnings)
 
 

@@ -15,10 +15,10 @@ from ..network.network import Network
 from .bal import read_bal
 from .format_options import options_of, refuse_unknown
 from .gama import read_gama
+from .photogrammetry.aicon import read_aicon
+from .photogrammetry.dbat import is_dbat, read_dbat
+from .photogrammetry.metashape import is_metashape_xml, read_metashape
 from .project import Project, load_project
-
-MOST_LOOKED_AT = 65_536
-"""Largest number of bytes at the beginning of a file by which its format is recognised."""
 
 
 class Load(Protocol):
@@ -198,15 +198,6 @@ class NetworkAlone:
         return Project(self.read(path, **options), path)
 
 
-def beginning(path: Path, size: int = MOST_LOOKED_AT) -> bytes:
-    """Return the first bytes of a file, by which its format is recognised; b'' if unreadable."""
-    try:
-        with path.open("rb") as stream:
-            return stream.read(size)
-    except OSError:
-        return b""
-
-
 READERS = Readers(
     (
         Reader("project", (".toml",), "project", load_project, folders=True),
@@ -216,6 +207,26 @@ READERS = Readers(
             (".txt", ".txt.bz2", ".txt.gz"),
             "Bundle Adjustment in the Large",
             NetworkAlone(read_bal),
+        ),
+        Reader(
+            "metashape",
+            (".psz", ".psx"),
+            "Metashape or PhotoScan project",
+            NetworkAlone(read_metashape),
+        ),
+        Reader(
+            "metashape-xml",
+            (".xml",),
+            "cameras or markers of Metashape",
+            NetworkAlone(read_metashape),
+            recognises=is_metashape_xml,
+        ),
+        Reader("dbat", (".xml",), "script of DBAT", NetworkAlone(read_dbat), recognises=is_dbat),
+        Reader(
+            "aicon",
+            (".obc", ".phc", ".eor", ".ior"),
+            "AICON 3D Studio",
+            NetworkAlone(read_aicon),
         ),
     )
 )

@@ -69,6 +69,7 @@ def save_solution(solution: Solution, path: str | Path) -> None:
         "iterations": solution.iterations,
         "within": solution.within,
         "second_places": solution.second_places,
+        "begun": solution.begun,
         "vtpv": solution.vtpv,
         "variance": solution.variance,
         "extrapolated": asdict(solution.extrapolated),
@@ -136,7 +137,7 @@ def load_solution(path: str | Path) -> Solution:
 
 
 def _solution(header: dict[str, Any], entries: Mapping[str, Any]) -> Solution:
-    network = network_of(header["files"])
+    network = network_of(header["files"], allow_outside=True)
     network.datum = "free" if "datum/motions" in entries else network.datum
     weights = entries.get("weights")
     equations = _with_sigmas(compile_network(network), entries["sigmas"], weights)
@@ -158,6 +159,7 @@ def _solution(header: dict[str, Any], entries: Mapping[str, Any]) -> Solution:
         iterations=header["iterations"],
         within=header["within"],
         second_places=tuple(header["second_places"]),
+        begun=tuple(header.get("begun", ())),
         vtpv=header["vtpv"],
         solver=Solver.of(equations, rows),
         constraint=entries["constraint"],

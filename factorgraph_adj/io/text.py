@@ -15,6 +15,19 @@ DECIMAL_COMMA = re.compile(r"[=,\[]\s*([+-]?\d+,\d+)\s*(?=[,}\]#]|$)")
 """A number with a decimal comma in a line that is not TOML."""
 
 
+MOST_LOOKED_AT = 65_536
+"""Largest number of bytes at the beginning of a file by which its format is recognised."""
+
+
+def beginning(path: Path, size: int = MOST_LOOKED_AT) -> bytes:
+    """Return the first bytes of a file, by which its format is recognised; b'' if unreadable."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(size)
+    except OSError:
+        return b""
+
+
 def read_text(path: Path, name: str = "") -> str:
     """Return the text of a UTF-8 file, without a byte order mark.
 

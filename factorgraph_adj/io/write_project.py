@@ -57,11 +57,16 @@ def write_project(network: Network, path: str | Path, *, units: Units | None = N
     path = Path(path)
     if path.suffix != ".toml":
         raise InputError(Problem("a project is a .toml file", str(path)))
-    write_files(path.parent, network_files(network, units=units, toml=path.name))
+    files = network_files(network, units=units, toml=path.name, folder=path.parent)
+    write_files(path.parent, files)
 
 
 def network_files(
-    network: Network, *, units: Units | None = None, toml: str = "project.toml"
+    network: Network,
+    *,
+    units: Units | None = None,
+    toml: str = "project.toml",
+    folder: Path | None = None,
 ) -> dict[str, str]:
     """Return the project files of a network: texts by file name.
 
@@ -69,6 +74,7 @@ def network_files(
         network: the network; it may have no observations.
         units: units of the files; metres, gon and degrees by default.
         toml: name of the TOML file.
+        folder: where the files will be; a geoid there is named without its folder.
 
     Raises:
         InputError: a name or a unit cannot be written to a file.
@@ -91,7 +97,7 @@ def network_files(
         found = list(rows)
         if found or name == "points":
             files[f"{name}.csv"] = write_table(columns, found)
-    files[toml] = "\n".join(toml_lines(network, units, list(files))) + "\n"
+    files[toml] = "\n".join(toml_lines(network, units, list(files), folder)) + "\n"
     return files
 
 

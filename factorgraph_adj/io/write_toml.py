@@ -6,22 +6,27 @@ import json
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import fields
+from pathlib import Path
 from typing import cast
 
 from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..network.entities import Camera
 from ..network.network import Network
 from . import numbers
+from .grid_section import grid_lines
 from .numbers import Units
 
 
-def toml_lines(network: Network, units: Units, files: Iterable[str]) -> Iterator[str]:
-    """Return the lines of the TOML file of a project whose tables are ``files``."""
+def toml_lines(
+    network: Network, units: Units, files: Iterable[str], folder: Path | None = None
+) -> Iterator[str]:
+    """Return the lines of the TOML file of a project whose tables are ``files``, in a folder."""
     yield f"name = {_text(network.name)}"
     yield f"datum = {_text(network.datum)}"
     yield ""
     yield "[frame]"
     yield from _frame(network.frame, units)
+    yield from grid_lines(network.crs, _text, folder)
     yield ""
     yield "[units]"
     for f in fields(Units):

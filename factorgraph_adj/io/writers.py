@@ -13,6 +13,7 @@ from typing import Any
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .format_options import options_of, refuse_unknown
+from .photogrammetry.metashape_write import write_metashape
 from .write_project import write_project
 
 
@@ -100,5 +101,10 @@ class Writers:
         writer.write(network, Path(path), **given)
 
 
-WRITERS = Writers((Writer("project", (".toml",), "project", write_project),))
+WRITERS = Writers(
+    (
+        Writer("project", (".toml",), "project", write_project),
+        Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),
+    )
+)
 """The formats that can be written."""

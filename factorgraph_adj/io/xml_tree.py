@@ -29,6 +29,10 @@ class Element:
         """Iterate over the children with a name."""
         return (c for c in self.children if c.tag == tag)
 
+    def first(self, tag: str) -> Element | None:
+        """Return the first child with a name; None if there is none."""
+        return next(self.all(tag), None)
+
     def walk(self) -> Iterator[Element]:
         """Iterate over this element and all its descendants, in the order of the file."""
         yield self
@@ -46,6 +50,19 @@ def read_xml(path: Path) -> Element:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(Problem(f"cannot be read: {error.strerror or error}", str(path))) from None
+    return parse_xml(content, path.name)
+
+
+def parse_xml(content: bytes, name: str) -> Element:
+    """Return the root of an XML text.
+
+    Args:
+        content: the text.
+        name: name of its file in messages.
+
+    Raises:
+        InputError: the text is not well-formed (with the line).
+    """
     root: list[Element] = []
     stack: list[Element] = []
     parser = expat.ParserCreate(namespace_separator=" ")
@@ -75,9 +92,9 @@ def read_xml(path: Path) -> Element:
         raise InputError(
             Problem(
                 f"is not well-formed XML: {expat.ErrorString(error.code)}",
-                f"{path.name}:{error.lineno}",
+                f"{name}:{error.lineno}",
             )
         ) from None
     except (ValueError, LookupError) as error:  # the encoding is unknown or multi-byte
-        raise InputError(Problem(f"is not readable XML: {error}", path.name)) from None
+        raise InputError(Problem(f"is not readable XML: {error}", name)) from None
     return root[0]

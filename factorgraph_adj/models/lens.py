@@ -10,6 +10,8 @@ Two directions exist:
   v = c t − corrected(x − x0, y − y0). Unlike eq. 18 of El-Hakim & Faig, the weight stays that
   of the measured coordinates (B = I), as in all programs with this model.
 - ideal → measured: v = x0 + distorted(c t) − x.
+
+These models have no image of a ray at 90° to the axis. Models of `ray_lens` take the ray itself.
 """
 
 from __future__ import annotations
@@ -22,7 +24,12 @@ import numpy as np
 
 from ..errors import InputError
 from ..types import Array
+from .base import require
 
+IN_FOCAL_PLANE = "the point lies in the focal plane of the photo: it has no image"
+
+Ray: TypeAlias = tuple[Array, Array, Array]
+"""Components p of rays in the axes of the camera (x right, y down, z ahead), (n,) each."""
 LensResult: TypeAlias = tuple[Array, Array | None, Array | None]
 """v (n, 2); ∂v/∂t (n, 2, 2) and ∂v/∂K (n, 2, k), or None if not requested."""
 Pair: TypeAlias = tuple[Array | float, Array | float]
@@ -40,11 +47,25 @@ class LensPartials(NamedTuple):
     """∂v/∂K of each calibration parameter; empty if not requested."""
 
 
+class Seen(NamedTuple):
+    """Image coordinates of rays p = Rᵀ (X − X₀), one array for each component."""
+
+    v: tuple[Array, Array]
+    """v_x and v_y, (n,) each, image units."""
+    by_p: tuple[tuple[Array, Array], ...]
+    """g = ∂v/∂p_x, ∂v/∂p_y and ∂v/∂p_z, each of v_x and v_y; empty if not requested."""
+    by_k: tuple[Pair, ...]
+    """∂v/∂K of each calibration parameter; empty if not requested."""
+
+
 @dataclass(frozen=True)
 class Lens:
     """Base of the lens models, and the pinhole model with c, x0, y0."""
 
     kind: ClassVar[str] = "none"
+    takes: ClassVar[Literal["tangents", "rays"]] = "tangents"
+    """What the model is a function of. Models of tangents have images only of points in front of
+    the camera; models of rays have images of points at 90° to the axis and behind it, too."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -78,6 +99,33 @@ class Lens:
             *((-px, -py) for px, py in columns),
         ]
         return LensPartials(v, ((c, 0.0), (0.0, c)), tuple(by_k))
+
+    def seen(self, p: Ray, x: Array, y: Array, k: Array, *, jacobians: bool = True) -> Seen:
+        """Return v and its partials by the rays and the calibration.
+
+        Args:
+            p: components of the rays in the axes of the camera, (n,) each, of any length.
+            x: measured coordinates x, (n,).
+            y: measured coordinates y, (n,).
+            k: calibration parameters, (n, number of names) or (1, ...).
+            jacobians: whether to compute the partials.
+
+        Raises:
+            DegenerateError: a ray has no image, as it lies in the focal plane. Rays behind the
+                camera are computed, because an iteration may pass there.
+        """
+        px, py, pz = p
+        require(np.abs(pz) > 1e-12 * (np.abs(px) + np.abs(py) + np.abs(pz)), IN_FOCAL_PLANE)
+        iz = 1.0 / pz
+        tx, ty = px * iz, -py * iz
+        v, by_t, by_k = self.partials(tx, ty, x, y, k, jacobians=jacobians)
+        if not jacobians:
+            return Seen(v, (), ())
+        # ∂v/∂p from ∂t/∂p = [[1/z, 0, −t_x/z], [0, −1/z, −t_y/z]]
+        (xx, yx), (xy, yy) = by_t
+        by_x, by_y = (xx * iz, yx * iz), (-xy * iz, -yy * iz)
+        by_z = by_y[0] * ty - by_x[0] * tx, by_y[1] * ty - by_x[1] * tx
+        return Seen(v, (by_x, by_y, by_z), by_k)
 
     def residual(
         self, tx: Array, ty: Array, xy: Array, k: Array, *, jacobians: bool = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..errors import InputError, Problem
+from .affine_normalised import AffineNormalisedLens
 from .lens import (
     AffineLens,
     BalancedLens,
@@ -13,6 +14,8 @@ from .lens import (
     NormalisedLens,
 )
 from .orthogonal_lens import EbnerLens, GruenLens
+from .rational_lens import RationalLens
+from .ray_lens import DivisionLens, EquirectangularLens, FisheyeLens, FovLens, UnifiedLens
 
 LENSES: dict[str, type[Lens]] = {}
 """Registered lens models by name."""
@@ -53,9 +56,16 @@ for _lens in (
     BrownLens,
     BrownForwardLens,
     NormalisedLens,
+    AffineNormalisedLens,
     BalancedLens,
     AffineLens,
     EbnerLens,
     GruenLens,
+    RationalLens,
+    FisheyeLens,
+    FovLens,
+    DivisionLens,
+    UnifiedLens,
+    EquirectangularLens,
 ):
     register_lens(_lens)

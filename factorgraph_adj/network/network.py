@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from ..crs.system import ReferenceSystem, reference_system
 from ..errors import Doubt, InputError, Problem, known
 from ..frames import Frame, LocalFrame
 from ..models.lens import Lens
@@ -54,14 +55,31 @@ class Network(StatedUnknowns, Shown):
     """
 
     def __init__(
-        self, name: str = "", *, frame: Frame | None = None, datum: DatumChoice = "given"
+        self,
+        name: str = "",
+        *,
+        frame: Frame | None = None,
+        datum: DatumChoice = "given",
+        crs: ReferenceSystem | str | None = None,
     ) -> None:
-        """Start an empty network."""
+        """Start an empty network.
+
+        Args:
+            name: its name.
+            frame: frame of its coordinates; None: a flat local one.
+            datum: where the datum comes from.
+            crs: reference system of results, see `ReferenceSystem`. With a geocentric or
+                topocentric frame it leads from the frame to grid coordinates; with a local frame
+                the coordinates of the network are grid coordinates themselves, in axes that the
+                adjustment takes as Cartesian ones, see `from_grid`.
+        """
         if datum not in (valid := get_args(DatumChoice)):
             raise InputError(f"unknown datum {datum!r}; valid: {known(valid, meant=datum)}")
         self.name = name
         self.frame: Frame = LocalFrame() if frame is None else frame
         self.datum: DatumChoice = datum
+        self.crs: ReferenceSystem | None = None if crs is None else reference_system(crs)
+        """Reference system of results; None: none is known."""
         self.points: dict[str, Point] = {}
         self.cameras: dict[str, Camera] = {}
         self.photos: dict[str, Photo] = {}

@@ -112,7 +112,7 @@ def only(
         unknowns: names of the unknowns that the new network has besides, by kind.
     """
     wanted = {kind: set(names) for kind, names in unknowns.items()}
-    out = Network(name, frame=network.frame, datum=network.datum)
+    out = Network(name, frame=network.frame, datum=network.datum, crs=network.crs)
     out.observations = {i: o for i, o in network.observations.items() if i in observations}
     out.clusters = [group for group in network.clusters if group[0][0] in observations]
     for o in out.observations.values():

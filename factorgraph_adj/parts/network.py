@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, overload
 
-from ..errors import InputError
+from ..block_orientation.begin import start_from_images
+from ..errors import ApproximationError, InputError
 from ..network.network import DatumChoice, Network
 from ..solve import batch
 from ..solve.extra import ExtraFactors
@@ -73,6 +75,9 @@ def adjust(
 ) -> Solution | PartsSolution:
     """Adjust a network by least squares: minimise vᵀPv over all unknowns.
 
+    Photos that have no pose and see too few known points are oriented from image points alone, see
+    `orient`, and the solution says so (``begun``).
+
     With a client of a Dask cluster the network is cut into parts (Helmert blocks), which the
     workers adjust together; the result is the same. See `adjust_parts` for parts in files.
 
@@ -115,17 +120,21 @@ def adjust(
     if client is None:
         if regions is not None or folder is not None:
             raise InputError("regions and folder belong to client: give a client too")
-        return batch.adjust(
+        whole = partial(
+            batch.adjust,
             network,
             datum=datum,
             variance=variance,
-            start=start,
             weights=weights,
             tolerance=tolerance,
             max_iterations=max_iterations,
             extra_factors=extra_factors,
             progress=progress,
         )
+        try:
+            return whole(start=start)
+        except ApproximationError as error:
+            return whole(start=start_from_images(network, error))
     check_client(client)
     given = {"start": start, "weights": weights, "extra_factors": extra_factors or None}
     if refused := [name for name, value in given.items() if value is not None]:

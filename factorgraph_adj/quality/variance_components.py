@@ -24,6 +24,7 @@ from ..solve.batch import adjust, readjust
 from ..solve.extra import ExtraFactors
 from ..solve.reweigh import stepped
 from ..solve.solution import Solution
+from ..solve.start import Start
 from ..types import Array
 from .component_search import ComponentSearch, State
 from .distributions import chi2_above, chi2_below, chi2_quantile
@@ -159,6 +160,7 @@ def estimate_variance_components(
     tolerance: float = 1e-3,
     max_iterations: int = 50,
     seed: int = 0,
+    start: Solution | Start | None = None,
     extra_factors: ExtraFactors = (),
 ) -> VarianceComponents:
     """Estimate one factor of the standard deviations of each group of observations.
@@ -186,6 +188,7 @@ def estimate_variance_components(
         tolerance: bound on the last change of every component, relative to its own σ.
         max_iterations: maximum number of adjustments; then the result has ``converged`` false.
         seed: seed of the stochastic traces for large networks.
+        start: as for `adjust`.
         extra_factors: as for `adjust`; they keep their weights.
 
     Raises:
@@ -194,7 +197,7 @@ def estimate_variance_components(
     """
     if max_iterations < 1 or not tolerance > 0:
         raise InputError("max_iterations must be at least 1, and tolerance greater than 0")
-    solution = adjust(network, datum=datum, extra_factors=extra_factors)
+    solution = adjust(network, datum=datum, start=start, extra_factors=extra_factors)
     found = observation_groups(solution, groups)
     search = ComponentSearch(len(found.names))
     iterations, whole, near = 1, True, False

@@ -38,6 +38,7 @@ def summary(report: Report) -> dict[str, Any]:
         "converged": s.converged,
         "reason": s.reason,
         "iterations": s.iterations,
+        **({"start": list(s.begun)} if s.begun else {}),
         **({"extrapolated": asdict(s.extrapolated)} if s.extrapolated.count else {}),
         "n_observations": s.n_observations,
         "n_unknowns": s.n_unknowns,

@@ -109,6 +109,8 @@ def _overview(report: Report) -> list[str]:
         out += [f"  cameras        {', '.join(named)}{more}"]
     if network.orientations:
         out += [f"  direction sets {len(network.orientations)}"]
+    for sentence in report.solution.begun:
+        out += paragraph(sentence, indent=2)
     return out
 
 

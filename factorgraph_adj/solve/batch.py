@@ -132,7 +132,7 @@ def readjust(
         equations = equations.reweighted(1.0 / solution.weights)
     return adjust_from(
         equations,
-        Start(equations.unknowns, solution.state, solution.start),
+        Start(equations.unknowns, solution.state, solution.start, solution.begun),
         free=(solution.network.datum if datum is None else datum) == "free",
         variance=solution.variance,
         weights=weights,
@@ -191,6 +191,7 @@ def adjust_from(
         iterations=ended.iterations,
         within=ended.left,
         second_places=ended.second_places,
+        begun=start.words,
         vtpv=ended.vtpv,
         solver=run.solver,
         constraint=run.constraint,

@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.image import depth
+from ..models.image import in_front
 from ..types import Array, Mask
 from .elimination import Layers, first_point
 
@@ -77,8 +77,8 @@ def _costs(equations: Equations, on: Mask, state: State) -> Array:
             return np.full(n, np.inf)
         w = block.whiten(v)
         out += np.bincount(point, weights=np.sum(w * w, axis=1), minlength=n)
-        if block.kind == "image":
-            z = depth(state["pose"][block.variables[0][1]], state["point"][point])
+        if block.lens is not None:
+            z = in_front(state["pose"][block.variables[0][1]], state["point"][point], block.lens)
             out[point[z <= 0]] = np.inf
     return np.where(np.isnan(out), np.inf, out)
 

@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..graph.equations import Equations
 from ..graph.variables import State
-from ..models.image import depth
+from ..models.image import in_front
 from ..types import Mask
 
 
@@ -53,7 +53,8 @@ def refuse_points_behind(equations: Equations, state: State) -> None:
         if block.kind != "image":
             continue
         photo, point = block.variables[0][1], block.variables[2][1]
-        wrong = depth(state["pose"][photo], state["point"][point]) <= 0
+        assert block.lens is not None
+        wrong = in_front(state["pose"][photo], state["point"][point], block.lens) <= 0
         for number in np.unique(photo[wrong]).tolist():
             rows = np.flatnonzero(photo == number)
             name = equations.unknowns["pose"].names[number]

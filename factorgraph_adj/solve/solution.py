@@ -71,6 +71,9 @@ class Solution(Shown):
     iteration did not come to rest."""
     second_places: tuple[str, ...] = ()
     """Sentences on points that fit equally well at a second place, see `both_ways`."""
+    begun: tuple[str, ...] = ()
+    """Sentences on how the start values were found from image points alone, see
+    `factorgraph_adj.orient`; none for given and approximate values."""
     datum: FreeDatum | None = None
     """Inner constraints of a free network."""
     defects: tuple[Defect, ...] = ()

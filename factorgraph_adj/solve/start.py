@@ -22,13 +22,15 @@ class Start:
     """Values from which the iteration starts."""
     origin: State
     """Values x₀ that the inner constraints of a free network refer to."""
+    words: tuple[str, ...] = ()
+    """Sentences on how the values were found; none for given and approximate values."""
 
     @classmethod
     def of(cls, given: Solution | Start) -> Start:
         """Return the values of a solution as start: a similar adjustment needs a step or two."""
         if isinstance(given, Start):
             return given
-        return cls(given.equations.unknowns, given.state, given.start)
+        return cls(given.equations.unknowns, given.state, given.start, given.begun)
 
     def carried_to(self, unknowns: Unknowns) -> Start | None:
         """Return the start for the unknowns of another network; none: values are missing.
@@ -42,7 +44,7 @@ class Start:
             return None
         moving = unknowns.moving()
         state = unknowns.carried(origin, self.unknowns, self.state, where=moving)
-        return Start(unknowns, state, origin)
+        return Start(unknowns, state, origin, self.words)
 
 
 def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start | None) -> Start:

@@ -75,7 +75,8 @@ def radial_observations(
         there = known(CENTRES, meant=str(centre))
         raise InputError(Problem(f"unknown radial centre {centre!r}; valid: {there}"))
     state = start_values(network)
-    out = Network(f"{network.name}, directions in plan", frame=network.frame, datum=network.datum)
+    name = f"{network.name}, directions in plan"
+    out = Network(name, frame=network.frame, datum=network.datum, crs=network.crs)
     for name, p in network.points.items():
         x, y = state["point"][network.point_number[name], :2].tolist()
         on = tuple(f or a == "z" for f, a in zip(p.fixed, "xyz", strict=True))

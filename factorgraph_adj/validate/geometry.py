@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InputError, Problem
 from ..frames import GeocentricFrame
 from ..graph.equations import Equations
-from ..models.image import depth
+from ..models.image import in_front
 from ..network.network import Network
 from .where import Sources, listed
 
@@ -56,9 +56,9 @@ def geometry_problems(equations: Equations) -> Iterator[Problem]:
         except InputError as error:
             yield from error.problems
             named = {p.where for p in error.problems}
-        if block.kind == "image":
+        if block.lens is not None:
             (_, photo), _, (_, point) = some.variables
-            depths = depth(filled["pose"][photo], filled["point"][point])
+            depths = in_front(filled["pose"][photo], filled["point"][point], block.lens)
             for i in np.flatnonzero(depths < 0):
                 if some.labels(int(i)) in named:
                     continue  # in the focal plane, up to rounding

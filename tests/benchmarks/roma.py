@@ -22,7 +22,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import ImagePoint
 
-from ..loaders.dbat import read_roma
+from ..networks.dbat import read_roma
 from .timing import Spread, peak
 from .worker import ROMA
 

@@ -22,7 +22,7 @@ from factorgraph_adj.quality.reliability import Reliability, reliability
 from factorgraph_adj.simulation.aerial_block import simulate_aerial_block
 from factorgraph_adj.solve.batch import adjust
 
-from ..loaders.dbat import read_roma
+from ..networks.dbat import read_roma
 from ..support.places import DATA
 from . import colmap
 from .blocks import OVERLAPS, simulate_photos_alone

@@ -294,7 +294,7 @@ def test_a_terminal_gets_progress_with_and_without_rich(block, monkeypatch, caps
 
 
 def test_problems_that_repeat_are_summed_up(tmp_path, here):
-    rows = "".join(f"slope_distance,a{i},A,X,1,,\n" for i in range(250))
+    rows = "".join(f"slope_distance,a{i},A,B,one,,\n" for i in range(250))
     folder = write(tmp_path, observations=OBSERVATIONS + rows)
     first = OBSERVATIONS.count("\n") + 1
     lines = here("check", folder).stderr.splitlines()
@@ -309,7 +309,7 @@ def test_problems_that_repeat_are_summed_up(tmp_path, here):
 
 
 def test_names_of_problems_that_repeat_are_listed(tmp_path, here):
-    rows = "".join(f"slope_distance,a{i},A,X{i % 20},1,,\n" for i in range(60))
+    rows = "".join(f"slope_distance,a{i},A,B,X{i % 20},,\n" for i in range(60))
     lines = here("check", write(tmp_path, observations=OBSERVATIONS + rows)).stderr.splitlines()
     assert lines[0] == "60 problems:"
     assert len(lines) == 5

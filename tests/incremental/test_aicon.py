@@ -21,7 +21,7 @@ from scipy.stats import norm
 from factorgraph_adj import IncrementalAdjustment, Network, adjust
 from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.quality.rejections import Snooping
-from tests.loaders.aicon import SIGMA, read_aicon, rejected_image_points
+from tests.networks.aicon import SIGMA, read_aicon, rejected_image_points
 from tests.support.arrivals import bare
 from tests.support.places import data_dir
 

@@ -11,7 +11,8 @@ from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.rotation import world_R_camera
-from tests.loaders import aicon, dbat, dynadjust, mmvii, snap
+from tests.loaders import dynadjust, mmvii, snap
+from tests.networks import aicon, dbat
 from tests.networks.comp3d import deflected, network_of_topo
 from tests.networks.mmvii import MILLIMETRE, example_3
 from tests.networks.simulated import NETWORKS

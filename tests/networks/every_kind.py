@@ -16,9 +16,11 @@ from factorgraph_adj import observations as o
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from factorgraph_adj.graph.equations import Equations, compile_network
-from factorgraph_adj.models import lens
+from factorgraph_adj.models import lens, ray_lens
+from factorgraph_adj.models.affine_normalised import AffineNormalisedLens
 from factorgraph_adj.models.deformation import DEFORMATIONS
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
+from factorgraph_adj.models.rational_lens import RationalLens
 from factorgraph_adj.models.strip import HEIGHT_TERMS
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations.airborne import ANGLES
@@ -507,6 +509,8 @@ class Calibrated:
 
     lens: lens.Lens
     values: dict[str, float]
+    longest: float = np.inf
+    """Longest step along a parameter of the lens on which the image depends by a high power."""
 
 
 _INTERIOR = {"c": 28.4, "x0": 0.11, "y0": -0.07}
@@ -539,6 +543,12 @@ LENSES_USED: dict[str, Calibrated] = {
         lens.NormalisedLens(),
         _INTERIOR | {"k1": -0.2, "k2": 0.08, "k3": -0.02, "p1": 2e-3, "p2": -1e-3},
     ),
+    "normalised, affine": Calibrated(
+        AffineNormalisedLens(),
+        _INTERIOR
+        | {"k1": -0.2, "k2": 0.08, "k3": -0.02, "k4": 0.01, "p1": 2e-3, "p2": -1e-3}
+        | {"b1": 0.02, "b2": -0.03},
+    ),
     "balanced": Calibrated(
         lens.BalancedLens(zero_radius=9.0),
         _INTERIOR
@@ -547,6 +557,23 @@ LENSES_USED: dict[str, Calibrated] = {
     "affine": Calibrated(lens.AffineLens(), _INTERIOR | _AFFINITY),
     "ebner": _orthogonal(EbnerLens(image_base=10.0), 0.02),
     "gruen": _orthogonal(GruenLens(image_base=10.0), 0.02),
+    "rational": Calibrated(
+        RationalLens(),
+        _INTERIOR
+        | {"k1": 0.3, "k2": -0.1, "k3": 0.02, "k4": 0.5, "k5": 0.1, "k6": 0.03}
+        | {"p1": 2e-3, "p2": -1e-3, "b1": 0.02, "b2": -0.03},
+    ),
+    "fisheye": Calibrated(
+        ray_lens.FisheyeLens(),
+        _INTERIOR
+        | {"k1": 0.03, "k2": -0.01, "k3": 2e-3, "k4": -1e-4, "p1": 2e-3, "p2": -1e-3}
+        | {"s1": 1e-3, "s2": -2e-3, "b1": 0.02, "b2": -0.03},
+    ),
+    "fov": Calibrated(ray_lens.FovLens(), _INTERIOR | {"w": 0.9} | _AFFINITY, 0.005),
+    "fov, narrow": Calibrated(ray_lens.FovLens(), _INTERIOR | {"w": 0.005} | _AFFINITY, 1e-3),
+    "division": Calibrated(ray_lens.DivisionLens(), _INTERIOR | {"k1": -0.2} | _AFFINITY),
+    "eucm": Calibrated(ray_lens.UnifiedLens(), _INTERIOR | {"alpha": 0.6, "beta": 1.1} | _AFFINITY),
+    "equirectangular": Calibrated(ray_lens.EquirectangularLens(), _INTERIOR),
 }
 """Lens models, image units mm."""
 
@@ -612,7 +639,10 @@ def _image_steps(
         "mount": (1e-3,) * 3 + (1e-2,) * 3,
         "edm": (1e-3, 1e-2),
         "model_deformation": (1e-2,),
-        "calibration": tuple(share * radius / np.where(largest > 0, largest, 1.0)),
+        "calibration": (
+            *(along := share * radius / np.where(largest > 0, largest, 1.0))[:3],
+            *np.minimum(along[3:], camera.longest),
+        ),
     }
 
 

@@ -19,7 +19,7 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.rotation import log_rotation, skew, world_R_camera
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.solution import Solution
-from tests.loaders.aicon import (
+from tests.networks.aicon import (
     CAMERA,
     FREE,
     MM,

@@ -26,17 +26,16 @@ from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.estimates import CalibrationEstimate
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array
-from tests.loaders.dbat import (
-    CAMERA,
-    Printed,
-    Report,
+from tests.networks.dbat import (
+    CAMCAL,
+    ROMA,
     read_camcal,
     read_camcal_export,
-    read_report,
     read_roma,
     read_sxb,
 )
 from tests.support.attitude import covariance_of_angles
+from tests.support.dbat_report import Printed, Report, read_report
 from tests.support.places import data_dir
 
 pytestmark = pytest.mark.published
@@ -224,14 +223,14 @@ def test_every_lens_model_gives_the_published_calibration(
     report = read_report(camcal_folder / f"dbat/dbatexports/camcal-dbatreport-model{model}.txt")
     solution = adjusted(read_camcal(camcal_folder, model=model))
     check_figures(solution, report)
-    check_calibration(solution.calibration(CAMERA), report)
+    check_calibration(solution.calibration(CAMCAL), report)
     check_photos(solution, report)
     assert solution.sigma0 == pytest.approx(sigma0, abs=0.5e-7)
-    assert solution.calibration(CAMERA)["c"] == pytest.approx(c, abs=0.5e-6)
+    assert solution.calibration(CAMCAL)["c"] == pytest.approx(c, abs=0.5e-6)
 
 
 def test_radial_terms_are_correlated_as_published(camcal_folder: Path) -> None:
-    estimate = adjusted(read_camcal(camcal_folder)).calibration(CAMERA)
+    estimate = adjusted(read_camcal(camcal_folder)).calibration(CAMCAL)
     k2, k3 = estimate.names.index("k2"), estimate.names.index("k3")
     assert estimate.correlation[k2, k3] == pytest.approx(-0.979, abs=0.5e-3)
 
@@ -242,14 +241,14 @@ def test_weighted_control_gives_the_independent_result(camcal_folder: Path) -> N
     assert solution.converged, solution.reason
     assert (solution.n_observations, solution.n_unknowns) == (4160, 435)
     assert solution.sigma0 == pytest.approx(1.4253694, abs=0.5e-7)
-    assert solution.calibration(CAMERA)["c"] == pytest.approx(7.4568929, abs=0.5e-7)
+    assert solution.calibration(CAMCAL)["c"] == pytest.approx(7.4568929, abs=0.5e-7)
 
 
 def test_five_photos_of_ten_points_give_the_published_result(camcal_folder: Path) -> None:
     report = read_report(camcal_folder / "dbat/dbatexports/camcal-dbatreport5.txt")
     solution = adjusted(read_camcal_export(camcal_folder, "5"))
     check_figures(solution, report)
-    check_calibration(solution.calibration(CAMERA), report)
+    check_calibration(solution.calibration(CAMCAL), report)
     check_photos(solution, report)
     assert solution.sigma0 == pytest.approx(2.80749, abs=0.5e-5)
 
@@ -322,7 +321,7 @@ def test_roma_has_the_published_figures(roma: Solution, roma_folder: Path) -> No
 
 
 def test_roma_has_the_published_calibration(roma: Solution, roma_folder: Path) -> None:
-    check_calibration(roma.calibration(CAMERA), read_report(roma_folder / "result/report.txt"))
+    check_calibration(roma.calibration(ROMA), read_report(roma_folder / "result/report.txt"))
 
 
 def test_all_photos_of_roma_have_the_published_orientation(

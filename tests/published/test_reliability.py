@@ -23,9 +23,10 @@ import factorgraph_adj as fga
 from factorgraph_adj.observations import Azimuth, Direction, HorizontalDistance
 from factorgraph_adj.types import Array, Index, Mask
 from factorgraph_adj.units import ARCSEC, CC, GON
-from tests.loaders import aicon, comp3d, dbat, snap
+from tests.loaders import comp3d, snap
 from tests.loaders.gama_result import GamaObservation
 from tests.loaders.snap import radius_in_azimuth
+from tests.networks import aicon, dbat
 from tests.networks.comp3d import LATITUDE, REFRACTION
 from tests.networks.gama import (
     FOLDER,
@@ -36,6 +37,7 @@ from tests.networks.gama import (
     solved,
     state_at,
 )
+from tests.support.dbat_report import read_reliability
 from tests.support.dense import DenseReliability
 from tests.support.places import data_dir
 
@@ -231,7 +233,7 @@ def test_dbat_every_figure_is_that_of_the_independent_computation(name: str, rea
     """To the printed digits; its own δ0 is 4.132, 3.6e-5 less than 4.132148."""
     solution = fga.adjust(read(data_dir(name)))
     rel = fga.reliability(solution)
-    keys, printed = dbat.read_reliability(data_dir(name))
+    keys, printed = read_reliability(data_dir(name))
     row_of = {}
     for row, record in enumerate(solution.observations):
         if record.kind == "image":

@@ -14,7 +14,7 @@ from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.quality.robust import ESTIMATORS
 from factorgraph_adj.quality.snooping import snoop
 from factorgraph_adj.solve.batch import adjust
-from tests.loaders.aicon import read_aicon, rejected_image_points
+from tests.networks.aicon import read_aicon, rejected_image_points
 from tests.support.places import data_dir
 
 pytestmark = pytest.mark.published

@@ -13,7 +13,7 @@ from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import GnssPosition, HeightDifference
 from factorgraph_adj.quality.check_points import check_points
 from factorgraph_adj.report.text import protocol
-from tests.loaders.dbat import read_sxb
+from tests.networks.dbat import read_sxb
 from tests.networks.small_block import CHECKED, small_block
 from tests.networks.total_station import POINTS, total_station
 from tests.support.places import data_dir

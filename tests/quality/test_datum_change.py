@@ -23,7 +23,7 @@ from factorgraph_adj.quality.relative import distance_precision
 from factorgraph_adj.quality.reliability import reliability
 from factorgraph_adj.solve.datum import minimal_datum
 from factorgraph_adj.types import Array, Mask
-from tests.loaders.aicon import MM, point_reference, read_aicon
+from tests.networks.aicon import MM, point_reference, read_aicon
 from tests.networks.free import (
     FREE,
     MILLIMETRE,

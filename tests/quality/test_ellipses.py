@@ -47,8 +47,8 @@ from factorgraph_adj.solve.factor import Factor
 from factorgraph_adj.types import Array
 from factorgraph_adj.units import GON
 from tests.loaders import comp3d
-from tests.loaders.aicon import MM, point_reference, read_aicon
 from tests.loaders.gama_result import NAMESPACE
+from tests.networks.aicon import MM, point_reference, read_aicon
 from tests.networks.comp3d import network_of_topo
 from tests.networks.gama import FOLDER, NETWORKS, solved
 from tests.networks.small_block import small_block

@@ -26,11 +26,11 @@ from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.normal import NormalEquations
 from factorgraph_adj.solve.singular import SingularError
 from factorgraph_adj.solve.solution import Solution
-from tests.loaders.aicon import CAMERA as AICON_CAMERA
-from tests.loaders.aicon import FREE as AICON_FREE
-from tests.loaders.aicon import read_aicon
-from tests.loaders.dbat import CAMERA as DBAT_CAMERA
-from tests.loaders.dbat import read_camcal
+from tests.networks.aicon import CAMERA as AICON_CAMERA
+from tests.networks.aicon import FREE as AICON_FREE
+from tests.networks.aicon import read_aicon
+from tests.networks.dbat import CAMCAL as DBAT_CAMERA
+from tests.networks.dbat import read_camcal
 from tests.networks.small_block import small_block
 from tests.support.dense import Dense
 from tests.support.places import data_dir

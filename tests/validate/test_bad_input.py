@@ -201,9 +201,10 @@ READING = {
         "project.toml: [[camera]] 'cam' parameter x0: sigma must be greater than zero, not 0",
     ),
     "an unknown lens model": (
-        *("project", 'model = "harmonic"', 'model = "fisheye"'),
-        "project.toml: [[camera]] 'cam' lens: unknown model 'fisheye'; valid: none, harmonic, "
-        "brown, brown_forward, normalised, balanced, affine, ebner, gruen",
+        *("project", 'model = "harmonic"', 'model = "stereographic"'),
+        "project.toml: [[camera]] 'cam' lens: unknown model 'stereographic'; valid: none, "
+        "harmonic, brown, brown_forward, normalised, balanced, affine, ebner, gruen, rational, "
+        "fisheye, fov, division, eucm, equirectangular",
     ),
     "an unknown calibration parameter": (
         *("project", "c = 100.0", "c = 100.0\nk1 = 0.0"),

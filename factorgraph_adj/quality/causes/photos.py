@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...approximate.rays import tangents
 from ...approximate.resection import resect
 from ...errors import AdjustmentError
 from ...graph.blocks import Block
 from ...graph.equations import Equations
+from ...models.inverse import directions
 from ...network.network import DatumChoice, Network
 from ...network.selection import without
 from ...solve.batch import adjust
@@ -257,7 +257,7 @@ def _oriented(
     assert lens is not None
     xyz = np.array([clean.point(p) for p in rays.points])
     calibration = rays.calibration[: len(lens.names)]
-    pose = resect(xyz, tangents(lens, xy, calibration[None, :]))
+    pose = resect(xyz, directions(lens, xy, calibration[None, :]))
     if pose is None:
         return None
     network = Network(frame=clean.network.frame)

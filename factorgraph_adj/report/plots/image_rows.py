@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ...graph.variables import calibration_name
+from ...models.inverse import directions
 from ...quality.distributions import chi2_quantile
 from ...solve.solution import Solution
 from ...types import Array, Index, Mask
@@ -75,19 +76,33 @@ class ImageRows:
         number = self.solution.number("calibration", calibration_name(self.solution.network, photo))
         return np.asarray(self.solution.state["calibration"][number, :3])
 
-    def tangents(self, camera: str) -> tuple[Array, Array]:
-        """Return tangents of the rays to the corners of the sensor.
+    def corner_rays(self, camera: str) -> Array:
+        """Return rays to the corners of the sensor in the axes of the camera, (4, 3).
 
-        Without a stated format these are the corners of the measured area; ± ½ without points.
+        Without a stated format these are the corners of the measured area; tangents of ± ½ without
+        points. Rays of models of tangents have the depth 1 and ignore distortion.
         """
         network = self.solution.network
         name = next((f.name for f in network.photos.values() if f.camera == camera), None)
         corners = network.cameras[camera].corners() or self.areas.get(camera)
         if corners is None or name is None:
-            return np.array([-0.5, -0.5]), np.array([0.5, 0.5])
-        c, *middle = self.principal_point(name).tolist()
-        low, high = ((corner - middle) / c for corner in corners)
-        return low, high
+            low, high = np.array([-0.5, -0.5]), np.array([0.5, 0.5])
+        else:
+            lens = network.cameras[camera].lens
+            if lens.takes == "rays":
+                number = self.solution.number("calibration", calibration_name(network, name))
+                k = self.solution.state["calibration"][None, number, : len(lens.names)]
+                return directions(lens, _around(*corners), k)
+            c, *middle = self.principal_point(name).tolist()
+            low, high = ((corner - middle) / c for corner in corners)
+        t = _around(low, high)
+        # y of image coordinates points up, y of the camera's axes points down.
+        return np.column_stack([t[:, 0], -t[:, 1], np.ones(4)])
+
+
+def _around(low: Array, high: Array) -> Array:
+    """Return the corners of a rectangle, counter-clockwise from the lower left one, (4, 2)."""
+    return np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
 
 
 def image_rows(solution: Solution) -> ImageRows:

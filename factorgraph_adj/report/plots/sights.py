@@ -137,13 +137,8 @@ def photo_shapes(solution: Solution, images: ImageRows, size: float) -> Array:
     out = np.empty((len(network.photos), 11, 3))
     for i, photo in enumerate(network.photos.values()):
         stored = state["pose"][i]
-        low, high = images.tangents(photo.camera)
-        corners = np.array(
-            [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]]
-        )
-        depth = size / np.sqrt(1.0 + np.max(np.sum(corners**2, axis=1)))
-        # y of image coordinates points up, y of the camera's axes points down.
-        rays = np.column_stack([corners[:, 0], -corners[:, 1], np.ones(4)])
+        rays = images.corner_rays(photo.camera)
+        depth = size / np.sqrt(np.max(np.sum(rays**2, axis=1)))
         a, b, c, d = stored[9:] + depth * rays @ stored[:9].reshape(3, 3).T
         o = stored[9:]
         out[i] = (o, a, b, c, d, a, b, o, c, o, d)

@@ -12,9 +12,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ...approximate.rays import tangents
 from ...errors import known
 from ...graph.equations import Equations
+from ...models.inverse import directions
 from ...models.lens import Lens
 from ...quality.causes.image_axes import ALONG_X, ALONG_Y, EXCHANGED, OTHER
 from ...types import Array
@@ -102,10 +102,9 @@ def _misfit(lens: Lens, calibration: Array, xy: Array, rotation: Array, away: Ar
         away: vectors from the projection centres to the points, (n, 3), metres.
     """
     with np.errstate(all="ignore"):  # distortion far outside the image
-        t = tangents(lens, xy, calibration)
-        ray = np.column_stack([t * [1.0, -1.0], np.ones(len(t))])
+        ray = directions(lens, xy, calibration)
         q = np.einsum("nji,nj->ni", rotation, away)
-        off = _unit(q) - _unit(ray)
+        off = _unit(q) - ray
         length = np.linalg.norm(off, axis=1)
     return np.asarray(np.nan_to_num(length, nan=2.0, posinf=2.0))
 

@@ -1,0 +1,143 @@
+"""Image points of a network as rays: what a block is oriented from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from ..models.inverse import directions
+from ..network.entities import Camera
+from ..network.network import Network
+from ..types import Array, Index, Mask
+
+IDEAL_RADIUS = 5.0
+"""Largest tangent of a ray that a block is oriented from: 79° off the axis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """Image points in the order of the image table of a network."""
+
+    network: Network
+    """The network."""
+    photos: tuple[str, ...]
+    """Names of the photos."""
+    points: tuple[str, ...]
+    """Names of the points."""
+    cameras: tuple[Camera, ...]
+    """Cameras."""
+    photo: Index
+    """Number of the photo of each image point, (n,)."""
+    point: Index
+    """Number of the point of each image point, (n,)."""
+    camera: Index
+    """Number of the camera of each image point, (n,)."""
+    xy: Array
+    """Measured coordinates, (n, 2), image units."""
+    sigma: Array
+    """Standard deviation of an image point, (n,), image units: the mean of those of x and y."""
+
+    @classmethod
+    def of(cls, network: Network) -> Views:
+        """Return the image points of a network."""
+        photo, point, xy, sigma = network.images.columns()
+        cameras = tuple(network.cameras.values())
+        number = {c.name: i for i, c in enumerate(cameras)}
+        camera_of = np.array([number[f.camera] for f in network.photos.values()], dtype=np.intp)
+        camera = camera_of[photo] if len(photo) else np.zeros(0, dtype=np.intp)
+        return cls(
+            network,
+            tuple(network.photos),
+            tuple(network.points),
+            cameras,
+            photo,
+            point,
+            camera,
+            xy,
+            sigma.mean(axis=1),
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of image points."""
+        return len(self.photo)
+
+    def calibrations(self) -> tuple[Array, ...]:
+        """Return the given calibration of each camera."""
+        return tuple(np.array(c.values) for c in self.cameras)
+
+    def rays(self, calibrations: tuple[Array, ...]) -> Rays:
+        """Return the ideal rays of all image points with some calibrations."""
+        tangent = np.zeros((self.n, 2))
+        unit = np.ones(self.n)
+        for number, (camera, values) in enumerate(zip(self.cameras, calibrations, strict=True)):
+            own = np.flatnonzero(self.camera == number)
+            with np.errstate(all="ignore"):
+                d = directions(camera.lens, self.xy[own], values[None])
+                tangent[own] = np.where(d[:, 2:] > 0.0, d[:, :2] * [1.0, -1.0] / d[:, 2:], np.nan)
+            unit[own] = self.sigma[own] / values[0]
+        # A ray that a lens model cannot undo, or one beside the camera, orients nothing.
+        lost = ~(np.isfinite(tangent).all(axis=1) & (np.abs(tangent).max(axis=1) < IDEAL_RADIUS))
+        tangent[lost] = 0.0
+        return Rays(tangent, unit, ~lost)
+
+    def table(self, rows: Mask) -> sparse.csr_array:
+        """Return the incidence of photos and points over some rows, (photos, points)."""
+        at = np.flatnonzero(rows)
+        ones = np.ones(len(at), dtype=np.int64)
+        shape = (len(self.photos), len(self.points))
+        return sparse.csr_array((ones, (self.photo[at], self.point[at])), shape=shape)
+
+    def label(self, row: int) -> str:
+        """Return the id of an image point, as in ``solution.observations``."""
+        stated = self.network.images.ids.get(row)
+        return stated or f"{self.photos[self.photo[row]]}/{self.points[self.point[row]]}"
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Ideal rays of image points."""
+
+    tangent: Array
+    """t_x, t_y with y up, (n, 2)."""
+    unit: Array
+    """One standard deviation of an image point as a tangent, (n,)."""
+    usable: Mask
+    """Image points whose ray could be computed, (n,)."""
+
+
+def spread_out(views: Views, rows: Mask, most: int) -> Mask:
+    """Choose about ``most`` image points of each photo: the points with most rays, well spread.
+
+    Each photo is divided into 5 × 5 cells by the quantiles of its image coordinates; in each cell
+    the points with most rays are chosen. Every ray of a chosen point is kept.
+
+    Args:
+        views: the image points.
+        rows: the image points to choose from, (n,).
+        most: number of image points of a photo above which points are left out.
+
+    Returns:
+        The chosen image points, (n,).
+    """
+    at = np.flatnonzero(rows)
+    count = np.bincount(views.point[at], minlength=len(views.points))
+    chosen = np.zeros(len(views.points), dtype=bool)
+    order = at[np.argsort(views.photo[at], kind="stable")]
+    photos, first = np.unique(views.photo[order], return_index=True)
+    for own in np.split(order, first[1:]) if len(photos) else []:
+        own = own[count[views.point[own]] >= 2]
+        if len(own) <= most:
+            chosen[views.point[own]] = True
+            continue
+        cell = np.zeros(len(own), dtype=np.intp)
+        for axis in range(2):
+            rank = np.argsort(np.argsort(views.xy[own, axis], kind="stable"), kind="stable")
+            cell = 5 * cell + (5 * rank) // len(own)
+        by_rays = np.lexsort((-count[views.point[own]], cell))
+        ordered = cell[by_rays]
+        place = np.arange(len(own)) - np.searchsorted(ordered, ordered)
+        chosen[views.point[own[by_rays[place < max(most // 25, 1)]]]] = True
+    return np.asarray(rows & chosen[views.point])

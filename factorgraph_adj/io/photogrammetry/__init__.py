@@ -1,0 +1,1 @@
+"""Formats of photogrammetric programs and of structure from motion."""

@@ -1,0 +1,1 @@
+"""Networks in grid coordinates become networks in a geocentric or topocentric frame."""
