@@ -84,6 +84,13 @@ class Opened:
         """Wait until everything is drawn."""
         self.page.wait_for_selector("html[data-all]", state="attached", timeout=60_000)
 
+    def seconds(self) -> float:
+        """Return the CPU seconds that the process of the page has taken."""
+        client = self.page.context.new_cdp_session(self.page)
+        client.send("Performance.enable")
+        metrics = {m["name"]: m["value"] for m in client.send("Performance.getMetrics")["metrics"]}
+        return float(metrics["ProcessTime"])
+
     def rows(self, name: str) -> list[list[str]]:
         """Return the cells of the shown rows of a table, once it is alive."""
         self.alive(name)

@@ -12,6 +12,7 @@ import factorgraph_adj as fga
 from factorgraph_adj.report.context import Report
 from factorgraph_adj.report.html.page import html
 from factorgraph_adj.report.html.write import write_report
+from tests.networks.adjusted import ADJUSTED
 from tests.networks.reported import (
     NASTY,
     heights_alone,
@@ -305,6 +306,27 @@ def test_a_browser_that_cannot_unpack_says_so(browser, folder, tmp_path):
         found.page.wait_for_selector("#failed:not([hidden])", timeout=30_000)
         words = found.page.text_content("#failed")
         assert words.startswith("Diese Seite konnte nicht gezeichnet werden:")
+
+
+@pytest.mark.slow("that a report of 26 321 points and 181 122 rows is small and soon ready")
+def test_the_report_of_roma_is_small_and_soon_ready(browser, tmp_path):
+    solution = fga.adjust(ADJUSTED["Roma"]())
+    file = tmp_path / "roma.html"
+    write_report(solution, file)
+    assert file.stat().st_size < 30e6
+    with opened(browser, file) as found:
+        found.page.wait_for_selector("html[data-ready]", state="attached", timeout=60_000)
+        assert found.seconds() < 5.0  # CPU seconds, so that other work does not count
+        found.page.get_by_label("Find point").fill("11806")
+        found.page.keyboard.press("Enter")
+        found.page.get_by_text("Point 11806 is marked.").wait_for()
+        found.alive("observations")
+        before = found.seconds()
+        found.page.locator("#observations .filters input").nth(1).fill("/11806")
+        status = found.page.locator("#observations [role=status]").text_content()
+        assert "filtered from 181122" in status
+        assert found.seconds() - before < 5.0
+        assert found.said == []
 
 
 def test_the_text_of_a_page_is_the_same_as_the_file(folder):

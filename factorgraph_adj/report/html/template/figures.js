@@ -14,7 +14,7 @@ async function drawScene(Plotly) {
       {
         type: "scatter3d", mode: "markers", showlegend: false, legendgroup: "p", x: d.photos.xyz[0],
         y: d.photos.xyz[1], z: d.photos.xyz[2], text: d.photos.names.map(plain), hoverinfo: "text",
-        customdata: d.photos.names, meta: "photos", marker: { size: 3, color: colour("photo"), symbol: "square" },
+        customdata: d.photos.names, meta: "photos", marker: { size: d.photos.names.length > 200 ? 1.5 : 3, color: colour("photo"), symbol: "square" },
       },
     ] : []),
     {
