@@ -15,10 +15,27 @@ from ..network.network import Network
 from .bal import read_bal
 from .format_options import options_of, refuse_unknown
 from .gama import read_gama
+from .gnss.dynaml import read_dynaml
+from .gnss.gvx import read_gvx
+from .gnss.sinex import read_sinex
 from .photogrammetry.aicon import read_aicon
+from .photogrammetry.bundler import is_bundler, read_bundler
+from .photogrammetry.colmap import is_colmap, read_colmap
 from .photogrammetry.dbat import is_dbat, read_dbat
 from .photogrammetry.metashape import is_metashape_xml, read_metashape
+from .photogrammetry.opencv import is_opencv, read_opencv
+from .photogrammetry.opensfm import is_opensfm, read_opensfm
+from .photogrammetry.opf import read_opf
 from .project import Project, load_project
+from .survey.columns import read_columns
+from .survey.comp3d import read_comp3d
+from .survey.gsi import read_gsi
+from .survey.jobxml import read_jobxml, recognises_jobxml
+from .survey.landxml import read_landxml, recognises_landxml
+from .survey.lgc2 import read_lgc2
+from .survey.sdr33 import read_sdr33
+from .survey.star_net import read_star_net
+from .text import beginning
 
 
 class Load(Protocol):
@@ -198,6 +215,11 @@ class NetworkAlone:
         return Project(self.read(path, **options), path)
 
 
+def has(word: bytes) -> Callable[[Path], bool]:
+    """Return a function that tells whether a word stands in the beginning of a file."""
+    return lambda path: word in beginning(path)
+
+
 READERS = Readers(
     (
         Reader("project", (".toml",), "project", load_project, folders=True),
@@ -207,6 +229,26 @@ READERS = Readers(
             (".txt", ".txt.bz2", ".txt.gz"),
             "Bundle Adjustment in the Large",
             NetworkAlone(read_bal),
+        ),
+        Reader("sinex", (".snx", ".SNX"), "SINEX", NetworkAlone(read_sinex)),
+        Reader(
+            "dynaml",
+            (".xml",),
+            "DynaML of DynAdjust",
+            NetworkAlone(read_dynaml),
+            recognises=has(b"<DnaXmlFormat"),
+        ),
+        Reader(
+            "gvx",
+            (".gvx", ".xml"),
+            "GNSS Vector Exchange",
+            NetworkAlone(read_gvx),
+            recognises=has(b"<GVX"),
+        ),
+        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d)),
+        Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkAlone(read_lgc2)),
+        Reader(
+            "colmap", (), "COLMAP", NetworkAlone(read_colmap), folders=True, recognises=is_colmap
         ),
         Reader(
             "metashape",
@@ -223,11 +265,51 @@ READERS = Readers(
         ),
         Reader("dbat", (".xml",), "script of DBAT", NetworkAlone(read_dbat), recognises=is_dbat),
         Reader(
+            "opencv",
+            (".yml", ".yaml", ".xml"),
+            "calibration of OpenCV",
+            NetworkAlone(read_opencv),
+            recognises=is_opencv,
+        ),
+        Reader(
+            "bundler",
+            (".out",),
+            "reconstruction of Bundler",
+            NetworkAlone(read_bundler),
+            recognises=is_bundler,
+        ),
+        Reader("opf", (".opf",), "Open Photogrammetry Format", NetworkAlone(read_opf)),
+        Reader(
+            "opensfm",
+            (".json",),
+            "reconstruction of OpenSfM or ODM",
+            NetworkAlone(read_opensfm),
+            recognises=is_opensfm,
+        ),
+        Reader(
             "aicon",
             (".obc", ".phc", ".eor", ".ior"),
             "AICON 3D Studio",
             NetworkAlone(read_aicon),
         ),
+        Reader("star-net", (".dat",), "STAR*NET", NetworkAlone(read_star_net)),
+        Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkAlone(read_gsi)),
+        Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkAlone(read_sdr33)),
+        Reader(
+            "jobxml",
+            (".jxl", ".xml"),
+            "Trimble JobXML",
+            NetworkAlone(read_jobxml),
+            recognises=recognises_jobxml,
+        ),
+        Reader(
+            "landxml",
+            (".xml", ".hexml"),
+            "survey in LandXML or HeXML",
+            NetworkAlone(read_landxml),
+            recognises=recognises_landxml,
+        ),
+        Reader("columns", (".csv",), "table with a mapping", NetworkAlone(read_columns)),
     )
 )
 """The formats that can be read."""

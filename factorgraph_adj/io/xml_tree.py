@@ -9,6 +9,9 @@ from xml.parsers import expat
 
 from ..errors import InputError, Problem
 
+MOST_DEPTH = 500
+"""Largest number of elements around another one; files that people use have twenty."""
+
 
 @dataclass
 class Element:
@@ -67,9 +70,12 @@ def parse_xml(content: bytes, name: str) -> Element:
     stack: list[Element] = []
     parser = expat.ParserCreate(namespace_separator=" ")
 
-    def start(name: str, attributes: dict[str, str]) -> None:
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        if len(stack) >= MOST_DEPTH:
+            what = f"is nested too deeply: an element has {MOST_DEPTH} others around it at most"
+            raise InputError(Problem(what, f"{name}:{parser.CurrentLineNumber}"))
         element = Element(
-            name.rsplit(" ", 1)[-1],
+            tag.rsplit(" ", 1)[-1],
             {k.rsplit(" ", 1)[-1]: v.strip() for k, v in attributes.items()},
             parser.CurrentLineNumber,
         )

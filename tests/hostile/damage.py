@@ -113,8 +113,14 @@ def nest(rng: Rng, name: str, content: bytes) -> bytes:
     depth = int(rng.choice([50, 5000, 200_000]))
     if name.endswith(".gkf"):
         return content.replace(b"<network", b"<a>" * depth + b"<network", 1)
+    if name.endswith(".xml"):
+        place = content.find(b">", int(rng.integers(len(content) + 1))) + 1
+        return content[:place] + b"<a>" * depth + content[place:]
     if name.endswith(".toml"):
         return content + b"\nx = " + b"[" * depth
+    if name.endswith((".json", ".opf", ".gltf")):
+        place = content.find(b":", int(rng.integers(len(content) + 1))) + 1
+        return content[:place] + b"[" * depth + content[place:]
     if name.endswith(".jsonl"):
         return b"[" * depth + b"\n" + content
     return content + b'"' * depth
@@ -122,7 +128,7 @@ def nest(rng: Rng, name: str, content: bytes) -> bytes:
 
 def bomb(rng: Rng, name: str, content: bytes) -> bytes:
     """Put entities that grow in XML; strange quotes elsewhere."""
-    if name.endswith(".gkf"):
+    if name.endswith((".gkf", ".xml", ".gvx")):
         return BOMB
     place = int(rng.integers(len(content) + 1))
     return content[:place] + b'"' + content[place:]
@@ -149,19 +155,26 @@ DAMAGES: tuple[Damage, ...] = (
 """Each as often as it stands here."""
 
 
-def damaged(rng: Rng, files: dict[str, bytes], folder: Path) -> str:
+QUICK: tuple[Damage, ...] = tuple(d for d in DAMAGES if d is not long_line)
+"""Those that leave files short."""
+
+
+def damaged(
+    rng: Rng, files: dict[str, bytes], folder: Path, damages: tuple[Damage, ...] = DAMAGES
+) -> str:
     """Write files of which one is damaged, once or twice; return what was done.
 
     Args:
         rng: source of chance.
         files: contents by name.
         folder: where they are written.
+        damages: what may be done to them.
     """
     folder.mkdir(parents=True)
     name = str(rng.choice(sorted(n for n in files if files[n])))
     content, done = files[name], []
     for _ in range(1 + int(rng.random() < 0.3)):
-        damage = DAMAGES[int(rng.integers(len(DAMAGES)))]
+        damage = damages[int(rng.integers(len(damages)))]
         content = damage(rng, name, content)
         done.append(damage.__name__)
     for other, data in files.items():

@@ -413,8 +413,8 @@ WRONG_ENTITIES = {
     ),
     "no lens": (
         j.camera_of,
-        {**CAMERA, "lens": "fisheye", "unit": "ell"},
-        ["unknown unit 'ell'", "unknown model 'fisheye'"],
+        {**CAMERA, "lens": "stereographic", "unit": "ell"},
+        ["unknown unit 'ell'", "unknown model 'stereographic'"],
         "in:4: camera 'c'",
     ),
     "no parameters": (j.camera_of, {"name": "c"}, ["parameters is missing"], "in:4: camera 'c'"),

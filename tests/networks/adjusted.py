@@ -11,7 +11,7 @@ from factorgraph_adj.io.bal import read_bal
 from factorgraph_adj.io.gama import read_gama
 from factorgraph_adj.models.lens import BrownLens
 from factorgraph_adj.rotation import world_R_camera
-from tests.loaders import dynadjust, mmvii, snap
+from tests.loaders import mmvii, snap
 from tests.networks import aicon, dbat
 from tests.networks.comp3d import deflected, network_of_topo
 from tests.networks.mmvii import MILLIMETRE, example_3
@@ -76,7 +76,7 @@ ADJUSTED: dict[str, Callable[[], fga.Network]] = {
     "MMVII, TopoMini": topo_mini,
     "MMVII, Ex3": lambda: example_3(fga.LocalFrame()),
     "SNAP, testrc": lambda: snap.read_zenith_angles(data_dir("snap_obs_equations") / "in"),
-    "DynAdjust": lambda: dynadjust.read_dynaml(data_dir("dynadjust_gnss")),
+    "DynAdjust": lambda: fga.read_dynaml(data_dir("dynadjust_gnss") / "gnss-networkstn.xml"),
     "held photos": held_photos,
     **NETWORKS,
 }

@@ -21,7 +21,6 @@ from factorgraph_adj.rotation import log_rotation
 from factorgraph_adj.stochastic import StandardDeviation
 from factorgraph_adj.types import Array
 from tests.benchmarks.grids import simulate_grid, simulate_mixed
-from tests.loaders.dynadjust import read_dynaml
 from tests.networks import shapes, simulated
 from tests.networks.frames import network_of_frames
 from tests.networks.small_block import small_block
@@ -126,7 +125,7 @@ def test_simulated_networks(tmp_path, make):
 @pytest.mark.parametrize("parts", [3, 6])
 def test_the_gnss_network_of_dynadjust(tmp_path, parts):
     """Clusters of vectors with full covariances: every cluster belongs to one part."""
-    network = read_dynaml(data_dir("dynadjust_gnss"))
+    network = fga.read_dynaml(data_dir("dynadjust_gnss") / "gnss-networkstn.xml")
     found = equal_to_the_whole(network, parts, tmp_path, tolerance=1e-8)
     assert len(found.jobs) == parts
 

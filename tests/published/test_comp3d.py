@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from factorgraph_adj.approximate import approximate
-from factorgraph_adj.frames import TopocentricFrame
 from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.io.survey.comp3d_places import Comp3dOrigin
 from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.units import ARCSEC, GON
 from tests.loaders import comp3d
-from tests.networks.comp3d import LATITUDE, ORIGIN, deflected, network_of_topo
+from tests.networks.comp3d import LATITUDE, deflected, network_of_topo
 from tests.support.places import data_dir
 
 pytestmark = pytest.mark.published
@@ -42,7 +42,7 @@ def test_all_points_are_found_from_the_one_weighted_point():
     state = approximate(compile_network(network))
     rows = {row["point"]: row for row in expected("comp3d_topo", "expected_points.csv")}
     for number, name in enumerate(network.points):
-        truth = comp3d.Origin(LATITUDE).to_cartesian(printed(rows[name]))
+        truth = Comp3dOrigin(LATITUDE).to_cartesian(printed(rows[name]))
         error = np.linalg.norm(state["point"][number] - truth)
         if name == "HLLPI0083":
             assert error > 20.0
@@ -65,7 +65,7 @@ def test_coordinates_to_a_twentieth_of_a_micrometre(topo):
     for row in expected("comp3d_topo", "expected_points.csv"):
         np.testing.assert_allclose(
             topo.point(row["point"]),
-            comp3d.Origin(LATITUDE).to_cartesian(printed(row)),
+            Comp3dOrigin(LATITUDE).to_cartesian(printed(row)),
             rtol=0,
             atol=MICROMETRE / 20,
         )
@@ -74,7 +74,7 @@ def test_coordinates_to_a_twentieth_of_a_micrometre(topo):
 def test_printed_cartesian_coordinates_are_those_on_the_ellipsoid():
     for row in expected("comp3d_topo", "expected_points.csv"):
         np.testing.assert_allclose(
-            comp3d.Origin(LATITUDE).on_ellipsoid(printed(row)),
+            Comp3dOrigin(LATITUDE).on_ellipsoid(printed(row)),
             [float(row[f"{a}_cart"]) for a in AXES],
             rtol=0,
             atol=MICROMETRE / 30,
@@ -113,10 +113,7 @@ def test_a_topocentric_frame_needs_no_reduction_of_the_azimuth():
     Comp3D takes verticals from the sphere, which differ by 0.2 % of 100 m/R, 3·10⁻⁸ rad: that is
     1 µm over sights of 30 m.
     """
-    frame = TopocentricFrame(
-        np.radians(LATITUDE), 0.0, 0.0, "GRS80", radius=comp3d.Origin(LATITUDE).radius
-    )
-    on_ellipsoid = adjust(network_of_topo(frame))
+    on_ellipsoid = adjust(network_of_topo("ellipsoid"))
     for row in expected("comp3d_topo", "expected_points.csv"):
         np.testing.assert_allclose(
             on_ellipsoid.point(row["point"]),
@@ -194,12 +191,8 @@ OF_SIGMA0 = STEP / np.sqrt(12 * 355) * np.sqrt(29 / CONTROL**2 + 96 * 2 / SIGHT*
 
 def test_first_order_corrections_give_the_published_residuals_and_sigma0():
     """All 447 observations, the 72 of a sub-frame among them."""
-    network = deflected(deflections=False)
-    cartesian = ORIGIN.to_cartesian
-    points = data_dir("comp3d_dev_vert") / "coord.cor"
-    given = {g.name: g for g in comp3d.read_cor(points, cartesian, ORIGIN.radius)}
-    eta, xi = given["basc"].eta_xi
-    network.set_vertical("basc", eta=eta, xi=xi, fixed=True)
+    network = deflected()
+    network.verticals = {"basc": network.verticals["basc"]}
     rows = rows_of_deflected()
     for ident, row in rows.items():
         if row["unit_str"] == "g":

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import factorgraph_adj as fga
+from factorgraph_adj.io.survey.comp3d_places import Comp3dOrigin
 from factorgraph_adj.observations import (
     CoordinateDifference,
-    Correlated,
-    EqualDistance,
-    EqualHeightDifference,
-    GnssVector,
-    HeightDifference,
     OnCircle,
     SlopeDistance,
 )
@@ -25,7 +20,7 @@ from tests.support.places import data_dir
 
 pytestmark = pytest.mark.published
 
-ORIGIN = comp3d.Origin(48.8)
+ORIGIN = Comp3dOrigin(48.8)
 """Of the projects with a stereographic projection (their files ex_ref.comp)."""
 NANOMETRE = 1e-9
 
@@ -43,23 +38,11 @@ def axes(*, radial: float = 1.0) -> fga.Network:
     Args:
         radial: what the standard deviations of radii are multiplied with.
     """
-    folder = folder_of("axe")
-    network = comp3d.read_network(
-        *(folder / "coord.cor", folder / "obs.obs"),
-        latitude=48.8,
-        refraction=0.12,
-        frame=ORIGIN.frame,
-    )
-    for name, targets in comp3d.read_axes(folder / "obs.obs").items():
-        middle = np.mean([network.points[t.point].coordinates for t in targets], axis=0)
-        network.add_shape(
-            name, "circle", origin=middle.tolist(), free=("rx", "ry", "x", "y"), values={"z": 0.0}
-        )
-        for t in targets:
-            height = f"{name} height {t.target}"
-            network.set_size(height)
-            sigma = (t.sigma_axial, radial * t.sigma_radial)
-            network.add(OnCircle(name, t.point, sigma=sigma, height=height))
+    network = fga.read_comp3d(folder_of("axe") / "ex_ref.comp", earth="ellipsoid")
+    for ident, o in network.observations.items():
+        assert isinstance(o, OnCircle) and o.sigma is not None
+        axial, across = o.sigma
+        network.observations[ident] = replace(o, sigma=(axial, radial * across))
     return network
 
 
@@ -110,33 +93,24 @@ def test_comp3d_takes_the_partials_of_radii_twice():
     assert abs(of_coordinate / of_radius) == pytest.approx(2.0, abs=1e-3)
 
 
-def test_an_axis_whose_targets_coincide_is_refused_by_name():
-    """The project same_init_coords, which Comp3D does not adjust either."""
+def test_an_axis_whose_targets_coincide_is_refused_by_name(tmp_path):
+    """An axis of the project same_init_coords, which Comp3D does not adjust either."""
     folder = folder_of("same_init_coords")
     assert not printed("same_init_coords")["computation"]["compensation_done"]
-    network = fga.Network("same_init_coords", frame=ORIGIN.frame)
-    at = ORIGIN.on_ellipsoid(np.full(3, 100.0))
-    for name, targets in comp3d.read_axes(folder / "obs.obs").items():
-        network.add_shape(name, "circle", origin=at.tolist())
-        for t in targets:
-            network.add_point(t.point, at, sigma=0.001)
-            network.add(OnCircle(name, t.point, sigma=(t.sigma_axial, t.sigma_radial)))
+    for name in ("coord.cor", "axev.axe"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    (tmp_path / "obs.obs").write_text("18 axe @axev.axe\n", encoding="utf-8")
+    network = fga.read_comp3d(tmp_path / "obs.obs", latitude=48.8, earth="ellipsoid")
     with pytest.raises(fga.AdjustmentError, match="shape 'axe'"):
         fga.adjust(network)
 
 
+def test_axes_that_intersect_in_a_point_are_refused_by_the_reader():
+    with pytest.raises(fga.InputError, match=r"obs\.obs:6: axis 'axe' .* intersect"):
+        fga.read_comp3d(folder_of("same_init_coords") / "ex_ref.comp")
+
+
 # -- equal distances and heights ------------------------------------------------------------------
-
-
-def equalled(kind: type, pairs: list[tuple[str, str, float]]) -> Correlated:
-    """Return pairs that are equal to one unknown value, without this value.
-
-    Differences of neighbours of dᵢ − d, each with its σ, are correlated by what they share.
-    """
-    members = tuple(kind(*first[:2], *second[:2], sigma=1.0) for first, second in pairwise(pairs))
-    variances = np.array([p[2] ** 2 for p in pairs])
-    to_neighbours = np.eye(len(pairs))[:-1] - np.eye(len(pairs), k=1)[:-1]
-    return Correlated(members, to_neighbours @ np.diag(variances) @ to_neighbours.T)
 
 
 def test_equal_distances_and_heights_have_the_published_coordinates_and_sigmas():
@@ -145,23 +119,12 @@ def test_equal_distances_and_heights_have_the_published_coordinates_and_sigmas()
     Comp3D has the common step and the common distance as unknowns. Its last residual is rounding,
     so that σ are compared relative to its σ0.
     """
-    folder = folder_of("eq_constr")
-    network = comp3d.read_network(
-        *(folder / "coord.cor", folder / "obs.obs"),
-        latitude=48.8,
-        refraction=0.12,
-        frame=ORIGIN.frame,
-    )
-    rungs = [f"B{i}" for i in range(6)]
-    for name in rungs[1:]:
+    network = fga.read_comp3d(folder_of("eq_constr") / "ex_ref.comp", earth="ellipsoid")
+    for name in (f"B{i}" for i in range(1, 6)):  # Comp3D takes points over the ladder for 1-D ones
         at = ORIGIN.on_ellipsoid(np.array([100.0, 100.0, 10.0]))
-        network.points.pop(name, None)
-        network.add_point(name, at, fixed="xy")
-    network.add(
-        *comp3d.read_differences(folder / "obs.obs"),
-        equalled(EqualHeightDifference, comp3d.read_pairs(folder / "dh.eq")),
-        equalled(EqualDistance, comp3d.read_pairs(folder / "dd.eq")),
-    )
+        network.points[name] = replace(
+            network.points[name], coordinates=tuple(at.tolist()), fixed=(True, True, False)
+        )
     solution = fga.adjust(network)
     computation = printed("eq_constr")["computation"]
     assert (solution.n_observations + 2, solution.n_unknowns + 2) == (21, 20)
@@ -182,17 +145,14 @@ def test_equal_distances_and_heights_have_the_published_coordinates_and_sigmas()
 
 def test_centring_by_a_difference_of_coordinates():
     """ΔN = 0 ± 0.001 between points that differ by 1 m, and Δh = 0 (codes 9, 4)."""
-    network = fga.Network("centering")
-    for name, at in (("1a", (100.0, 100.0, 100.0)), ("1b", (101.0, 101.0, 100.0))):
-        network.add_point(name, at, sigma=1e-4)
-    network.add(CoordinateDifference("1a", "1b", (0.0, 0.0), axes="yz", horizon=True, sigma=0.001))
+    network = fga.read_comp3d(folder_of("centering") / "ex_ref.comp")
     solution = fga.adjust(network)
     theirs = printed("centering")
     assert (solution.n_observations, solution.n_unknowns) == (8, 6)
     assert solution.sigma0 == pytest.approx(theirs["computation"]["sigma_0_final"], rel=1e-9)
     for name, point in theirs["points"].items():
-        expected = point["coord_compensated_georef"]
-        np.testing.assert_allclose(solution.point(name), expected, rtol=0, atol=1e-10)
+        expected = ORIGIN.to_cartesian(np.array(point["coord_compensated_georef"]))
+        np.testing.assert_allclose(solution.point(name), expected, rtol=0, atol=1e-8)
 
 
 def test_a_square_in_lambert_93_with_a_point_centred_on_a_corner():
@@ -226,37 +186,26 @@ def test_a_square_in_lambert_93_with_a_point_centred_on_a_corner():
         np.testing.assert_allclose(solution.point(name), cartesian, rtol=0, atol=10 * NANOMETRE)
 
 
-def test_baselines_with_covariances_and_height_differences():
+def test_baselines_with_covariances_and_height_differences(tmp_path):
     """Three vectors from a held point; heights disagree on purpose."""
     theirs = printed("baselines")
     projection = theirs["computation"]["projection"]
-    network = fga.Network("baselines", frame=fga.GeocentricFrame())
-    to_geocentric = np.array(projection["rot_global2geocentric"])
-    centre = np.array(projection["center_cartgeocentric"])
-    network.add_point("A1", centre + 1000.0 * to_geocentric[:, 2], fixed="xyz")
-    for line in (folder_of("baselines") / "baselines.bas").read_text().splitlines():
-        words = line.split("*")[0].split()
-        if not words:
-            continue
-        numbers = [float(w) for w in words[1:]]
-        xx, xy, xz, yy, yz, zz = numbers[3:9]
-        covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        network.add_point(words[0])
-        network.add(GnssVector("A1", words[0], tuple(numbers[:3]), covariance=covariance))
-    for value, sigma in ((0.0, 0.1), (0.25, 0.2), (-0.25, 0.2)):
-        network.add(HeightDifference("A1", "B1", value, sigma=sigma))
+    (tmp_path / "points.cor").write_text("1 A1 0 0 1000 0 0 0\n", encoding="utf-8")
+    for name in ("obs.obs", "baselines.bas"):
+        (tmp_path / name).write_bytes((folder_of("baselines") / name).read_bytes())
+    longitude, latitude, _ = projection["center_geographic"]
+    network = fga.read_comp3d(
+        tmp_path / "obs.obs", latitude=latitude, longitude=longitude, earth="ellipsoid"
+    )
     solution = fga.adjust(network)
     computation = theirs["computation"]
     assert (solution.n_observations, solution.n_unknowns) == (12, 9)
     assert solution.sigma0 == pytest.approx(computation["sigma_0_final"], abs=5e-6)
     for name, point in theirs["points"].items():
-        found = (solution.point(name) - centre) @ to_geocentric
-        np.testing.assert_allclose(
-            found, point["coord_compensated_cartesian"], rtol=0, atol=100 * NANOMETRE
-        )
+        cartesian = point["coord_compensated_cartesian"]
+        np.testing.assert_allclose(solution.point(name), cartesian, rtol=0, atol=100 * NANOMETRE)
         if name != "A1":
-            covariance = to_geocentric.T @ solution.covariance(name) @ to_geocentric
-            found = solution.sigma0 * np.sqrt(np.diag(covariance))
+            found = solution.sigma0 * solution.standard_deviations(name)
             np.testing.assert_allclose(found, point["ellips"]["sigmas"], rtol=2e-3)
 
 

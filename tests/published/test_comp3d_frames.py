@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 import factorgraph_adj as fga
-from factorgraph_adj.observations import ControlPoint, Correlated, FrameCoordinate
+from factorgraph_adj.io.survey.comp3d_places import Comp3dOrigin
+from factorgraph_adj.observations import FrameCoordinate
 from tests.loaders import comp3d
 from tests.support.places import data_dir
 
 pytestmark = pytest.mark.published
 
-ORIGIN = comp3d.Origin(48.8)
+ORIGIN = Comp3dOrigin(48.8)
 """Of all these projects (their files ex_ref.comp)."""
 TEN_NANOMETRES = 1e-8
 STOPPED = 5e-8
@@ -26,23 +27,14 @@ class Project:
     """A project with sub-frames, and what Comp3D prints for it."""
 
     folder: str
-    points: str
-    observations: str
     result: str
     n: int
     u: int
     sigma0: float
 
-    def network(self, frame=ORIGIN.frame) -> fga.Network:
-        """Return the network; on Comp3D's sphere if the frame is none."""
-        folder = data_dir("comp3d_frames") / self.folder
-        return comp3d.read_network(
-            folder / self.points,
-            folder / self.observations,
-            latitude=ORIGIN.latitude,
-            refraction=0.12,
-            frame=frame,
-        )
+    def network(self, earth="ellipsoid") -> fga.Network:
+        """Return the network of the project."""
+        return fga.read_comp3d(data_dir("comp3d_frames") / self.folder / self.result, earth=earth)
 
     def printed(self, coordinates: str) -> dict[str, np.ndarray]:
         """Return adjusted coordinates of the points from the result of Comp3D."""
@@ -50,13 +42,9 @@ class Project:
         return {name: np.array(p[coordinates]) for name, p in points.items()}
 
 
-CHANGE = Project(
-    *("changement_de_repere", "coord.cor", "observ.obs", "ex_ref.comp"), 816, 414, 1.6832661098
-)
-LEVELLED = Project("bascule", "cor.cor", "obs.obs", "ex_ref.comp", 144, 98, 463.1069692648)
-UNCERTAIN = Project(
-    *("ex_basc_incertitude", "coord.cor", "obs.obs", "new.comp"), 105, 53, 0.9830600923
-)
+CHANGE = Project("changement_de_repere", "ex_ref.comp", 816, 414, 1.6832661098)
+LEVELLED = Project("bascule", "ex_ref.comp", 144, 98, 463.1069692648)
+UNCERTAIN = Project("ex_basc_incertitude", "new.comp", 105, 53, 0.9830600923)
 
 
 def assert_counts(solution: fga.Solution, project: Project) -> None:
@@ -71,7 +59,7 @@ def assert_counts(solution: fga.Solution, project: Project) -> None:
 
 def test_a_free_subframe_of_136_points_has_the_published_sigma0_and_coordinates():
     """Version 5.15, on the sphere. Its station has an approximate place only, its rotation none."""
-    solution = fga.adjust(CHANGE.network(frame=None))
+    solution = fga.adjust(CHANGE.network("sphere"))
     assert_counts(solution, CHANGE)
     assert solution.sigma0 == pytest.approx(CHANGE.sigma0, abs=STOPPED)
     printed = CHANGE.printed("coord_compensated_stereographic")
@@ -179,19 +167,7 @@ def test_points_with_a_joint_covariance():
     The covariance is that of projected coordinates; its axes are turned by 2·10⁻⁵ on the ground.
     """
     folder = data_dir("comp3d_frames") / "corcov"
-    frame = ORIGIN.frame
-    network = comp3d.read_network(
-        *(folder / "coord.cor", folder / "obs.obs"), latitude=48.8, refraction=0.12, frame=frame
-    )
-    given = {n: network.points.pop(n).coordinates for n in "AB"}
-    for name, x in given.items():
-        network.add_point(name, x)
-    rows = (folder / "corcov.csv").read_text(encoding="utf-8").splitlines()[1:]
-    covariance = np.array([[float(w) for w in row.split()[1:]] for row in rows])
-    upper = np.triu(covariance)
-    covariance = upper + upper.T - np.diag(np.diag(upper))
-    coordinates = [ControlPoint(n, x, axes="xyz", sigma=(1.0,) * 3) for n, x in given.items()]
-    network.add(Correlated(tuple(coordinates), covariance))
+    network = fga.read_comp3d(folder / "ex_ref.comp", earth="ellipsoid")
     solution = fga.adjust(network)
     assert (solution.n_observations, solution.n_unknowns) == (7, 6)
     printed = comp3d.read_result(folder / "ex_ref.comp")
@@ -219,15 +195,17 @@ def test_centring_is_a_levelled_frame_whose_north_is_given():
         np.testing.assert_allclose(solution.point(name), expected, rtol=0, atol=1e-10)
 
 
-def test_a_subframe_whose_points_nothing_else_places_is_refused_by_name():
+def test_a_subframe_whose_points_nothing_else_places_is_refused_by_name(tmp_path):
     """The project same_init_coords, which Comp3D does not adjust either."""
     folder = data_dir("comp3d_frames") / "same_init_coords"
     printed = comp3d.read_result(folder / "ex_ref.comp")["computation"]
     assert not printed["compensation_done"]
-    network = fga.Network("same_init_coords", frame=ORIGIN.frame)
-    (subframe,) = comp3d.read_subframes(folder / "obs.obs")
-    network.add_point("A", ORIGIN.on_ellipsoid(np.full(3, 100.0)), fixed="xyz")
-    comp3d.add_subframe(network, subframe)
+    observations = tmp_path / "obs.obs"
+    observations.write_text("11 center_subframe @subframe.xyz\n", encoding="utf-8")
+    (tmp_path / "subframe.xyz").write_bytes((folder / "origin" / "subframe.xyz").read_bytes())
+    points = tmp_path / "points.cor"
+    points.write_text("1 A 100 100 100 0 0 0\n", encoding="utf-8")
+    network = fga.read_comp3d(observations, latitude=48.8, earth="ellipsoid")
     with pytest.raises(fga.AdjustmentError) as error:
         fga.adjust(network)
     for name in ("subframe", "center_subframe", "B1", "B2", "B3", "B4"):

@@ -27,7 +27,7 @@ from tests.loaders import comp3d, snap
 from tests.loaders.gama_result import GamaObservation
 from tests.loaders.snap import radius_in_azimuth
 from tests.networks import aicon, dbat
-from tests.networks.comp3d import LATITUDE, REFRACTION
+from tests.networks.comp3d import network_of_topo
 from tests.networks.gama import (
     FOLDER,
     GAMA_STOPS,
@@ -87,7 +87,7 @@ def test_aicon_every_test_value_is_the_printed_one(
 
 
 def test_aicon_nothing_controls_the_scale_bar(close_range: fga.Reliability) -> None:
-    row = close_range.row("bar")
+    row = close_range.row("Scalebar")
     assert abs(close_range.redundancy_numbers[row]) < 1e-9
     assert not close_range.controlled[row]
     assert close_range.mdb[row] == np.inf and close_range.delta_bar[row] == np.inf
@@ -101,7 +101,7 @@ def test_aicon_a_wrong_scale_bar_scales_the_block_and_shows_nowhere(
     """1 mm in 1389.688 mm: every distance between points grows by as much."""
     moved = {
         effect.name: effect.values
-        for effect in close_range.effect_on("bar", error=1e-3)
+        for effect in close_range.effect_on("Scalebar", error=1e-3)
         if effect.kind == "point"
     }
     solution = close_range.solution
@@ -129,10 +129,7 @@ SAME_RESIDUALS = 2e-5
 
 @pytest.fixture(scope="module")
 def total_stations() -> fga.Reliability:
-    folder = data_dir("comp3d_topo")
-    network = comp3d.read_network(
-        folder / "figure.cor", folder / "figure.obs", latitude=LATITUDE, refraction=REFRACTION
-    )
+    network = network_of_topo()
     power = float(norm.cdf(DELTA0_OF_COMP3D - norm.isf(0.005)))
     return fga.reliability(fga.adjust(network), alpha=0.01, power=power)
 
@@ -141,7 +138,7 @@ def total_stations() -> fga.Reliability:
 def listed(total_stations: fga.Reliability) -> list[tuple[int, float, dict[str, str]]]:
     """Row, unit and line of the table for each active observation, weighted coordinates too.
 
-    The unit of projected X and Y is that on the ground, see `comp3d.read_cor`.
+    The unit of projected X and Y is that on the ground, see `read_points`.
     """
     network = total_stations.solution.network
     out = []

@@ -158,16 +158,14 @@ def _image(data: _Bytes) -> ImageRecord:
 
 def _point(data: _Bytes) -> PointRecord:
     where = data.where
-    number = data.whole("Q")
+    number, x, y, z, red, green, blue, error = data.take("Q3d3Bd")
     if number >= 2**63 - 1:
         raise InputError(Problem(f"POINT3D_ID {number} is larger than 2⁶³ − 2", where))
-    x, y, z = data.take("3d")
-    red, green, blue = (int(v) for v in data.take("3B"))
-    (error,) = data.take("d")
     n = data.count("Q", 8, "measurements")
-    track = [int(v) for v in data.take(f"{2 * n}I")]
+    track: tuple[int, ...] = data.take(f"{2 * n}I")  # type: ignore[assignment]
     pairs = tuple(zip(track[0::2], track[1::2], strict=True))
-    return PointRecord(number, (x, y, z), (red, green, blue), error, pairs, where)
+    colour = int(red), int(green), int(blue)
+    return PointRecord(int(number), (x, y, z), colour, error, pairs, where)
 
 
 def _rig(data: _Bytes) -> RigRecord:

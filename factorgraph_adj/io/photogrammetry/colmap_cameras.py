@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...models.affine_normalised import AffineNormalisedLens
 from ...models.lens import BrownForwardLens, Lens, NormalisedLens
 from ...models.rational_lens import RationalLens
 from ...models.ray_lens import (
@@ -149,12 +150,16 @@ def in_normalised_units(
 ) -> tuple[type[Lens], dict[str, float]]:
     """Return the lens as one of COLMAP's kind where it is the same function, with its parameters.
 
-    `BrownForwardLens` subtracts its terms, k_i in 1/px^2i: k_i → −k_i c^2i, p → −p c.
+    `BrownForwardLens` subtracts its terms, k_i in 1/px^2i: k_i → −k_i c^2i, p → −p c. The affinity
+    and shear of `AffineNormalisedLens` are in pixels, and its k4 is that of r⁸, ``k4 r8`` here.
     """
     out = dict(values)
+    c = values["c"]
+    if isinstance(lens, AffineNormalisedLens):
+        out |= {"b1": values["b1"] / c, "b2": values["b2"] / c, "k4 r8": out.pop("k4")}
+        return NormalisedLens, out
     if not isinstance(lens, BrownForwardLens):
         return type(lens), out
-    c = values["c"]
     for name, power in (("k1", 2), ("k2", 4), ("k3", 6), ("p1", 1), ("p2", 1)):
         out[name] = -values[name] * c**power
     return NormalisedLens, out

@@ -75,7 +75,7 @@ class Pose:
         """Return what is wrong with it; empty if nothing is."""
         if not np.isfinite([*self.turn, *self.shift]).all():
             return "quaternion and translation must be finite numbers"
-        if not 1e-6 < np.linalg.norm(self.turn) < 1e6:
+        if not 1e-6 < np.abs(self.turn).max() < 1e6:
             return "the quaternion has the length zero, or a strange one; valid: about 1"
         if np.abs(self.shift).max() > LARGEST:
             return f"the translation is larger than {LARGEST:g}"

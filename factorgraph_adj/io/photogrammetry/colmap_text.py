@@ -7,12 +7,14 @@ nothing was measured; its name is the rest of its line and may contain blanks.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from ...errors import InputError
+from ...types import Array, Index
 from ..text import read_text
 from .colmap_model import (
     SENSORS,
@@ -27,6 +29,7 @@ from .colmap_model import (
     SparseModel,
 )
 
+T = TypeVar("T")
 LONGEST = 30
 """Number of characters of a wrong word that a message quotes."""
 
@@ -132,7 +135,7 @@ def read_text_model(folder: Path) -> SparseModel:
     return SparseModel(tuple(cameras), tuple(images), tuple(points), tuple(rigs), tuple(frames))
 
 
-def _all(path: Path, found: Found, row):  # type: ignore[no-untyped-def]
+def _all(path: Path, found: Found, row: Callable[[_Words], T]) -> list[T]:
     out = []
     for words in _rows(path, found):
         try:
@@ -176,7 +179,7 @@ def _images(path: Path, found: Found) -> list[ImageRecord]:
     return out
 
 
-def _measurements(line: str, where: str):  # type: ignore[no-untyped-def]
+def _measurements(line: str, where: str) -> tuple[Array, Index]:
     """Return coordinates (n, 2) and points (n,) of the second line of an image."""
     words = line.split()
     if len(words) % 3:

@@ -373,7 +373,8 @@ class _Script:
             self.reading.wrong(f"unknown photo {photo!r}", row.where)
             return
         if point not in network.points:
-            network.add_point(point)
+            with self.reading.at(row.where):
+                network.add_point(point)
         pixel = next(
             c.pixel for c in self.cameras.values() if c.name == network.photos[photo].camera
         )

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
+from ...crs.system import Heights
 from ...network.network import Network
 from ...observations import ControlPoint, PhotoPosition
 from ..text import beginning
@@ -25,6 +26,8 @@ def read_metashape(
     tie_points: bool = True,
     accuracy: Mapping[str, float] | None = None,
     crs: Literal["stated", "local"] = "stated",
+    geoid: str | float | None = None,
+    heights: Heights | None = None,
 ) -> Network:
     """Read a chunk of Metashape or PhotoScan.
 
@@ -36,8 +39,10 @@ def read_metashape(
     Metashape leaves them out, and so are disabled cameras and scale bars. Attitudes of cameras,
     masks, depth maps, clouds, models, and settings of displays are not read.
 
-    A geographic or geocentric reference gives a topocentric frame about the middle of what is
-    given; its standard deviations are those of east, north and up.
+    A geographic, geocentric or projected reference (the latter needs pyproj) gives a topocentric
+    frame about the middle of what is given. Standard deviations are those of east, north and up,
+    in a projected system of grid east and grid north. Heights of a projected system alone are
+    ellipsoidal, as in Metashape; those of a compound system need its geoid.
 
     Args:
         path: a .psz or .psx project, or an exported .xml of cameras or markers.
@@ -52,13 +57,16 @@ def read_metashape(
             1 px, 0.1 px, 5 mm, 10 m, 1 mm.
         crs: "local" takes the coordinates as local ones in metres, whatever the chunk states;
             poses and tie points then have no approximate values.
+        geoid: geoid of a compound system, a file or a constant, see `fga.ReferenceSystem`; None:
+            that of PROJ.
+        heights: "ellipsoidal" where the heights of a compound system are that.
 
     Raises:
         InputError: the file has problems, each with file and line.
     """
     reading = Reading()
     source = open_chunk(Path(path), chunk)
-    context = Context(source, reading, dict(accuracy or {}), crs == "local")
+    context = Context(source, reading, dict(accuracy or {}), crs == "local", geoid, heights)
     label = source.chunk.element.attributes.get("label", "")
     network = Network(label or Path(path).stem, frame=context.reference.frame)
     sensors = add_sensors(context, network, calibration)

@@ -12,7 +12,7 @@ from ...observations import PhotoPosition
 from ...types import Array
 from ..xml_tree import Element
 from .metashape_context import Context, cameras_of, listed, off
-from .metashape_lens import Calibration, read_calibration
+from .metashape_lens import TYPES, Calibration, read_calibration
 from .pixel import add_pixel_camera
 from .reading import rotation_of
 
@@ -51,8 +51,9 @@ def _calibration(
     """Return the adjusted calibration of a sensor, otherwise the initial one."""
     reading = context.reading
     kind = sensor.attributes.get("type", "frame")
-    if kind != "frame":
-        reading.wrong(f"a sensor of type {kind!r} cannot be read; valid: frame", where)
+    if kind not in TYPES:
+        valid = ", ".join(TYPES)
+        reading.wrong(f"a sensor of type {kind!r} cannot be read; valid: {valid}", where)
         return None
     resolution = sensor.first("resolution")
     if resolution is None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...crs.system import Heights
 from ...errors import InputError
 from ...types import Array
 from ..xml_tree import Element
@@ -57,6 +58,10 @@ class Context:
     """Standard deviations that take the place of those of the chunk."""
     local: bool
     """Whether its reference system is taken as a local one."""
+    geoid: str | float | None = None
+    """Geoid of a system with heights."""
+    heights: Heights | None = None
+    """What heights are, where the system does not tell it."""
     accuracy: dict[str, float] = field(default_factory=dict)
     """Standard deviations of the chunk's settings and those that take their place."""
     reference: Reference = field(default_factory=Local)
@@ -71,7 +76,10 @@ class Context:
         if element is not None and not self.local:
             given = [xyz for xyz in map(_coordinates, self._references()) if xyz is not None]
             places = np.array(given).reshape(-1, 3)
-            self.reference = reference_of(element.text, places, chunk.where(element))
+            where = chunk.where(element)
+            self.reference = reference_of(
+                element.text, places, where, geoid=self.geoid, heights=self.heights
+            )
 
     def _accuracies(self) -> dict[str, float]:
         out = dict(ACCURACY)

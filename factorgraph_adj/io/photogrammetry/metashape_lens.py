@@ -22,11 +22,15 @@ from dataclasses import dataclass
 
 from ...models.affine_normalised import AffineNormalisedLens
 from ...models.lens import Lens, NormalisedLens
+from ...models.ray_lens import FisheyeLens
 from ..xml_tree import Element
 from .reading import Reading
 
 CURRENT = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
 OLD = ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
+FISHEYES = ("fisheye", "equidistant_fisheye")
+"""Types whose distortion is applied to θ (x, y)/r, θ = atan r, in place of (x, y)."""
+TYPES = ("frame", *FISHEYES)
 IGNORED = ("resolution", "date")
 """Children of a calibration besides its numbers."""
 EXTRA = ("k4", "b1", "b2")
@@ -70,8 +74,9 @@ def read_calibration(
         free: parameters that are unknown, by Metashape's names.
     """
     kind = element.attributes.get("type", "frame")
-    if kind != "frame":
-        reading.wrong(f"a calibration of type {kind!r} cannot be read; valid: frame", where)
+    if kind not in TYPES:
+        types = ", ".join(TYPES)
+        reading.wrong(f"a calibration of type {kind!r} cannot be read; valid: {types}", where)
         return None
     given = {c.tag: c for c in element.children if c.tag not in IGNORED}
     old = "f" not in given and ("fx" in given or "fy" in given)
@@ -107,6 +112,11 @@ def read_calibration(
         out |= {"p1": p1, "p2": -p2}
     names = OURS | ({"p1": "p2", "p2": "p1"} if old else {"p1": "p1", "p2": "p2"})
     wanted = {names[n] for n in free if n in names}
+    if kind in FISHEYES:
+        out |= {"b1": out["b1"] / out["c"], "b2": out["b2"] / out["c"]}
+        fisheye = FisheyeLens()
+        values = {n: out.get(n, 0.0) for n in fisheye.names}
+        return Calibration(fisheye, values, size, tuple(n for n in fisheye.names if n in wanted))
     plain = not any(out[n] or n in wanted for n in EXTRA)
     lens: Lens = NormalisedLens() if plain else AffineNormalisedLens()
     values = {n: out[n] for n in lens.names}

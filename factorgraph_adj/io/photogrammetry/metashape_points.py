@@ -14,10 +14,7 @@ from ...types import Array
 from .metashape_context import Context, listed, off
 from .metashape_source import Place
 from .ply import read_vertices
-from .reading import ImagePoints, finite
-
-TIE = "tie "
-"""Beginning of the names of tie points; their number follows."""
+from .reading import TIE, ImagePoints, finite
 
 Numbers = npt.NDArray[np.int64]
 

@@ -7,12 +7,15 @@ from typing import Protocol
 
 import numpy as np
 
+from ...crs.system import Heights, ReferenceSystem
 from ...ellipsoid import ELLIPSOIDS
 from ...errors import InputError, Problem
 from ...frames import Frame, LocalFrame, TopocentricFrame
 from ...types import Array
 from .reading import unit_length
 
+STEP = 10.0
+"""Distance over which directions of a grid are taken, metres."""
 SAME_ELLIPSOID = 1e-6
 """Largest difference of 1/f of ellipsoids that are the same, printed with few digits."""
 
@@ -109,17 +112,68 @@ class Geographic:
     @property
     def turn(self) -> Array:
         """Rotation from geocentric axes to east, north, up of the origin."""
-        zero = self.frame.from_geocentric(np.zeros((1, 3)))
-        return np.asarray((self.frame.from_geocentric(np.eye(3)) - zero).T)
+        return _turn(self.frame)
 
 
-def reference_of(wkt: str, given: Array, where: str) -> Reference:
+@dataclass(frozen=True)
+class Grid:
+    """Easting, northing and height of a projected system.
+
+    The transformation of the chunk leads to geocentric coordinates of the datum of the system.
+    The network has a topocentric frame in the middle of what is given.
+    """
+
+    system: ReferenceSystem
+    """The system."""
+    frame: TopocentricFrame
+    """The frame."""
+    unit: float = 1.0
+    """Length of the unit of coordinates, metres."""
+
+    def points(self, given: Array) -> Array:
+        """Return topocentric coordinates."""
+        return self.system.to_frame(self.frame, given)
+
+    def from_chunk(self, world: Array) -> Array:
+        """Return topocentric coordinates of geocentric ones."""
+        return self.frame.from_geocentric(world)
+
+    def axes(self, given: Array) -> Array:
+        """Return the directions of grid east, grid north and up at a place."""
+        steps = np.vstack([np.zeros((1, 3)), STEP * np.eye(3)])
+        at = self.points(given + steps)
+        along = at[1:] - at[0]
+        along[0] -= along[0] @ along[2] * along[2] / (along[2] @ along[2])
+        u, _, vt = np.linalg.svd(along / np.linalg.norm(along, axis=1, keepdims=True))
+        return np.asarray(u @ vt)
+
+    @property
+    def turn(self) -> Array:
+        """Rotation from geocentric axes to east, north, up of the origin."""
+        return _turn(self.frame)
+
+
+def _turn(frame: TopocentricFrame) -> Array:
+    zero = frame.from_geocentric(np.zeros((1, 3)))
+    return np.asarray((frame.from_geocentric(np.eye(3)) - zero).T)
+
+
+def reference_of(
+    wkt: str,
+    given: Array,
+    where: str,
+    *,
+    geoid: str | float | None = None,
+    heights: Heights | None = None,
+) -> Reference:
     """Return the reference system that a chunk states in WKT.
 
     Args:
         wkt: the text; empty: a local system in metres.
         given: coordinates in the system, (n, 3), whose middle becomes the origin of a frame.
         where: file and line.
+        geoid: geoid of a system with heights, see `ReferenceSystem`.
+        heights: "ellipsoidal" where the heights of a system with heights are that.
 
     Raises:
         InputError: the system is none of those that can be read.
@@ -133,24 +187,32 @@ def reference_of(wkt: str, given: Array, where: str) -> Reference:
         if name is None:
             known = ", ".join(ELLIPSOIDS)
             raise InputError(Problem(f"its ellipsoid is unknown; known: {known}", where))
-        geocentric = kind == "GEOCCS"
         first = TopocentricFrame(0.0, 0.0, 0.0, name)
         middle = given.mean(axis=0) if len(given) else np.zeros(3)
-        if geocentric:
+        if kind == "GEOCCS":
             lat, lon, h = first.geocentric.ellipsoid.to_geodetic(middle[None])
             origin = float(lat[0]), float(lon[0]), float(h[0])
         else:
             origin = (float(np.deg2rad(middle[1])), float(np.deg2rad(middle[0])), float(middle[2]))
         if not abs(origin[0]) <= np.pi / 2:
             raise InputError(Problem(f"latitude {middle[1]:g}° is none", where))
-        return Geographic(TopocentricFrame(*origin, name), geocentric)
-    title = text[len(kind) :].lstrip('[" ').split('"')[0]
-    what = (
-        f"its coordinates are in {title!r} ({kind}), a system that this reader cannot convert; "
-        "valid: a local, geographic or geocentric system: convert the reference in Metashape, or "
-        "read with crs='local' what is small enough to be a plane"
-    )
-    raise InputError(Problem(what, where))
+        return Geographic(TopocentricFrame(*origin, name), kind == "GEOCCS")
+    try:
+        if heights is None and geoid is None and kind in ("PROJCS", "PROJCRS"):
+            heights = "ellipsoidal"
+        system = ReferenceSystem(text, geoid, heights).checked()
+        if not system.projected:
+            what = (
+                f"its system {system.name!r} ({kind}) cannot be converted; valid: a projected one"
+            )
+            raise InputError(what)
+        return Grid(system, system.frame_at(given))
+    except (RuntimeError, IndexError) as error:  # pyproj, of a projection that PROJ does not know
+        what = f"its reference system cannot be used: {str(error)[:150]}"
+        raise InputError(Problem(what, where)) from None
+    except InputError as error:
+        hint = "crs='local' takes the coordinates as they are"
+        raise InputError([Problem(f"{p.what}; {hint}", where) for p in error.problems]) from None
 
 
 def _ellipsoid(text: str) -> str | None:

@@ -16,6 +16,8 @@ from .. import numbers
 
 LARGEST = 1e12
 """Largest absolute value of a number of a file: beyond it squares of squares overflow."""
+TIE = "tie "
+"""Beginning of the names of tie points; their number in the file follows."""
 MOST_PROBLEMS = 60
 """Largest number of listed problems; in a file of another layout every line is a problem."""
 

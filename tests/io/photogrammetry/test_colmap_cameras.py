@@ -15,6 +15,7 @@ from factorgraph_adj.io.photogrammetry.colmap_cameras import (
     in_normalised_units,
     smallest,
 )
+from factorgraph_adj.models.affine_normalised import AffineNormalisedLens
 from factorgraph_adj.models.inverse import directions
 from factorgraph_adj.models.lens import BrownForwardLens, Lens, NormalisedLens
 from factorgraph_adj.models.rational_lens import RationalLens
@@ -78,6 +79,22 @@ def test_smallest_model_of_all_parameters_of_a_model_is_itself(name: str) -> Non
     assert smallest(type(model.lens), used) is model
 
 
+def test_frame_camera_of_metashape_has_the_affinity_in_pixels() -> None:
+    values = {"c": 900.0, "x0": 500.0, "y0": -400.0, "k1": -0.1, "k2": 0.02, "k3": 1e-3}
+    values |= {"p1": 1e-3, "p2": -2e-3, "b1": 4.0, "b2": -3.0, "k4": 0.0}
+    kind, other = in_normalised_units(AffineNormalisedLens(), values)
+    assert kind is NormalisedLens
+    t, xy = np.random.default_rng(5).uniform(-0.6, 0.6, (2, 20)), np.zeros((20, 2))
+    given = other | {"k4": 0.0}
+    v = []
+    for lens, parameters in ((AffineNormalisedLens(), values), (RationalLens(), given)):
+        k = np.array([[parameters.get(n, 0.0) for n in lens.names]])
+        v.append(lens.residual(*t, xy, k, jacobians=False)[0])
+    np.testing.assert_allclose(v[0], v[1], rtol=1e-13)
+    assert smallest(kind, {"k1", "k2", "p1", "p2", "b1"}) is BY_NAME["OPENCV"]
+    assert smallest(kind, {"k1", "k4 r8"}) is None
+
+
 def test_brown_forward_is_written_as_normalised_lens() -> None:
     values = {"c": 900.0, "x0": 500.0, "y0": -400.0, "k1": 1e-8, "k2": -2e-15, "k3": 1e-22}
     values |= {"p1": 1e-7, "p2": -2e-7}
@@ -93,4 +110,4 @@ def test_brown_forward_is_written_as_normalised_lens() -> None:
 
 def test_lens_without_counterpart_has_no_model() -> None:
     assert smallest(RationalLens, {"b2"}) is None
-    assert [m.name for m in candidates(Lens)][0] == "SIMPLE_PINHOLE"
+    assert next(m.name for m in candidates(Lens)) == "SIMPLE_PINHOLE"

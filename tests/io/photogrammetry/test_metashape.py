@@ -192,6 +192,22 @@ def test_the_old_lens_has_an_absolute_principal_point_and_p1_p2_exchanged(tmp_pa
     assert project_point(network, (5 * x, 5 * y, 5.0)) == pytest.approx((u, v), abs=1e-9)
 
 
+def test_a_fisheye_distorts_the_angle(tmp_path: Path) -> None:
+    """Metashape's manual: x = x0 θ/r0, y = y0 θ/r0 with θ = atan r0, then as the frame camera."""
+    k = {"f": 600.0, "cx": 7.0, "cy": -4.0, "b1": 3.0, "b2": -2.0, "k1": 0.1, "p1": 1e-3}
+    text = chunk("".join(f"<{n}>{v}</{n}>" for n, v in k.items()))
+    network = read(tmp_path, text.replace('type="frame"', 'type="fisheye"'))
+    x, y = 0.9, -0.6
+    theta, r = np.arctan(np.hypot(x, y)), np.hypot(x, y)
+    x, y = x * theta / r, y * theta / r
+    r2 = x * x + y * y
+    xd = x * (1 + k["k1"] * r2) + k["p1"] * (r2 + 2 * x * x)
+    yd = y * (1 + k["k1"] * r2) + 2 * k["p1"] * x * y
+    u = 500 + k["cx"] + xd * (k["f"] + k["b1"]) + yd * k["b2"]
+    v = 400 + k["cy"] + yd * k["f"]
+    assert project_point(network, (5 * 0.9, 5 * -0.6, 5.0)) == pytest.approx((u, v), abs=1e-9)
+
+
 def test_what_is_free_is_what_metashape_optimised(tmp_path: Path) -> None:
     full = "<f>900</f><cx>1</cx><k1>0.1</k1><p1>0</p1>"
     held = chunk(full).replace("<calibration", '<property name="fixed" value="true"/><calibration')
@@ -278,14 +294,44 @@ def test_poses_of_a_geographic_chunk_come_from_geocentric_coordinates(tmp_path: 
     assert rotation[0] == pytest.approx(east, abs=1e-9)
 
 
-def test_a_projected_reference_is_refused_unless_taken_as_local(tmp_path: Path) -> None:
-    utm = f'PROJCS["WGS 84 / UTM zone 32N",{WGS84},PROJECTION["Transverse_Mercator"]]'
-    text = chunk(inside=MARKERS.format(500000, 5e6, 500010, 5e6, utm))
-    with pytest.raises(InputError, match=r"'WGS 84 / UTM zone 32N' \(PROJCS\), a system that"):
-        read(tmp_path, text)
+UTM = (
+    'PROJCS["WGS 84 / UTM zone 32N",GEOGCS["WGS 84",DATUM["World Geodetic System 1984",'
+    'SPHEROID["WGS 84",6378137,298.257223563,AUTHORITY["EPSG","7030"]],AUTHORITY["EPSG","6326"]],'
+    'PRIMEM["Greenwich",0],UNIT["degree",0.01745329251994328],AUTHORITY["EPSG","4326"]],'
+    'PROJECTION["Transverse_Mercator"],PARAMETER["latitude_of_origin",0],'
+    'PARAMETER["central_meridian",9],PARAMETER["scale_factor",0.9996],'
+    'PARAMETER["false_easting",500000],PARAMETER["false_northing",0],UNIT["metre",1],'
+    'AUTHORITY["EPSG","32632"]]'
+)
+
+
+def test_a_projected_reference_becomes_a_topocentric_frame(tmp_path: Path) -> None:
+    """2 km apart at 3° from the meridian: the grid is 1.00053 times longer, and turned by 2.2°."""
+    pytest.importorskip("pyproj")
+    inside = MARKERS.format(740000, 5050000, 740000, 5052000, UTM).replace('z="130"', 'z="100"')
+    network = read(tmp_path, chunk(inside=inside.replace('sxy="0.02"', 'sx="0.02" sy="0.3"')))
+    assert isinstance(network.frame, fga.TopocentricFrame)
+    a, b = np.array(network.points["P1"].coordinates), np.array(network.points["P2"].check)
+    # scale of the projection on the ellipsoid, 0.9996 (1 + E²/2R²), and 1 + h/R
+    scale = 0.9996 * (1 + (240000 / 0.9996) ** 2 / (2 * 6378e3**2)) / (1 + 100 / 6368e3)
+    assert np.linalg.norm(b - a) == pytest.approx(2000 / scale, abs=2e-2)
+    convergence = np.arctan2(*(b - a)[:2])
+    assert convergence == pytest.approx(np.deg2rad(3.05) * np.sin(np.deg2rad(45.5)), abs=1e-3)
+    control = network.observations["1"]
+    assert isinstance(control, fga.ControlPoint)
+    north = np.array((b - a)[:2]) / np.linalg.norm((b - a)[:2])
+    along = north @ np.asarray(control.covariance)[:2, :2] @ north
+    assert np.sqrt(along) == pytest.approx(0.3, abs=1e-4)
+
+
+def test_a_projected_reference_may_be_taken_as_local(tmp_path: Path) -> None:
+    text = chunk(inside=MARKERS.format(500000, 5e6, 500010, 5e6, UTM))
     network = read(tmp_path, text, crs="local")
     assert network.points["P1"].coordinates == (500000.0, 5e6, 100.0)
     assert network.photos["0.jpg"].position is None
+    wrong = text.replace('PROJECTION["Transverse_Mercator"]', 'PROJECTION["None_Such"]')
+    with pytest.raises(InputError, match=r"cameras\.xml:\d+: .*cannot be used"):
+        read(tmp_path, wrong)
 
 
 def test_disabled_markers_are_check_points_and_positions_of_cameras_are_observed(

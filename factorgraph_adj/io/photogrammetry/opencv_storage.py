@@ -1,0 +1,135 @@
+"""Files of OpenCV's FileStorage: YAML or XML, as values with their lines.
+
+YAML is read by PyYAML (the extra ``opencv``), XML by the parser of the package.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError, Problem
+from ...types import Array
+from ..text import read_text
+from ..xml_tree import Element, parse_xml
+from .reading import Reading
+
+MISSING = "OpenCV's YAML files need PyYAML: pip install 'factorgraph_adj[opencv]'"
+MATRIX = "opencv-matrix"
+MOST_CHANNELS = 4
+
+
+@dataclass(frozen=True)
+class Value:
+    """A value of a file."""
+
+    text: str
+    """Text of a scalar; that of the data of a matrix."""
+    where: str
+    """File and line."""
+    shape: tuple[str, str, str] | None = None
+    """Rows, columns and type of a matrix; None of a scalar."""
+
+    def number(self, reading: Reading, name: str, *, positive: bool = False) -> float | None:
+        """Return a scalar as a number; None after a problem."""
+        return reading.number(self.text.strip(), name, self.where, positive=positive)
+
+    def matrix(self, reading: Reading, name: str) -> Array | None:
+        """Return a matrix (rows, columns, channels); None after a problem."""
+        if self.shape is None:
+            reading.wrong(f"{name} must be a matrix ({MATRIX})", self.where)
+            return None
+        rows, columns, kind = self.shape
+        channels = "".join(c for c in kind if c.isdigit()) or "1"
+        sizes = [rows, columns, channels]
+        if not all(s.isascii() and s.isdigit() and len(s) < 10 for s in sizes):
+            reading.wrong(f"{name} has rows, cols, dt {self.shape}, which are no sizes", self.where)
+            return None
+        shape = tuple(int(s) for s in sizes)
+        texts = self.text.split()
+        found = reading.numbers(texts, int(np.prod(shape)), name, self.where)
+        return None if found is None else np.array(found).reshape(shape)
+
+
+def read_storage(path: Path) -> dict[str, Value]:
+    """Return the values of a file by name.
+
+    Raises:
+        InputError: the file cannot be read, or is neither YAML nor XML of OpenCV.
+    """
+    text = read_text(path)
+    if text.lstrip().startswith("<"):
+        return _of_xml(parse_xml(text.encode("utf-8"), path.name), path.name)
+    return _of_yaml(text, path.name)
+
+
+def _of_xml(root: Element, name: str) -> dict[str, Value]:
+    if root.tag != "opencv_storage":
+        what = f"has the element <{root.tag}> where OpenCV writes <opencv_storage>"
+        raise InputError(Problem(what, f"{name}:{root.line}"))
+    out = {}
+    for child in root.children:
+        where = f"{name}:{child.line}"
+        inner = {c.tag: c.text.strip() for c in child.children}
+        if child.tag in out:
+            raise InputError(Problem(f"{child.tag} is defined twice", where))
+        if "data" in inner:
+            shape = (inner.get("rows", ""), inner.get("cols", ""), inner.get("dt", ""))
+            out[child.tag] = Value(inner["data"], where, shape)
+        elif not child.children:
+            out[child.tag] = Value(child.text.strip().strip('"'), where)
+    return out
+
+
+def _yaml() -> ModuleType:
+    try:
+        import yaml
+    except ImportError:
+        raise InputError(MISSING) from None
+    module: ModuleType = yaml
+    return module
+
+
+def _of_yaml(text: str, name: str) -> dict[str, Value]:
+    yaml = _yaml()
+    lines = text.split("\n")
+    if lines and lines[0].startswith("%YAML"):
+        lines[0] = ""  # %YAML:1.0 is OpenCV's own spelling, which no other program reads
+    try:
+        root = yaml.compose("\n".join(lines), Loader=yaml.SafeLoader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = name if mark is None else f"{name}:{mark.line + 1}"
+        reason = getattr(error, "problem", None) or str(error).split("\n")[0]
+        raise InputError(Problem(f"is not YAML: {reason}", where)) from None
+    except (RecursionError, ValueError) as error:
+        raise InputError(Problem(f"is not YAML: {str(error)[:80]}", name)) from None
+    if not isinstance(root, yaml.MappingNode):
+        raise InputError(Problem("has no names and values", name))
+    out: dict[str, Value] = {}
+    for key, node in root.value:
+        where = f"{name}:{node.start_mark.line + 1}"
+        if key.value in out:
+            raise InputError(Problem(f"{key.value} is defined twice", where))
+        if isinstance(node, yaml.ScalarNode):
+            out[str(key.value)] = Value(node.value, where)
+        elif isinstance(node, yaml.MappingNode):
+            inner = {k.value: v for k, v in node.value if isinstance(k.value, str)}
+            sizes = [_scalar(yaml, inner.get(k)) for k in ("rows", "cols", "dt")]
+            data = inner.get("data")
+            if isinstance(data, yaml.SequenceNode):
+                words = " ".join(_scalar(yaml, v) for v in data.value)
+                out[str(key.value)] = Value(words, where, (sizes[0], sizes[1], sizes[2]))
+    return out
+
+
+def _scalar(yaml: ModuleType, node: Any) -> str:
+    """Return the text of a scalar; of anything else a text that is no number."""
+    if not isinstance(node, yaml.ScalarNode):
+        return "-"
+    text = str(node.value)
+    return text + "0" if text.endswith(".") else text

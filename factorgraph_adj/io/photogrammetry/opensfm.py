@@ -1,0 +1,356 @@
+"""Reader of OpenSfM and ODM: reconstruction.json, tracks.csv, ground control and reference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ...crs.system import ReferenceSystem
+from ...errors import InputError, Problem
+from ...frames import Frame, LocalFrame, TopocentricFrame
+from ...network.network import Network
+from ...observations import ControlPoint, PhotoPosition
+from ...rotation import exp_rotation
+from ...types import Array
+from ..json_tree import Node, parse_json
+from ..text import beginning, read_text
+from .gcp_list import Ground, GroundList, read_gcp_list
+from .opensfm_lens import SfmCamera, read_camera
+from .pixel import add_pixel_camera
+from .reading import TIE, ImagePoints, Reading, lines_of
+
+TRACKS = "OPENSFM_TRACKS_VERSION_v"
+"""Beginning of the first line of tracks.csv."""
+GROUND = ("gcp_list.txt", "ground_control_points.json")
+"""Files of ground control beside a reconstruction."""
+
+
+def read_opensfm(
+    path: str | Path,
+    *,
+    reconstruction: int | None = None,
+    tracks: str | Path | None = None,
+    gcp: str | Path | None = None,
+    sigma_px: float = 1.0,
+    sigma_gcp_px: float = 1.0,
+    sigma_gcp: tuple[float, float] = (0.01, 0.1),
+    gps: Literal["leave out", "observe"] = "leave out",
+    calibration: Literal["optimised", "held"] = "optimised",
+) -> Network:
+    """Read a reconstruction of OpenSfM or ODM with its tracks and ground control.
+
+    Beside reconstruction.json lie tracks.csv, reference_lla.json (the origin of the topocentric
+    frame) and gcp_list.txt or ground_control_points.json; they are read where they exist. Image
+    coordinates are pixels from the upper left corner. Tracks without a reconstructed point, and
+    photos that are not in the reconstruction, are left out. Tracks are named ``tie NUMBER``.
+
+    Ground control is in WGS84 (longitude, latitude, height), WGS84 UTM 32N, EPSG:… or +proj=…
+    (the latter three need pyproj); heights are ellipsoidal. Points whose name begins with CHK-
+    are check points. A reconstruction without ground control and positions is a free network.
+
+    OpenSfM has no standard deviations of its own in these files. Those of ground control are its
+    defaults (gcp_horizontal_sd, gcp_vertical_sd); those of image points are options. Colours,
+    meshes, sizes of features, compass and capture times are not read.
+
+    Args:
+        path: reconstruction.json, or the folder that has it.
+        reconstruction: number of the reconstruction from 0; None: the one with most photos.
+        tracks: tracks.csv; None: that beside the reconstruction.
+        gcp: gcp_list.txt or ground_control_points.json; None: that beside the reconstruction.
+        sigma_px: standard deviation of image coordinates of tie points, pixels.
+        sigma_gcp_px: standard deviation of image coordinates of ground control, pixels.
+        sigma_gcp: standard deviations of ground control, horizontal and vertical, metres.
+        gps: whether the GPS positions of photos are observed, with their gps_dop as σ in metres
+            in plan and twice that in height.
+        calibration: whether the parameters that OpenSfM estimates are unknown.
+
+    Raises:
+        InputError: a file is missing or has problems, each with file and line.
+    """
+    source = Path(path)
+    source = source / "reconstruction.json" if source.is_dir() else source
+    for name, value in (("sigma_px", sigma_px), ("sigma_gcp_px", sigma_gcp_px)):
+        if not value > 0:
+            raise InputError(f"{name} must be greater than zero, not {value}")
+    reading = Reading()
+    root = _choose(parse_json(read_text(source), source.name), reconstruction)
+    frame = _frame(root, source.parent)
+    network = Network(source.parent.name or source.stem, frame=frame)
+    cameras = _cameras(network, root, reading, calibration == "optimised")
+    _shots(network, root, reading, cameras, gps == "observe")
+    _points(network, root, reading)
+    images = ImagePoints(reading)
+    beside = source.parent / "tracks.csv"
+    if tracks is not None or beside.exists():
+        _tracks(Path(tracks) if tracks else beside, network, images, reading, cameras, sigma_px)
+    for name in GROUND if gcp is None else (str(gcp),):
+        listed = Path(name) if gcp is not None else source.parent / name
+        if gcp is not None or listed.exists():
+            ground = read_gcp_list(listed, reading)
+            _control(network, ground, images, reading, cameras, sigma_gcp_px, sigma_gcp)
+            break
+    _without_rays(network, images)
+    images.into(network)
+    reading.finish()
+    if not network.observations:
+        network.datum = "free"
+    return network
+
+
+def is_opensfm(path: Path) -> bool:
+    """Tell whether a JSON file is a reconstruction of OpenSfM."""
+    head = beginning(path)
+    return b'"shots"' in head or (b'"cameras"' in head and b'"projection_type"' in head)
+
+
+def _choose(root: Node, number: int | None) -> Node:
+    """Return a reconstruction of a file, which may be a list of them."""
+    if isinstance(root.value, dict):
+        return root
+    every = list(root.list())
+    if not every:
+        raise root.fail("has no reconstruction")
+    if number is not None:
+        if not 0 <= number < len(every):
+            raise root.fail(f"has no reconstruction {number}; valid: 0 to {len(every) - 1}")
+        return every[number]
+    return max(every, key=lambda node: len(node.need("shots").members()))
+
+
+def _frame(root: Node, folder: Path) -> Frame:
+    """Return the topocentric frame about reference_lla, a local one without it."""
+    node = root.get("reference_lla")
+    beside = folder / "reference_lla.json"
+    if node is None and beside.exists():
+        node = parse_json(read_text(beside), beside.name)
+    if node is None:
+        return LocalFrame()
+    latitude, longitude = node.need("latitude").number(), node.need("longitude").number()
+    if not (abs(latitude) <= 90 and abs(longitude) <= 360):
+        raise node.fail(f"latitude {latitude:g}°, longitude {longitude:g}° are none")
+    height = node.need("altitude").number()
+    return TopocentricFrame(np.deg2rad(latitude), np.deg2rad(longitude), height, "WGS84")
+
+
+def _cameras(network: Network, root: Node, reading: Reading, free: bool) -> dict[str, SfmCamera]:
+    out: dict[str, SfmCamera] = {}
+    for name, node in root.need("cameras").items():
+        with reading.at(node.where):
+            camera = read_camera(node)
+            out[name] = camera
+            add_pixel_camera(
+                network,
+                name,
+                camera.lens,
+                camera.values,
+                size=camera.size,
+                free=camera.estimated if free else (),
+            )
+    return out
+
+
+def _shots(
+    network: Network, root: Node, reading: Reading, cameras: Mapping[str, SfmCamera], gps: bool
+) -> None:
+    """Add the photos; p_camera = R(rotation) p_world + translation."""
+    rigs = root.get("rig_instances")
+    poses = {} if rigs is None else _rig_poses(root, rigs, reading)
+    for name, node in root.need("shots").items():
+        with reading.at(node.where):
+            camera = node.need("camera").text()
+            if camera not in cameras and camera in root.need("cameras").members():
+                continue  # it has a problem of its own
+            if node.get("rotation") is not None or name not in poses:
+                rotation = _matrix(node.need("rotation"))
+                translation = np.array(node.need("translation").numbers(3))
+            else:
+                rotation, translation = poses[name]
+            centre = -rotation.T @ translation
+            network.add_photo(name, camera, position=centre.tolist(), rotation=rotation.T)
+            at = node.get("gps_position")
+            if gps and at is not None:
+                dop = node.need("gps_dop").number(positive=True)
+                value = at.numbers(3)
+                sigma = (dop, dop, 2 * dop)
+                network.add(PhotoPosition(name, value, sigma=sigma, source=node.where))
+
+
+def _matrix(node: Node) -> Array:
+    """Return the rotation (3, 3) of a rotation vector."""
+    vector = np.array(node.numbers(3))
+    if not np.linalg.norm(vector) < 1e6:
+        raise node.fail("a rotation vector must be an angle in radians")
+    return np.asarray(exp_rotation(vector[None])[0])
+
+
+def _rig_poses(root: Node, rigs: Node, reading: Reading) -> dict[str, tuple[Array, Array]]:
+    """Return the poses of shots that stand in rig instances: rig camera after instance."""
+    cameras: dict[str, tuple[Array, Array]] = {}
+    listed = root.get("rig_cameras")
+    for name, node in () if listed is None else listed.items():
+        with reading.at(node.where):
+            translation = np.array(node.need("translation").numbers(3))
+            cameras[name] = _matrix(node.need("rotation")), translation
+    out: dict[str, tuple[Array, Array]] = {}
+    for _, node in rigs.items():
+        with reading.at(node.where):
+            r, t = _matrix(node.need("rotation")), np.array(node.need("translation").numbers(3))
+            for shot, of in node.need("rig_camera_ids").items():
+                inner = cameras.get(of.text())
+                if inner is None:
+                    raise of.fail(f"unknown rig camera {of.text()!r}")
+                out[shot] = inner[0] @ r, inner[0] @ t + inner[1]
+    return out
+
+
+def _points(network: Network, root: Node, reading: Reading) -> None:
+    for name, node in root.need("points").items():
+        try:
+            network.add_point(TIE + name, node.need("coordinates").numbers(3))
+        except InputError as error:
+            reading.problems += [p.at(node.where) for p in error.problems]
+
+
+def _tracks(
+    path: Path,
+    network: Network,
+    images: ImagePoints,
+    reading: Reading,
+    cameras: Mapping[str, SfmCamera],
+    sigma: float,
+) -> None:
+    """Gather the image points of tracks that have a point; columns image, track, feature, x, y."""
+    for number, line in lines_of(read_text(path)):
+        where = f"{path.name}:{number}"
+        if number == 1 and line.startswith(TRACKS):
+            if line.strip().removeprefix(TRACKS) not in ("0", "1", "2"):
+                reading.wrong(f"version {line.strip()!r} of tracks; valid: {TRACKS}0 to 2", where)
+                return
+            continue
+        fields = line.split("\t")
+        if len(fields) < 5:
+            what = "a row has image, track, feature, x, y … separated by tabulators"
+            reading.wrong(f"{what}, not {len(fields)} fields", where)
+            continue
+        photo, track = fields[0], TIE + fields[1]
+        if photo not in network.photos or track not in network.points:
+            continue
+        xy = reading.numbers(fields[3:5], 2, "x, y", where)
+        if xy is not None:
+            camera = cameras[network.photos[photo].camera]
+            images.add(photo, track, camera.pixel(*xy), (sigma,), where)
+
+
+def _without_rays(network: Network, images: ImagePoints) -> None:
+    """Take points out that fewer than two photos see; they have nothing to be determined by."""
+    seen = images.seen()
+    few = [
+        n
+        for n, p in network.points.items()
+        if seen.get(n, 0) < 2 and p.check is None and not any(p.fixed)
+    ]
+    control = {o.point for o in network.observations.values() if isinstance(o, ControlPoint)}
+    lost = set(few) - control
+    for photo, rows in images.rows.items():
+        images.rows[photo] = [r for r in rows if r[0] not in lost]
+    for name in lost:
+        del network.points[name]
+    network.point_number = {name: i for i, name in enumerate(network.points)}
+
+
+def _control(
+    network: Network,
+    ground: GroundList,
+    images: ImagePoints,
+    reading: Reading,
+    cameras: Mapping[str, SfmCamera],
+    sigma_px: float,
+    sigma: tuple[float, float],
+) -> None:
+    """Add control and check points with their measurements in photos of the reconstruction."""
+    frame = network.frame
+    if not isinstance(frame, TopocentricFrame):
+        what = "ground control needs reference_lla.json, the origin of the reconstruction"
+        reading.wrong(what, ground.where)
+        return
+    try:
+        grid = _grid(ground.system)
+    except InputError as error:
+        reading.problems += [p.at(ground.where) for p in error.problems]
+        return
+    for point in ground.points:
+        with reading.at(point.where):
+            _add_ground(network, frame, grid, point, sigma)
+            for photo, x, y, normalised, where in point.marks:
+                if photo not in network.photos:
+                    continue
+                camera = cameras[network.photos[photo].camera]
+                xy = camera.pixel(x, y) if normalised else (x + 0.5, -y - 0.5)
+                images.add(photo, point.name, xy, (sigma_px,), where)
+
+
+def _grid(system: str) -> ReferenceSystem | None:
+    """Return the reference system of a list of ground control; None for WGS84.
+
+    Raises:
+        InputError: the system is unknown, or pyproj is missing.
+    """
+    words = system.upper().split()
+    if words in (["WGS84"], ["EPSG:4326"]):
+        return None
+    if words[:2] == ["WGS84", "UTM"] and len(words) == 3:
+        zone, south = words[2].rstrip("NS"), words[2].endswith("S")
+        if zone.isascii() and zone.isdigit() and 1 <= int(zone[:3]) <= 60:
+            code = (32700 if south else 32600) + int(zone)
+            return ReferenceSystem(f"EPSG:{code}", heights="ellipsoidal").checked()
+    if not (words and (words[0].startswith("EPSG:") or "+PROJ" in words[0])):
+        what = f"unknown reference system {system!r}; valid: WGS84, WGS84 UTM 32N, EPSG:…, +proj=…"
+        raise InputError(Problem(what))
+    return ReferenceSystem(system, heights="ellipsoidal").checked()
+
+
+def _place(
+    frame: TopocentricFrame, grid: ReferenceSystem | None, xyz: tuple[float, float, float]
+) -> Array:
+    """Return the place (3,) in the frame of longitude, latitude, height or easting, northing."""
+    at = np.array([xyz])
+    if grid is not None:
+        return np.asarray(grid.to_frame(frame, at)[0])
+    if not (abs(xyz[1]) <= 90 and abs(xyz[0]) <= 360):
+        raise InputError(Problem(f"latitude {xyz[1]:g}°, longitude {xyz[0]:g}° are none"))
+    ellipsoid = frame.geocentric.ellipsoid
+    latitude, longitude = np.deg2rad(at[:, 1]), np.deg2rad(at[:, 0])
+    there = frame.from_geocentric(ellipsoid.to_cartesian(latitude, longitude, at[:, 2]))
+    return np.asarray(there[0])
+
+
+def _add_ground(
+    network: Network,
+    frame: TopocentricFrame,
+    grid: ReferenceSystem | None,
+    point: Ground,
+    sigma: tuple[float, float],
+) -> None:
+    """Add a ground control point or check point; a height of NaN is unknown."""
+    if point.xyz is None:
+        network.add_point(point.name)
+        return
+    x, y, height = point.xyz
+    known = not np.isnan(height)
+    at = tuple(_place(frame, grid, (x, y, height if known else frame.height)).tolist())
+    if point.check:
+        network.add_point(point.name, check=at if known else (*at[:2], np.nan))
+        return
+    network.add_point(point.name, at)
+    enu = frame.basis(np.array([at]), np.zeros((1, 2))).enu[0]
+    if known:
+        covariance = enu.T @ np.diag(np.square([sigma[0], sigma[0], sigma[1]])) @ enu
+        covariance = 0.5 * (covariance + covariance.T)
+        o = ControlPoint(point.name, at, covariance=covariance, source=point.where)
+    else:
+        plan = (sigma[0], sigma[0])
+        o = ControlPoint(point.name, at, axes="en", sigma=plan, source=point.where)
+    network.add(o)

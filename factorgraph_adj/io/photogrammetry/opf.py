@@ -1,0 +1,332 @@
+"""Reader of the Open Photogrammetry Format (OPF) of Pix4D and others.
+
+The frame of the network is the processing system of the project: the coordinates of its base
+system, scaled, swapped where the base system is left-handed, and shifted. A projected base system
+is taken as Cartesian, as the format does: without curvature and scale of the projection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ...errors import InputError
+from ...models.lens import NormalisedLens
+from ...network.network import Network
+from ...observations import ControlPoint, PhotoPosition, PointDirection, SlopeDistance
+from ..json_tree import Node
+from .opf_project import OpfProject, file_name, open_project
+from .opf_ties import read_cloud
+from .pixel import add_pixel_camera
+from .reading import TIE, ImagePoints, Reading
+
+FREE = ("c", "x0", "y0", "k1", "k2", "k3", "p1", "p2")
+"""Parameters of a perspective camera, all of which a calibration estimates."""
+
+
+def read_opf(
+    path: str | Path,
+    *,
+    calibration: Literal["optimised", "held"] = "optimised",
+    positions: Literal["observe", "leave out"] = "observe",
+    tie_points: bool = True,
+    sigma_px: float = 1.0,
+    sigma_mark_px: float = 1.0,
+    rigs: Literal["refuse", "apart"] = "refuse",
+) -> Network:
+    """Read a project of the Open Photogrammetry Format.
+
+    Calibrated cameras give poses and interior orientations; without them, input cameras give
+    interior orientations and approximate positions. Ground control points with their standard
+    deviations, check points, manual tie points, marks with their accuracies, positions of
+    captures, scale and orientation constraints, and the tie points of the sparse point cloud are
+    read. Manual tie points that are check points take no part and are left out. Attitudes of
+    captures, dense clouds, and items of vendors (ext_…) are not read.
+
+    Args:
+        path: project.opf, or its folder.
+        calibration: whether the interior orientation is unknown; the format does not say it.
+        positions: whether the positions of captures are observed.
+        tie_points: whether the tie points of the sparse point cloud are read.
+        sigma_px: standard deviation of their image coordinates, pixels; the format has none.
+        sigma_mark_px: standard deviation of a mark of accuracy 1, pixels.
+        rigs: "apart" reads cameras of one capture as photos that nothing ties together.
+
+    Raises:
+        InputError: a file is missing or has problems, each with file and line.
+    """
+    source = Path(path)
+    if source.is_dir():
+        found = sorted(source.glob("*.opf"))
+        if len(found) != 1:
+            raise InputError(f"{source} has {len(found)} files .opf; name one of them")
+        source = found[0]
+    for name, value in (("sigma_px", sigma_px), ("sigma_mark_px", sigma_mark_px)):
+        if not value > 0:
+            raise InputError(f"{name} must be greater than zero, not {value}")
+    project = open_project(source)
+    reading = Reading()
+    names = project.root.get("name")
+    network = Network(source.stem if names is None else names.text())
+    photos = _Cameras(project, network, reading, calibration == "optimised", rigs == "apart")
+    photos.add()
+    if positions == "observe":
+        _positions(project, network, reading, photos.names)
+    images = ImagePoints(reading)
+    _control(project, network, reading, images, photos.names, sigma_mark_px)
+    _constraints(project, network, reading)
+    if tie_points:
+        _ties(project, network, reading, images, photos.names, sigma_px)
+    images.into(network)
+    reading.finish()
+    kinds = {o.kind for o in network.observations.values()}
+    if not kinds & {ControlPoint.kind, PhotoPosition.kind}:
+        network.datum = "free"
+    return network
+
+
+@dataclass
+class _Cameras:
+    """The cameras of a project while they are read; OPF's cameras are photos here."""
+
+    project: OpfProject
+    network: Network
+    reading: Reading
+    free: bool
+    apart: bool
+
+    def add(self) -> None:
+        """Add sensors as cameras and cameras as photos; ``names`` has the photos by id."""
+        self.names: dict[int, str] = {}
+        self.sensors: dict[int, str] = {}
+        listed = {
+            n.need("id").integer(): file_name(n.need("uri").text())
+            for n in self.project.list("camera-list", "cameras")
+        }
+        inputs = {n.need("id").integer(): n for n in self.project.list("input-cameras", "sensors")}
+        done = {
+            n.need("id").integer(): n for n in self.project.list("calibrated-cameras", "sensors")
+        }
+        self.project.need("input-cameras")
+        for ident, node in inputs.items():
+            with self.reading.at(node.where):
+                self._sensor(ident, node, done.get(ident, node))
+        poses = {
+            n.need("id").integer(): n for n in self.project.list("calibrated-cameras", "cameras")
+        }
+        for capture in self.project.list("input-cameras", "captures"):
+            with self.reading.at(capture.where):
+                every = list(capture.need("cameras").list())
+                used = [c for c in every if not poses or c.need("id").integer() in poses]
+                if len(used) > 1 and not self.apart:
+                    what = "a capture of several cameras (a rig) is read with rigs='apart' only"
+                    raise capture.fail(what)
+                for camera in used:
+                    self._photo(camera, poses, listed)
+
+    def _sensor(self, ident: int, given: Node, node: Node) -> None:
+        size = given.need("image_size_px").numbers(2)
+        internals = node.need("internals")
+        kind = internals.need("type")
+        if kind.text() != "perspective":
+            raise kind.fail(f"a {kind.text()} camera cannot be read; valid: perspective")
+        column, row = internals.need("principal_point_px").numbers(2)
+        k1, k2, k3 = internals.need("radial_distortion").numbers(3)
+        t1, t2 = internals.need("tangential_distortion").numbers(2)
+        focal = internals.need("focal_length_px").number(positive=True)
+        values = {"c": focal, "x0": column, "y0": -row, "k1": k1, "k2": k2, "k3": k3}
+        values |= {"p1": t2, "p2": -t1}
+        label = given.get("name")
+        name = f"sensor {ident}" if label is None else label.text()
+        name = name if name not in self.network.cameras else f"{name} ({ident})"
+        self.sensors[ident] = name
+        free = FREE if self.free else ()
+        sides = (size[0], size[1])
+        add_pixel_camera(self.network, name, NormalisedLens(), values, size=sides, free=free)
+
+    def _photo(self, camera: Node, poses: Mapping[int, Node], listed: Mapping[int, str]) -> None:
+        ident = camera.need("id").integer()
+        sensor = camera.need("sensor_id")
+        if sensor.integer() not in self.sensors:
+            if not self.reading.problems:
+                raise sensor.fail(f"unknown sensor {sensor.integer()}")
+            return
+        name = listed.get(ident, f"camera {ident}")
+        name = name if name not in self.network.photos else f"{name} ({ident})"
+        pose = poses.get(ident)
+        position, angles = None, None
+        if pose is not None:
+            shutter = pose.get("rolling_shutter")
+            if shutter is not None and any(shutter.numbers(3)):
+                raise shutter.fail("a rolling shutter cannot be read; valid: photos with one pose")
+            position = pose.need("position").numbers(3)
+            angles = np.deg2rad(pose.need("orientation_deg").numbers(3)).tolist()
+        self.network.add_photo(
+            name, self.sensors[sensor.integer()], position=position, omega_phi_kappa=angles
+        )
+        self.names[ident] = name
+
+
+def _positions(
+    project: OpfProject, network: Network, reading: Reading, photos: Mapping[int, str]
+) -> None:
+    """Observe the projection centres of reference cameras by the positions of captures."""
+    reference = {
+        n.need("id").integer(): n.need("reference_camera_id").integer()
+        for n in project.list("input-cameras", "captures")
+    }
+    for capture in project.list("projected-input-cameras", "captures"):
+        with reading.at(capture.where):
+            place = capture.get("geolocation")
+            photo = photos.get(reference.get(capture.need("id").integer(), -1))
+            if place is None or photo is None:
+                continue
+            if "gps-bias" in project.resources:
+                what = "positions have a bias (gps_bias) that cannot be read"
+                raise capture.fail(f"{what}: read with positions='leave out'")
+            value, sigma = place.need("position").numbers(3), place.need("sigmas").numbers(3)
+            network.add(PhotoPosition(photo, value, sigma=sigma, source=place.where))
+
+
+def _to_processing(project: OpfProject, place: Node) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return coordinates and standard deviations of a geolocation in the processing system.
+
+    Raises:
+        InputError: its system is not the base system of the scene.
+    """
+    frame = project.need("scene-reference-frame")
+    base, own = frame.need("crs").need("definition"), place.need("crs").need("definition")
+    if "".join(base.text().split()) != "".join(own.text().split()):
+        what = "coordinates in another system than that of the scene need projected_control_points"
+        raise own.fail(what)
+    how = frame.need("base_to_canonical")
+    scale = np.array(how.need("scale").numbers(3))
+    xyz = scale * place.need("coordinates").numbers(3)
+    sigma = np.abs(scale) * place.need("sigmas").numbers(3)
+    if how.need("swap_xy").truth():
+        xyz, sigma = xyz[[1, 0, 2]], sigma[[1, 0, 2]]
+    xyz = xyz + how.need("shift").numbers(3)
+    return tuple(xyz.tolist()), tuple(sigma.tolist())
+
+
+def _control(
+    project: OpfProject,
+    network: Network,
+    reading: Reading,
+    images: ImagePoints,
+    photos: Mapping[int, str],
+    sigma_px: float,
+) -> None:
+    """Add control points, check points and manual tie points, and gather their marks."""
+    projected = {
+        n.need("id").text(): n for n in project.list("projected-control-points", "projected_gcps")
+    }
+    found = {
+        n.need("id").text(): n.need("coordinates").numbers(3)
+        for n in project.list("calibrated-control-points", "points")
+    }
+    for node in project.list("input-control-points", "gcps"):
+        with reading.at(node.where):
+            name = node.need("id").text()
+            if name in projected:
+                own = projected[name]
+                at, sigma = own.need("coordinates").numbers(3), own.need("sigmas").numbers(3)
+            else:
+                at, sigma = _to_processing(project, node.need("geolocation"))
+            if node.need("is_checkpoint").truth():
+                network.add_point(name, found.get(name), check=at)
+            else:
+                network.add_point(name, at)
+                network.add(ControlPoint(name, at, sigma=sigma, source=node.where))
+            _marks(node, name, reading, images, photos, sigma_px)
+    for node in project.list("input-control-points", "mtps"):
+        with reading.at(node.where):
+            name = node.need("id").text()
+            if node.need("is_checkpoint").truth():
+                continue
+            network.add_point(name, found.get(name))
+            _marks(node, name, reading, images, photos, sigma_px)
+
+
+def _marks(
+    node: Node,
+    name: str,
+    reading: Reading,
+    images: ImagePoints,
+    photos: Mapping[int, str],
+    sigma_px: float,
+) -> None:
+    for mark in node.need("marks").list():
+        with reading.at(mark.where):
+            photo = photos.get(mark.need("camera_id").integer())
+            column, row = mark.need("position_px").numbers(2)
+            sigma = sigma_px * mark.need("accuracy").number(positive=True)
+            if photo is not None:  # a camera that is not calibrated has no photo
+                images.add(photo, name, (column, -row), (sigma,), mark.where)
+
+
+def _constraints(project: OpfProject, network: Network, reading: Reading) -> None:
+    """Add scale constraints as distances and orientation constraints as directions."""
+    for node in project.list("constraints", "scale_constraints"):
+        with reading.at(node.where):
+            network.add(
+                SlopeDistance(
+                    node.need("id_from").text(),
+                    node.need("id_to").text(),
+                    node.need("distance").number(positive=True),
+                    sigma=node.need("sigma").number(positive=True),
+                    id=_ident(node, network),
+                    source=node.where,
+                )
+            )
+    for node in project.list("constraints", "orientation_constraints"):
+        with reading.at(node.where):
+            ux, uy, uz = node.need("unit_vector").numbers(3)
+            network.add(
+                PointDirection(
+                    node.need("id_from").text(),
+                    node.need("id_to").text(),
+                    ux,
+                    uy,
+                    uz,
+                    sigma=float(np.deg2rad(node.need("sigma_deg").number(positive=True))),
+                    id=_ident(node, network),
+                    source=node.where,
+                )
+            )
+
+
+def _ident(node: Node, network: Network) -> str | None:
+    name = node.need("id").text()
+    return None if name in network.observations else name
+
+
+def _ties(
+    project: OpfProject,
+    network: Network,
+    reading: Reading,
+    images: ImagePoints,
+    photos: Mapping[int, str],
+    sigma_px: float,
+) -> None:
+    """Add the tie points that two photos see at least, and gather their image points."""
+    begin = 0
+    for path in project.clouds:
+        with reading.at(path.name):
+            for cloud in read_cloud(path):
+                known = np.array([c in photos for c in cloud.camera], dtype=bool)
+                count = np.bincount(cloud.point[known], minlength=len(cloud.points))
+                used = count >= 2
+                names = [f"{TIE}{begin + i}" for i in np.flatnonzero(used).tolist()]
+                network.add_points(names, cloud.points[used])
+                kept = np.flatnonzero(known & used[cloud.point])
+                for i in kept.tolist():
+                    column, row = cloud.pixel[i]
+                    name = f"{TIE}{begin + int(cloud.point[i])}"
+                    photo = photos[cloud.camera[i]]
+                    images.add(photo, name, (column, -row), (sigma_px,), cloud.name)
+                begin += len(cloud.points)

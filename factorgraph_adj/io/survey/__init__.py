@@ -1,0 +1,1 @@
+"""Field books, and files of programs for survey networks."""

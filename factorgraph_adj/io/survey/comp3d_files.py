@@ -1,0 +1,172 @@
+"""Files of Comp3D: lines of words with comments, in files that name other files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError, Problem
+from ..collected import LinesOfFile
+
+DEEPEST = 8
+"""Largest depth of files in files."""
+BESIDE = ("", "origin")
+"""Folders, from that of a file, in which the files lie that it names."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a file that is not empty."""
+
+    file: LinesOfFile
+    """The file, which collects the problems."""
+    number: int
+    """Its number, from 1."""
+    words: list[str]
+    """Its words, without the comment behind an asterisk."""
+
+    @property
+    def source(self) -> str:
+        """File and line."""
+        return self.file.place(self.number)
+
+    def wrong(self, what: str) -> None:
+        """Note a problem."""
+        self.file.add(self.number, what)
+
+    def number_at(self, at: int, name: str, **bounds: Any) -> float:
+        """Return a word as a number; NaN, and a problem, if it is none."""
+        if at >= len(self.words):
+            self.wrong(f"has no {name} (word {at + 1})")
+            return float("nan")
+        return self.file.number(self.number, name, self.words[at], **bounds)
+
+    def attempt(self, make: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
+        """Return what a function makes; note its problems here, and return None."""
+        return self.file.attempt(self.number, make, *arguments, **options)
+
+
+class Comp3dFiles:
+    """The files of a project that have been read so far."""
+
+    def __init__(self) -> None:
+        """Start without files."""
+        self.files: list[LinesOfFile] = []
+
+    def open(self, path: Path) -> LinesOfFile:
+        """Read a file; its problems are among those that `raise_all` raises."""
+        file = LinesOfFile(path, latin=True)
+        self.files.append(file)
+        return file
+
+    def lines(self, path: Path, depth: int = 0) -> Iterator[Line]:
+        """Iterate over the lines of a file and of the files that lines ``@file`` name."""
+        file = self.open(path)
+        for number, text in file.numbered():
+            words = text.split("*")[0].split()
+            if not words:
+                continue
+            line = Line(file, number, words)
+            if words[0].startswith("@"):
+                inner = self.beside(line, words[0])
+                if depth >= DEEPEST:
+                    line.wrong(f"is a file in more than {DEEPEST} files, or in itself")
+                elif inner is not None:
+                    yield from self.lines(inner, depth + 1)
+                continue
+            yield line
+
+    def beside(self, line: Line, word: str) -> Path | None:
+        """Return the path of a file that a line names; note a problem where there is none."""
+        name = word.removeprefix("@")
+        if not name or "\\" in name or Path(name).is_absolute() or ".." in Path(name).parts:
+            line.wrong(f"must name a file beside this one as @file, not {word[:40]!r}")
+            return None
+        for folder in BESIDE:
+            found = line.file.path.parent / folder / name
+            if found.is_file():
+                return found
+        line.wrong(f"names the file {name[:60]!r}, which is not beside this one")
+        return None
+
+    def raise_all(self) -> None:
+        """Raise InputError with the problems of all files, if there are any."""
+        problems: list[Problem] = []
+        for file in self.files:
+            try:
+                file.raise_all()
+            except InputError as error:
+                problems += error.problems
+        if problems:
+            raise InputError(problems)
+
+
+@dataclass(frozen=True)
+class Comp3dProject:
+    """What a project file (.comp) says."""
+
+    points: Path
+    """File of points."""
+    observations: Path
+    """File of observations."""
+    latitude: float
+    """Latitude of the centre, degrees."""
+    centre: tuple[float, float]
+    """X and Y of the centre, metres."""
+    refraction: float
+    """Refraction coefficient."""
+    covariance: Path | None
+    """File of the covariance of weighted coordinates."""
+
+
+def read_project(path: Path) -> Comp3dProject:
+    """Read a project file: JSON behind ``data=``.
+
+    Raises:
+        InputError: the file is no such file, has a map projection, or lacks something.
+    """
+    file = LinesOfFile(path, latin=True)
+    text = "\n".join(file.lines)
+    begin = text.find("{")
+    try:
+        found = json.loads(text[begin:]) if begin >= 0 else None
+        config = found["config"] if isinstance(found, dict) else None
+    except (ValueError, KeyError, RecursionError) as error:
+        raise InputError(Problem(f"is not a project of Comp3D: {error}", path.name)) from None
+    if not isinstance(config, dict):
+        raise InputError(Problem("is not a project of Comp3D: it has no config", path.name))
+    if config.get("use_proj"):
+        what = (
+            f"the project is in the projection {config.get('proj_def')!r}; only local projects "
+            "are read: transform the points to east, north, up first"
+        )
+        file.add(0, what)
+    if config.get("internal_constraints"):
+        file.add(0, "internal constraints are not read: give datum='free' to the network")
+    names = {}
+    for key in ("root_COR_file", "root_OBS_file", "coord_cov_file"):
+        name = config.get(key) or ""
+        if not isinstance(name, str) or Path(name).is_absolute() or ".." in Path(name).parts:
+            file.add(0, f"{key} must name a file beside this one, not {name!r}")
+        elif key != "coord_cov_file" and not (name and (path.parent / name).is_file()):
+            file.add(0, f"{key} names the file {name!r}, which is not beside this one")
+        names[key] = str(name)
+    numbers = [file.number(0, k, str(config.get(k))) for k in ("center_latitude", "refraction")]
+    centre = config.get("local_center") or [0.0, 0.0]
+    if not isinstance(centre, list) or len(centre) < 2:
+        file.add(0, "local_center must be two numbers")
+        centre = [0.0, 0.0]
+    x, y = (file.number(0, "local_center", str(v)) for v in centre[:2])
+    file.raise_all()
+    covariance = names["coord_cov_file"]
+    return Comp3dProject(
+        path.parent / names["root_COR_file"],
+        path.parent / names["root_OBS_file"],
+        numbers[0],
+        (x, y),
+        numbers[1],
+        path.parent / covariance if covariance else None,
+    )

@@ -1,0 +1,291 @@
+"""The input of LGC2: lines, frames in frames, points, instruments and blocks of observations."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, field
+from typing import NoReturn
+
+import numpy as np
+
+from ...errors import InputError, Problem, known
+from ...rotation import exp_rotation
+from ...types import Array
+from ...units import GON
+from ..collected import LARGEST, LinesOfFile, parse_number
+from .lgc2_earth import Earth
+
+IGNORED = ("PREC", "PUNC", "FAUT", "END", "V0", "INSTR")
+"""Keywords of printing and of program control: they do not change the network."""
+POINTS = {"CALA": "xyz", "POIN": "", "VXY": "z", "VXZ": "y", "VZ": "xy"}
+"""Components that are held, by the keyword of the block of points."""
+INSTRUMENTS = ("POLAR", "EDM", "SCALE", "CAMD", "HLSR", "WPSR", "INCL")
+AT_STATION = ("ANGL", "ZEND", "DIST", "ECTH", "UVEC", "UVD")
+"""Blocks of a station, whose name and instrument stand in the block of the station."""
+ALONE = ("ECVE", "ECSP", "DSPT", "ECWI", "ECWS", "INCLY", "ROLLY", "OBSXYZ", "PDOR")
+STATIONS = ("TSTN", "CAM")
+FREE = ("TX", "TY", "TZ", "RX", "RY", "RZ")
+"""Components of a frame that may be free."""
+DEEPEST = 50
+"""Largest depth of frames in frames."""
+
+
+class Row:
+    """The words of a line, or a part of them; every method raises InputError with the line."""
+
+    def __init__(self, file: LinesOfFile, line: int, words: list[str]) -> None:
+        """Take the words of a line."""
+        self.file = file
+        self.line = line
+        self.words = words
+
+    def wrong(self, what: str) -> NoReturn:
+        """Raise a problem of the line."""
+        raise InputError(Problem(what, self.file.place(self.line)))
+
+    def word(self, at: int, name: str) -> str:
+        """Return a word."""
+        if at >= len(self.words):
+            self.wrong(f"needs {name} as word {at + 1}, but has {len(self.words)} words")
+        return self.words[at]
+
+    def number(self, at: int, name: str = "a number") -> float:
+        """Return a word as a number of moderate size."""
+        text = self.word(at, name)
+        value = parse_number(text)
+        if not abs(value) <= LARGEST:
+            self.wrong(f"{name} must be a number up to {LARGEST:g}, not {text[:40]!r}")
+        return value
+
+    def numbers(self, begin: int, count: int, name: str = "a number") -> list[float]:
+        """Return consecutive words as numbers."""
+        return [self.number(i, name) for i in range(begin, begin + count)]
+
+    def options(self, begin: int, valid: tuple[str, ...]) -> dict[str, str]:
+        """Return the options behind the words of a reading, word and value each; ID is a name."""
+        rest = self.words[begin:]
+        found = dict(zip(rest[::2], rest[1::2], strict=False))
+        unknown = [k for k in found if k not in (*valid, "ID")]
+        if unknown or len(rest) % 2:
+            self.wrong(
+                f"options {' '.join(rest)[:60]!r} are not read; valid: {known((*valid, 'ID'))}"
+            )
+        return found
+
+    def behind(self, begin: int) -> Row:
+        """Return the row without its first words."""
+        return Row(self.file, self.line, self.words[begin:])
+
+
+@dataclass
+class Node:
+    """A frame of the input, or its root."""
+
+    name: str
+    """Name."""
+    parent: Node | None
+    """The frame in which it is stated; none: it is the root."""
+    rotation: Array
+    """Rotation (3, 3) from the frame to its parent."""
+    translation: Array
+    """Its origin in the parent, (3,), metres."""
+    free: tuple[str, ...] = ()
+    """Components that are free, of `FREE`."""
+    row: Row | None = None
+    """Where it stands."""
+
+    @property
+    def joined(self) -> bool:
+        """Whether it is but a further rotation of the free frame around it."""
+        p = self.parent
+        rotates = bool(self.free) and all(f.startswith("R") for f in self.free)
+        return bool(rotates and p is not None and p.free and not self.translation.any())
+
+    def body(self) -> Node | None:
+        """Return the free frame to which it is fixed; None: it is fixed to the root."""
+        if self.free:
+            return self
+        return None if self.parent is None else self.parent.body()
+
+    def to(self, other: Node | None) -> tuple[Array, Array]:
+        """Return rotation and translation from here to an outer frame; None: the root."""
+        if self is other or self.parent is None:
+            return np.eye(3), np.zeros(3)
+        r, t = self.parent.to(other)
+        return r @ self.rotation, r @ self.translation + t
+
+    def wrong(self, what: str) -> NoReturn:
+        """Raise a problem of the line of the frame."""
+        where = "" if self.row is None else self.row.file.place(self.row.line)
+        raise InputError(Problem(f"frame {self.name}: {what}", where))
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block of observations."""
+
+    key: str
+    """Keyword, without asterisk."""
+    head: Row
+    """Words behind the keyword; of blocks at a station, its name and instrument before them."""
+    node: Node
+    """The frame in which it stands."""
+    rows: list[Row]
+    """Its lines."""
+
+
+@dataclass(frozen=True)
+class StatedPoint:
+    """A point of the input."""
+
+    node: Node
+    """The frame in which it stands."""
+    at: Array
+    """Coordinates in that frame, (3,), metres; those of the root are cartesian."""
+    kind: str
+    """Keyword of its block, of `POINTS`."""
+    row: Row
+    """Where it stands."""
+
+
+def turned(omega: float, phi: float, kappa: float) -> Array:
+    """Return Rx(−ω) Ry(−φ) Rz(−κ), (3, 3), from a frame to its parent; angles in radians."""
+    x, y, z = exp_rotation(np.diag([-omega, -phi, -kappa]))
+    return np.asarray(x @ y @ z)
+
+
+@dataclass
+class Lgc2Input:
+    """Everything that an input says."""
+
+    file: LinesOfFile
+    """The file."""
+    earth: Earth = field(default_factory=lambda: Earth("OLOC"))
+    """Model of the earth."""
+    root: Node = field(default_factory=lambda: Node("ROOT", None, np.eye(3), np.zeros(3)))
+    """The root of the frames."""
+    nodes: list[Node] = field(default_factory=list)
+    """Frames, outer ones before inner ones."""
+    points: dict[str, StatedPoint] = field(default_factory=dict)
+    """Points by name."""
+    instruments: dict[str, list[Row]] = field(default_factory=dict)
+    """Instruments by name: the words behind the keyword, then the lines of their targets."""
+    blocks: list[Block] = field(default_factory=list)
+    """Blocks of observations."""
+
+    def __post_init__(self) -> None:
+        """Read the lines; problems are noted in the file."""
+        self._node = self.root
+        self._section = ""
+        self._rows: list[Row] = []
+        self._station = Row(self.file, 0, [])
+        self._depth = 0
+        for row in self._lines():
+            try:
+                if row.words[0].startswith("*"):
+                    self._keyword(row)
+                else:
+                    self._rows.append(row)
+                    if self._section in POINTS:
+                        self._point(row)
+                    elif self._section in ("", "FRAME", "ENDFRAME", *IGNORED):
+                        row.wrong("a line without a keyword (*WORD) before it")
+            except InputError as error:
+                self.file.problems += error.problems
+        if self._node is not self.root:
+            self.file.add(0, f"frame {self._node.name} has no *ENDFRAME")
+
+    def _lines(self) -> list[Row]:
+        """Return the lines that say something: without comments (%, $) and the title."""
+        rows = []
+        title = False
+        for number, text in self.file.numbered():
+            line = text.split("%")[0].split("$")[0].strip()
+            if title and not line.startswith("*"):
+                continue
+            title = line.upper().startswith("*TITR")
+            words = re.sub(r"^\*\s+", "*", line).split()
+            if words and not title:
+                rows.append(Row(self.file, number, words))
+        return rows
+
+    def _keyword(self, row: Row) -> None:
+        key = row.words[0].lstrip("*").upper()
+        rest = row.behind(1)
+        rows: list[Row] = []
+        self._rows, self._section = rows, key
+        if key in ("OLOC", "SPHE", "LEP"):
+            self.earth = Earth(key)
+        elif key == "RS2K":
+            row.wrong("*RS2K: the grid of the geoid of 2000 is not here; valid: *OLOC, *SPHE, *LEP")
+        elif key == "FRAME":
+            self._node = self._frame(rest)
+        elif key == "ENDFRAME":
+            if self._node.parent is None:
+                row.wrong("*ENDFRAME ends no frame")
+            self._node = self._node.parent
+        elif key in INSTRUMENTS:
+            name = rest.word(0, "the name of the instrument")
+            if name in self.instruments:
+                row.wrong(f"instrument {name[:40]!r} stands there already")
+            rows.append(rest)
+            self.instruments[name] = rows
+        elif key in STATIONS:
+            self._station = rest
+            self.blocks.append(Block(key, rest, self._node, rows))
+        elif key in AT_STATION or key in ALONE:
+            at_station = key in AT_STATION
+            if key == "ECSP" and len(rest.words) == 3:
+                at_station = not math.isnan(parse_number(rest.words[0]))
+            if at_station:
+                if len(self._station.words) < 2:
+                    row.wrong(f"*{key} needs a station with an instrument before it")
+                rest = Row(self.file, row.line, [*self._station.words[:2], *rest.words])
+            self.blocks.append(Block(key, rest, self._node, rows))
+        elif key not in IGNORED and key not in POINTS:
+            valid = known(
+                (*POINTS, *INSTRUMENTS, *STATIONS, *AT_STATION, *ALONE), meant=key, most=60
+            )
+            row.wrong(f"*{key[:20]} is not understood; valid: {valid}")
+
+    def _frame(self, row: Row) -> Node:
+        name = row.word(0, "the name of the frame")
+        self._depth += 1
+        # A frame that is wrong is kept, so that its *ENDFRAME ends it.
+        node = Node(name, self._node, np.eye(3), np.zeros(3), (), row)
+        if name in [n.name for n in self.nodes] or name == self.root.name:
+            self.file.add(row.line, f"second frame {name[:40]!r}")
+        depth, outer = 0, self._node
+        while outer.parent is not None:
+            depth, outer = depth + 1, outer.parent
+        if depth > DEEPEST:
+            row.wrong(f"frames are nested deeper than {DEEPEST}")
+        try:
+            t, scale = row.numbers(1, 6), row.number(7, "the scale")
+            free = tuple(f.upper() for f in row.words[8:])
+            if scale != 1.0 or not set(free) <= set(FREE):
+                row.wrong(f"frame {name}: scale {scale:g}, free {' '.join(free)[:40]}: valid are "
+                          f"a scale of 1 and some of {', '.join(FREE)}")  # fmt: skip
+            node.rotation = turned(*(a * GON for a in t[3:]))
+            node.translation, node.free = np.array(t[:3]), free
+        except InputError as error:
+            self.file.problems += error.problems
+        self.nodes.append(node)
+        return node
+
+    def _point(self, row: Row) -> None:
+        name = row.words[0]
+        if len(row.words) < 4:
+            row.wrong("a point has a name and three coordinates")
+        x = np.array(row.numbers(1, 3, "a coordinate"))
+        row.options(4, ())
+        if name in self.points:
+            row.wrong(f"point {name[:40]!r} stands in line {self.points[name].row.line} already")
+        if self._node is self.root:
+            x = self.earth.place(*x.tolist())
+        elif self._section not in ("CALA", "POIN"):
+            row.wrong(f"*{self._section} in a frame; valid there: *CALA, *POIN")
+        if not np.isfinite(x).all():
+            row.wrong("the place is not near the earth")
+        self.points[name] = StatedPoint(self._node, x, self._section, row)

@@ -1,0 +1,274 @@
+"""OpenSfM and ODM: formulas of their documentation, and a block of known truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.approximate import approximate
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.graph.equations import compile_network
+from factorgraph_adj.rotation import log_rotation
+from tests.networks.pixel_block import projected
+
+LATITUDE, LONGITUDE, HEIGHT = 52.5, 13.4, 40.0
+W, H = 4000, 3000
+BROWN = {
+    "projection_type": "brown",
+    "width": W,
+    "height": H,
+    **{"focal_x": 0.85, "focal_y": 0.86, "c_x": 0.01, "c_y": -0.02},
+    **{"k1": -0.05, "k2": 0.02, "k3": -0.004, "p1": 1e-3, "p2": -2e-3},
+}
+CENTRES = np.array([(0.0, 0.0, 60.0), (12.0, 1.0, 61.0), (2.0, 14.0, 59.0), (13.0, 12.0, 62.0)])
+TURNS = np.array([(3.1, 0.1, 0.05), (3.0, 0.3, -0.1), (0.1, 3.1, 0.2), (2.9, -0.4, 0.1)])
+POINTS = np.array([(x, y, 0.05 * x * y - 1) for x in (-9.0, 5.0, 20.0) for y in (-8.0, 6.0, 18.0)])
+
+
+def camera_R_world(vector: np.ndarray) -> np.ndarray:
+    """Return the rotation of a rotation vector by Rodrigues' formula."""
+    angle = np.linalg.norm(vector)
+    x, y, z = vector / angle
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+def normalised(shot: int, points: np.ndarray, camera: dict = BROWN) -> np.ndarray:
+    """Return normalised image coordinates by the formula of OpenSfM's geometry.rst."""
+    rotation = camera_R_world(TURNS[shot])
+    q = (points - CENTRES[shot]) @ rotation.T
+    x, y = q[:, 0] / q[:, 2], q[:, 1] / q[:, 2]
+    r2 = x * x + y * y
+    d = 1 + camera["k1"] * r2 + camera["k2"] * r2**2 + camera["k3"] * r2**3
+    p1, p2 = camera["p1"], camera["p2"]
+    u = camera["focal_x"] * (x * d + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)) + camera["c_x"]
+    v = camera["focal_y"] * (y * d + 2 * p2 * x * y + p1 * (r2 + 2 * y * y)) + camera["c_y"]
+    return np.stack([u, v], 1)
+
+
+def geographic(points: np.ndarray) -> np.ndarray:
+    """Return longitude, latitude (degrees) and height of topocentric points."""
+    frame = fga.TopocentricFrame(np.deg2rad(LATITUDE), np.deg2rad(LONGITUDE), HEIGHT, "WGS84")
+    latitude, longitude, height = frame.geodetic(points)
+    return np.stack([np.rad2deg(longitude), np.rad2deg(latitude), height], 1)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A reconstruction whose first four points are surveyed too, and a fifth is a check point."""
+    rng = np.random.default_rng(11)
+    shots = {
+        f"{i}.jpg": {
+            "rotation": TURNS[i].tolist(),
+            "translation": (-camera_R_world(TURNS[i]) @ CENTRES[i]).tolist(),
+            "camera": "cam",
+            "gps_position": (CENTRES[i] + 1.0).tolist(),
+            "gps_dop": 5.0,
+        }
+        for i in range(4)
+    }
+    points = {str(i): {"coordinates": p.tolist(), "color": [1, 2, 3]} for i, p in enumerate(POINTS)}
+    document = [{"cameras": {"cam": BROWN}, "shots": shots, "points": points}]
+    (tmp_path / "reconstruction.json").write_text(json.dumps(document, indent=1))
+    origin = {"latitude": LATITUDE, "longitude": LONGITUDE, "altitude": HEIGHT}
+    (tmp_path / "reference_lla.json").write_text(json.dumps(origin))
+    rows = ["OPENSFM_TRACKS_VERSION_v2"]
+    ground = ["WGS84"]
+    for i in range(4):
+        seen = normalised(i, POINTS) + rng.normal(0, 0.5 / W, (len(POINTS), 2))
+        for j, (x, y) in enumerate(seen.tolist()):
+            rows.append(f"{i}.jpg\t{j}\t{j}\t{x!r}\t{y!r}\t0.001\t1\t2\t3\t-1\t-1")
+        rows.append(f"{i}.jpg\t999\t77\t0.1\t0.1\t0.001\t1\t2\t3\t-1\t-1")  # no point
+        for j, (lon, lat, h) in enumerate(geographic(POINTS[:5] + 0.5).tolist()):
+            u, v = normalised(i, POINTS[j : j + 1] + 0.5)[0].tolist()
+            column, row = u * W + (W - 1) / 2, v * W + (H - 1) / 2
+            name = f"CHK-{j}" if j == 4 else f"G{j}"
+            ground.append(f"{lon!r} {lat!r} {h!r} {column!r} {row!r} {i}.jpg {name}")
+    (tmp_path / "tracks.csv").write_text("\n".join(rows) + "\n")
+    (tmp_path / "gcp_list.txt").write_text("\n".join(ground) + "\n")
+    return tmp_path
+
+
+def test_image_points_are_those_of_the_formulas_of_opensfm(folder: Path) -> None:
+    """Ground control has no noise: pixel conventions and p1, p2 agree to 1e-6 px."""
+    network = fga.read(folder / "reconstruction.json")
+    equations = compile_network(network)
+    v = equations.residuals(approximate(equations))
+    block = next(b for b in equations.blocks if b.kind == "image")
+    of_ground = [k for k, i in enumerate(block.ids) if "tie" not in i]
+    assert len(of_ground) == 20
+    assert np.abs(v[block.rows].reshape(-1, 2)[of_ground]).max() < 1e-6
+    assert np.abs(v[block.rows]).max() < 3.0
+
+
+def test_a_fisheye_is_read(folder: Path) -> None:
+    """u = f θ (1 + k1 θ² + k2 θ⁴) x/ρ, of OpenSfM's geometry.rst."""
+    text = (folder / "reconstruction.json").read_text()
+    document = json.loads(text)
+    camera = {"projection_type": "fisheye", "width": W, "height": H, "focal": 0.5}
+    document[0]["cameras"]["cam"] = camera | {"k1": -0.1, "k2": 0.03}
+    (folder / "reconstruction.json").write_text(json.dumps(document))
+    (folder / "gcp_list.txt").unlink()
+    network = fga.read(folder / "reconstruction.json")
+    q = (POINTS - CENTRES[0]) @ camera_R_world(TURNS[0]).T
+    rho = np.hypot(q[:, 0], q[:, 1])
+    theta = np.arctan2(rho, q[:, 2])
+    scale = W * 0.5 * theta * (1 - 0.1 * theta**2 + 0.03 * theta**4) / rho
+    expected = np.stack([W / 2 + scale * q[:, 0], -H / 2 - scale * q[:, 1]], 1)
+    ours = projected(network, list(network.points))["0.jpg"]
+    assert ours == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_reconstruction_with_ground_control_is_adjusted(folder: Path) -> None:
+    network = fga.read(folder / "reconstruction.json")
+    assert len([n for n in network.points if n.startswith("tie ")]) == 9
+    assert network.n_image_points == 4 * 9 + 4 * 5
+    check = network.points["CHK-4"]
+    assert check.check == pytest.approx(POINTS[4] + 0.5, abs=1e-6)
+    control = [o for o in network.observations.values() if o.kind == "control"]
+    assert len(control) == 4 and control[0].source == "gcp_list.txt:2"
+    solution = fga.adjust(network)
+    assert solution.converged
+    assert solution.point("CHK-4") == pytest.approx(POINTS[4] + 0.5, abs=0.05)
+
+
+def test_parameters_that_opensfm_estimates_are_unknown(folder: Path) -> None:
+    camera = fga.read(folder / "reconstruction.json").cameras["cam"]
+    free = {n for n, held in zip(camera.lens.names, camera.fixed, strict=True) if not held}
+    assert free == {"c", "x0", "y0", "k1", "k2", "k3", "p1", "p2", "b1"}
+    held = fga.read(folder / "reconstruction.json", calibration="held").cameras["cam"]
+    assert all(held.fixed)
+
+
+def test_positions_are_observed_where_it_is_asked_for(folder: Path) -> None:
+    network = fga.read(folder / "reconstruction.json", gps="observe")
+    observed = [o for o in network.observations.values() if o.kind == "photo_position"]
+    assert len(observed) == 4
+    assert isinstance(observed[0], fga.PhotoPosition)
+    assert observed[0].sigma == (5.0, 5.0, 10.0)
+
+
+def test_rigs_place_shots_by_instance_and_rig_camera(folder: Path) -> None:
+    """A shot's pose is that of its rig camera after that of the instance."""
+    document = json.loads((folder / "reconstruction.json").read_text())
+    first = document[0]["shots"]["0.jpg"]
+    rotation, translation = first.pop("rotation"), np.array(first.pop("translation"))
+    inner, shift = np.array((0.1, -0.2, 0.3)), np.array((0.5, 0.1, -0.2))
+    outer = camera_R_world(inner).T @ camera_R_world(np.array(rotation))
+    document[0]["rig_cameras"] = {
+        "side": {"rotation": inner.tolist(), "translation": shift.tolist()}
+    }
+    document[0]["rig_instances"] = {
+        "0": {
+            "rotation": np.ravel(log_rotation(outer[None])).tolist(),
+            "translation": (camera_R_world(inner).T @ (translation - shift)).tolist(),
+            "rig_camera_ids": {"0.jpg": "side"},
+        }
+    }
+    (folder / "reconstruction.json").write_text(json.dumps(document))
+    photo = fga.read(folder / "reconstruction.json").photos["0.jpg"]
+    assert photo.position == pytest.approx(CENTRES[0], abs=1e-9)
+    assert np.asarray(photo.rotation) == pytest.approx(camera_R_world(TURNS[0]).T, abs=1e-12)
+
+
+def test_ground_control_of_json_is_normalised(folder: Path) -> None:
+    (folder / "gcp_list.txt").unlink()
+    lon, lat, h = geographic(POINTS[:1] + 0.5)[0].tolist()
+    marks = [
+        {"shot_id": f"{i}.jpg", "projection": normalised(i, POINTS[:1] + 0.5)[0].tolist()}
+        for i in range(4)
+    ]
+    position = {"latitude": lat, "longitude": lon, "altitude": h}
+    points = [{"id": "0", "position": position, "observations": marks}]
+    points.append({"id": "free", "observations": marks[:2]})
+    path = folder / "ground_control_points.json"
+    path.write_text(json.dumps({"points": points}, indent=1))
+    network = fga.read(folder / "reconstruction.json")
+    assert network.points["0"].coordinates == pytest.approx(POINTS[0] + 0.5, abs=1e-6)
+    equations = compile_network(network)
+    v = equations.residuals(approximate(equations))
+    block = next(b for b in equations.blocks if b.kind == "image")
+    row = list(block.ids).index("2.jpg/0")
+    assert np.abs(v[block.rows].reshape(-1, 2)[row]).max() < 1e-6
+    del position["altitude"]
+    path.write_text(json.dumps({"points": points}, indent=1))
+    control = next(iter(fga.read(folder / "reconstruction.json").observations.values()))
+    assert isinstance(control, fga.ControlPoint) and control.axes == "en"
+
+
+def test_the_largest_reconstruction_is_read_or_the_one_asked_for(folder: Path) -> None:
+    document = json.loads((folder / "reconstruction.json").read_text())
+    small = {"cameras": {"cam": BROWN}, "shots": {}, "points": {}}
+    (folder / "reconstruction.json").write_text(json.dumps([small, *document]))
+    assert len(fga.read(folder / "reconstruction.json").photos) == 4
+    assert not fga.read(folder / "reconstruction.json", reconstruction=0).photos
+    with pytest.raises(InputError, match="has no reconstruction 2; valid: 0 to 1"):
+        fga.read(folder / "reconstruction.json", reconstruction=2)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"brown"', '"dual"', r"reconstruction\.json:5: projection 'dual' cannot be read"),
+        ('"focal_x": 0.85', '"focal_x": -1', r"focal_x must be greater than zero, not -1"),
+        ('"k1": -0.05', '"k9": 1', r"unknown parameter 'k9' of brown"),
+        ('"camera": "cam"', '"camera": "came"', r"unknown camera 'came'"),
+        ('"k3": -0.004', '"k3": NaN', r"NaN is not a finite number"),
+        ('"translation"', '"translations"', r"has no 'translation'; did you mean 'translations'"),
+    ],
+)
+def test_wrong_reconstructions_are_refused(folder: Path, old: str, new: str, message: str) -> None:
+    path = folder / "reconstruction.json"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        fga.read(path)
+
+
+@pytest.mark.parametrize("system", ["WGS84 UTM 33N", "EPSG:32633", "+proj=utm +zone=33"])
+def test_ground_control_in_a_grid_is_the_same(folder: Path, system: str) -> None:
+    pytest.importorskip("pyproj")
+    from factorgraph_adj.crs.system import ReferenceSystem
+
+    network = fga.read(folder / "reconstruction.json")
+    names = ("G0", "G1", "G2", "G3")
+    at = np.array([network.points[n].coordinates for n in names])
+    grid = ReferenceSystem("EPSG:32633", heights="ellipsoidal").from_frame(network.frame, at)
+    path = folder / "gcp_list.txt"
+    rows = [r.split() for r in path.read_text().splitlines()[1:]]
+    rows = [[*map(repr, grid[names.index(r[6])].tolist()), *r[3:]] for r in rows if r[6] in names]
+    path.write_text("\n".join([system, *(" ".join(r) for r in rows)]))
+    again = fga.read(folder / "reconstruction.json")
+    for name in names:
+        expected = network.points[name].coordinates
+        assert again.points[name].coordinates == pytest.approx(expected, abs=1e-6)
+
+
+def test_an_unknown_system_of_ground_control_is_refused(folder: Path) -> None:
+    path = folder / "gcp_list.txt"
+    path.write_text(path.read_text().replace("WGS84", "UTM32", 1))
+    with pytest.raises(InputError, match=r"gcp_list\.txt:1: unknown reference system 'UTM32'"):
+        fga.read(folder / "reconstruction.json")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("13.4 52.5 40 10 20", r"gcp_list\.txt:3: a row has X Y Z column row image"),
+        ("13.4 52.5 x 10 20 0.jpg", r"gcp_list\.txt:3: row: 'x' is not a number"),
+        ("13.4 95 40 10 20 0.jpg N", r"gcp_list\.txt:3: latitude 95°"),
+        ("13.4 52.5 40 10 20 0.jpg G0", r"point 'G0' has another place"),
+    ],
+)
+def test_wrong_ground_control_is_refused(folder: Path, line: str, message: str) -> None:
+    path = folder / "gcp_list.txt"
+    rows = path.read_text().splitlines()
+    rows[2] = line
+    path.write_text("\n".join(rows))
+    with pytest.raises(InputError, match=message):
+        fga.read(folder / "reconstruction.json")

@@ -1,0 +1,230 @@
+"""Small files of photogrammetric programs, all undamaged."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+import factorgraph_adj as fga
+from tests.networks.pixel_block import pixel_block
+
+DBAT = """<?xml version="1.0"?>
+<document dbat_script_version="1.0">
+<meta><name>small</name></meta>
+<input base_dir="$HERE">
+<ctrl_pts><file format="id,label,x,y,z,sx,sy,sz">control.txt</file>
+<filter id="4">remove</filter></ctrl_pts>
+<check_pts><file format="id,label,x,y,z,sx,sy,sz">control.txt</file>
+<filter id="4">keep</filter></check_pts>
+<images><file format="id,path">images.txt</file></images>
+<prior_eo><file format="id,x,y,z,omega,phi,kappa" units="degrees">eo.txt</file></prior_eo>
+<image_pts><file format="im,id,x,y" sxy="0.5">points.txt</file></image_pts>
+<cameras><camera><id>1</id><name>cam</name><unit>mm</unit><sensor>auto,15</sensor>
+<image>2000,1500</image><focal>15</focal><cc>15</cc><pp>10.03,7.48</pp><K>1e-4,0,0</K><P>0,0</P>
+<model>3</model><skew>0</skew><aspect>1</aspect></camera></cameras>
+</input>
+<operations><operation min_rays="2">check_ray_count</operation>
+<operation><set_initial_values><io><all>loaded</all></io><eo>loaded</eo></set_initial_values>
+</operation>
+<operation><set_bundle_estimate_params><io><all>true</all><skew>false</skew><P>false</P>
+<K3>false</K3></io><eo><all>true</all></eo><op><all>default</all></op>
+</set_bundle_estimate_params></operation>
+<operation>bundle_adjustment</operation></operations>
+</document>
+"""
+BUNDLER = """# Bundle file v0.3
+3 2
+500 -0.1 0.01
+1 0 0
+0 1 0
+0 0 1
+0 0 -5
+500 0 0
+1 0 0
+0 1 0
+0 0 1
+-1 0 -5
+0 0 0
+0 0 0
+0 0 0
+0 0 0
+0 0 0
+0.5 0.25 0.1
+1 2 3
+2 0 7 50 25 1 8 -51 25
+-0.5 -0.25 0
+1 2 3
+3 0 1 -49 -25 1 2 -148 -24 2 0 3 4
+"""
+IOR = """1 -999 -28.78 0.017 0.057 -1.1e-4 1.5e-7 13.488
+0.0
+5.8e-6 -8.6e-6
+-7.0e-5 -3.1e-5
+35.968 23.979 8688 5792
+"""
+
+
+def _files(folder: Path) -> dict[str, bytes]:
+    return {f.name: f.read_bytes() for f in sorted(folder.iterdir()) if f.is_file()}
+
+
+def _rows(network: fga.Network) -> list[tuple[int, str, float, float]]:
+    """Return number of the photo, point, column and row of the image points."""
+    points = list(network.points)
+    photo, point, xy, _ = (c.tolist() for c in network.images.columns())
+    return [(f, points[p], x, -y) for f, p, (x, y) in zip(photo, point, xy, strict=True)]
+
+
+def dbat() -> dict[str, bytes]:
+    """Return a script with its tables."""
+    network = pixel_block()
+    control = [
+        f"{o.point[1:]}, {o.point}, {', '.join(map(repr, o.value))}, 0.01, 0.01, 0.02"
+        for o in network.observations.values()
+        if isinstance(o, fga.ControlPoint)
+    ]
+    control.append("4, P4, 1.0, 4.0, 0.1, 0, 0, 0")
+    eo = [f"{i + 1}, 1, {i}, 30, 1, 2, {40 * i}" for i in range(4)]
+    seen = [f"{f + 1}, {p[1:]}, {x!r}, {y!r}" for f, p, x, y in _rows(network)]
+    tables = {"control": control, "eo": eo, "points": seen}
+    tables["images"] = [f"{i + 1}, photos/{i}.jpg" for i in range(4)]
+    out = {f"{n}.txt": ("# table\n" + "\n".join(r) + "\n").encode() for n, r in tables.items()}
+    return {"script.xml": DBAT.encode(), **out}
+
+
+def aicon() -> dict[str, bytes]:
+    """Return the five files of a block."""
+    obc = [f"{i} {100 * i} {50 * (i % 3)} {10 * i} 0.01 0.01 0.01 3 1 1 0" for i in range(6)]
+    obc.append("9 1 2 3 0.1 0.1 0.1 2 0 1 0")
+    eor = [f"{i} 1 {300 * i} 20 1500 0.1 {0.2 * i} 0.3 0 300 3" for i in range(4)]
+    phc = [
+        f"{f} {p} {0.5 * p - 1.5 + 0.1 * f} {0.3 * (p % 3)} 1e-4 1e-4 0 0 1 {int(p != 5)} 1"
+        for f in range(4)
+        for p in (*range(6), 9)
+    ]
+    texts = {"ior": IOR.splitlines(), "obc": obc, "eor": eor, "phc": phc}
+    texts["scale"] = ['0 "bar" 0 3 304.1 0.01 1']
+    return {f"block.{n}": ("\n".join(rows) + "\n").encode() for n, rows in texts.items()}
+
+
+def metashape(folder: Path) -> dict[str, bytes]:
+    """Return a file of cameras and markers."""
+    fga.write_metashape(pixel_block(affine=True), folder / "cameras.xml")
+    return _files(folder)
+
+
+def ply(columns: dict[str, np.ndarray]) -> bytes:
+    """Return a binary PLY file of columns in single precision, or of whole numbers."""
+    kinds = {n: "uint" if c.dtype.kind in "iu" else "float" for n, c in columns.items()}
+    count = len(next(iter(columns.values())))
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
+    head += [f"property {kind} {name}" for name, kind in kinds.items()] + ["end_header", ""]
+    table = np.zeros(count, [(n, "<u4" if k == "uint" else "<f4") for n, k in kinds.items()])
+    for name, values in columns.items():
+        table[name] = values
+    return "\n".join(head).encode() + table.tobytes()
+
+
+def psz(folder: Path) -> dict[str, bytes]:
+    """Return an archive of Metashape in which tie points are those without control."""
+    network = pixel_block(observed=False)
+    files = metashape(folder)
+    text = files["cameras.xml"].decode()
+    text = text.replace('<chunk label="pixel block" enabled="true">', '<chunks><chunk id="0">')
+    text = text.replace("</chunk>", "</chunk></chunks>")
+    ties = [n for n in network.points if n in ("P1", "P3", "P5", "P7", "P8", "P10")]
+    cloud = ['<points path="points0.ply"/>']
+    xyz = np.array([network.points[n].coordinates for n in ties])
+    number = np.arange(len(ties))
+    members = {"points0.ply": ply(dict(zip("xyz", xyz.T, strict=True)) | {"id": number})}
+    rows = _rows(network)
+    for photo in range(4):
+        mine = [r for r in rows if r[0] == photo and r[1] in ties]
+        xy = np.array([r[2:] for r in mine])
+        ident = np.array([ties.index(r[1]) for r in mine])
+        columns = {"x": xy[:, 0], "y": xy[:, 1], "size": xy[:, 0] * 0 + 2, "id": ident}
+        members[f"projections{photo}.ply"] = ply(columns)
+        cloud.append(f'<projections camera_id="{photo}" path="projections{photo}.ply"/>')
+    inside = "<point_cloud>" + "".join(cloud) + "</point_cloud></frame>"
+    members["doc.xml"] = text.replace("</frame>", inside).encode()
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as written:
+        for name, content in members.items():
+            written.writestr(zipfile.ZipInfo(name), content)
+    return {"project.psz": out.getvalue()}
+
+
+def opf(folder: Path) -> dict[str, bytes]:
+    """Return a project of OPF."""
+    fga.write_opf(pixel_block(), folder / "block.opf")
+    return _files(folder)
+
+
+def opensfm() -> dict[str, bytes]:
+    """Return a reconstruction with tracks, reference and ground control."""
+    camera = {"projection_type": "perspective", "width": 2000, "height": 1500, "focal": 0.75}
+    shots = {
+        f"{i}.jpg": {
+            "rotation": [3.0, 0.1 * i, 0.2],
+            "translation": [i - 1.5, 1.0, 30.0],
+            "camera": "cam",
+            "gps_position": [1.0, 2.0, 30.0],
+            "gps_dop": 5.0,
+        }
+        for i in range(3)
+    }
+    points = {str(j): {"coordinates": [j - 2.0, j % 3, 0.1 * j]} for j in range(6)}
+    document = [
+        {"cameras": {"cam": camera | {"k1": 0.1, "k2": 0.0}}, "shots": shots, "points": points}
+    ]
+    tracks = ["OPENSFM_TRACKS_VERSION_v2"]
+    tracks += [
+        f"{i}.jpg\t{j}\t{j}\t{0.05 * j - 0.1}\t{0.02 * i}\t0.001\t1\t2\t3\t-1\t-1"
+        for i in range(3)
+        for j in range(6)
+    ]
+    ground = ["WGS84"]
+    ground += [
+        f"13.40{j} 52.50{j} 4{j} {100 + j} {200 + i} {i}.jpg G{j}" for i in (0, 1) for j in (1, 2)
+    ]
+    return {
+        "reconstruction.json": json.dumps(document, indent=1).encode(),
+        "reference_lla.json": b'{"latitude": 52.5, "longitude": 13.4, "altitude": 40.0}',
+        "tracks.csv": ("\n".join(tracks) + "\n").encode(),
+        "gcp_list.txt": ("\n".join(ground) + "\n").encode(),
+    }
+
+
+def opencv(suffix: str, folder: Path) -> dict[str, bytes]:
+    """Return a calibration with two views of a board of six corners."""
+    network = fga.Network("lens")
+    from factorgraph_adj.models.lens import NormalisedLens
+
+    network.add_camera(
+        *("camera", NormalisedLens(), {"c": 500.0, "x0": 320.0, "y0": -240.0, "k1": -0.1}),
+        unit="px",
+        format=(640, 480),
+        origin="upper left",
+    )
+    fga.write_opencv(network, folder / f"calibration{suffix}")
+    ((name, content),) = _files(folder).items()
+    views = {
+        "extrinsic_parameters": (2, 6, "d", "0.1 0.2 0.3 0 0 1 0.1 0.1 0 0 0 1"),
+        "image_points": (2, 6, "2f", " ".join(f"{100 + 7 * i}. {50 + 3 * i}." for i in range(12))),
+        "grid_points": (6, 1, "3f", " ".join(f"0.{i}3 0.0{i} 0" for i in range(6))),
+    }
+    text = content.decode()
+    for key, (rows, cols, kind, data) in views.items():
+        if suffix == ".xml":
+            inner = f"<rows>{rows}</rows><cols>{cols}</cols><dt>{kind}</dt><data>{data}</data>"
+            more = f'<{key} type_id="opencv-matrix">{inner}</{key}>\n</opencv_storage>'
+            text = text.replace("</opencv_storage>", more)
+        else:
+            numbers = data.replace(" ", ", ")
+            text += f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: {kind}\n"
+            text += f"   data: [ {numbers} ]\n"
+    return {name: text.encode()}
