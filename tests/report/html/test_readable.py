@@ -89,7 +89,7 @@ def test_tables_have_captions_and_scopes_and_plots_have_words():
         if e.tag == "section":
             assert "aria-labelledby" in e.attributes
         if "plot" in e.attributes.get("class", "").split():
-            assert e.attributes["role"] == "img"
+            assert e.attributes["role"] == "group" and e.attributes["aria-labelledby"]
     captions = [e.text.strip() for e in found if e.tag == "figcaption"]
     assert len(captions) >= 5 and all(len(c) > 40 for c in captions)
 

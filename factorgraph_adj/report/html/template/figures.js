@@ -51,7 +51,7 @@ const PALETTE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9
 async function drawStatistics(Plotly) {
   const d = await dataOf("statistics");
   const bars = (counts, x) => Object.entries(counts).map(([name, y], i) => ({
-    type: "bar", name, x, y, marker: { color: PALETTE[i % PALETTE.length] },
+    type: "bar", name: plain(name), x, y, marker: { color: PALETTE[i % PALETTE.length] },
   }));
   const limits = d.critical === null ? [] : [-d.critical, d.critical];
   const upright = (at) => ({
