@@ -117,7 +117,7 @@ if TYPE_CHECKING:
     from .quality.snooping import snoop
     from .quality.systematic import significance
     from .quality.variance_components import estimate_variance_components
-    from .report.html.page import write_report
+    from .report.html.write import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
     from .solve.grid import (
@@ -370,7 +370,7 @@ _MODULES = {
     "preliminary": "validate.preliminary.search",
     "propose": "planning.propose",
     "protocol": "report.text",
-    "write_report": "report.html.page",
+    "write_report": "report.html.write",
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_colmap": "io.photogrammetry.colmap",
