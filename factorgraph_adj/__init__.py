@@ -18,6 +18,14 @@ if TYPE_CHECKING:
     from .epochs.blocks import block_motion
     from .epochs.congruence import congruence
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
+    from .export.arrays import covariance_array, to_xarray
+    from .export.dxf import write_dxf
+    from .export.exports import write
+    from .export.geojson import write_geojson
+    from .export.geopackage import write_geopackage
+    from .export.kml import write_kml
+    from .export.ply import write_ply
+    from .export.results import results_schema, write_results
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
@@ -211,6 +219,7 @@ __all__ = [
     "causes",
     "check_points",
     "congruence",
+    "covariance_array",
     "distance_precision",
     "dlt",
     "error_ellipse",
@@ -259,21 +268,30 @@ __all__ = [
     "register_unknown",
     "relative_model",
     "reliability",
+    "results_schema",
     "robust_adjust",
     "s_transform",
     "significance",
     "snoop",
+    "to_xarray",
     "wgs84_coordinates",
     "without",
+    "write",
     "write_colmap",
+    "write_dxf",
     "write_dynaml",
+    "write_geojson",
+    "write_geopackage",
     "write_gvx",
+    "write_kml",
     "write_landxml",
     "write_metashape",
     "write_opencv",
     "write_opf",
+    "write_ply",
     "write_project",
     "write_report",
+    "write_results",
     "write_sinex",
     "write_star_net",
 ]
@@ -408,15 +426,25 @@ _MODULES = {
     "wgs84_coordinates": "solve.grid",
     "without": "network.selection",
     "StarNetOptions": "io.survey.star_net_options",
+    "covariance_array": "export.arrays",
     "read_columns": "io.survey.columns",
     "read_gsi": "io.survey.gsi",
     "read_jobxml": "io.survey.jobxml",
     "read_landxml": "io.survey.landxml",
     "read_sdr33": "io.survey.sdr33",
     "read_star_net": "io.survey.star_net",
-    "write_landxml": "io.survey.write_landxml",
-    "write_star_net": "io.survey.write_star_net",
+    "results_schema": "export.results",
+    "to_xarray": "export.arrays",
+    "write": "export.exports",
     "write_colmap": "io.photogrammetry.colmap_write",
+    "write_dxf": "export.dxf",
+    "write_geojson": "export.geojson",
+    "write_geopackage": "export.geopackage",
+    "write_kml": "export.kml",
+    "write_landxml": "io.survey.write_landxml",
+    "write_ply": "export.ply",
+    "write_results": "export.results",
+    "write_star_net": "io.survey.write_star_net",
     "write_project": "io.write_project",
 }
 """Module of each public name; type checkers read the imports above."""
