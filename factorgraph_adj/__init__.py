@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
     from .io.photogrammetry.metashape_write import write_metashape
+    from .io.photogrammetry.micmac import read_micmac
     from .io.photogrammetry.opencv import read_opencv, write_opencv
     from .io.photogrammetry.opensfm import read_opensfm
     from .io.photogrammetry.opf import read_opf
@@ -124,7 +125,7 @@ if TYPE_CHECKING:
     from .quality.snooping import snoop
     from .quality.systematic import significance
     from .quality.variance_components import estimate_variance_components
-    from .report.html.page import write_report
+    from .report.html.write import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
     from .solve.grid import (
@@ -253,6 +254,7 @@ __all__ = [
     "read_landxml",
     "read_lgc2",
     "read_metashape",
+    "read_micmac",
     "read_opencv",
     "read_opensfm",
     "read_opf",
@@ -386,7 +388,7 @@ _MODULES = {
     "preliminary": "validate.preliminary.search",
     "propose": "planning.propose",
     "protocol": "report.text",
-    "write_report": "report.html.page",
+    "write_report": "report.html.write",
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_colmap": "io.photogrammetry.colmap",
@@ -408,6 +410,7 @@ _MODULES = {
     "read_opencv": "io.photogrammetry.opencv",
     "write_opencv": "io.photogrammetry.opencv",
     "read_bundler": "io.photogrammetry.bundler",
+    "read_micmac": "io.photogrammetry.micmac",
     "read_lgc2": "io.survey.lgc2",
     "read_project": "io.project",
     "reduce_faces": "field.faces",

@@ -20,7 +20,7 @@ from ..report.context import Report
 from ..report.doubts import doubts_about, of_network
 from ..report.html.language import Language
 from ..report.html.libraries import refuse_missing
-from ..report.html.page import write_html
+from ..report.html.write import write_html
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
 from ..report.text import render
