@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from .block_orientation.orient import orient
     from .crs.similarity import SevenParameters
     from .crs.system import ReferenceSystem
+    from .epochs.blocks import block_motion
+    from .epochs.congruence import congruence
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
@@ -43,8 +45,17 @@ if TYPE_CHECKING:
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
+    from .io.survey.columns import read_columns
     from .io.survey.comp3d import read_comp3d
+    from .io.survey.gsi import read_gsi
+    from .io.survey.jobxml import read_jobxml
+    from .io.survey.landxml import read_landxml
     from .io.survey.lgc2 import read_lgc2
+    from .io.survey.sdr33 import read_sdr33
+    from .io.survey.star_net import read_star_net
+    from .io.survey.star_net_options import StarNetOptions
+    from .io.survey.write_landxml import write_landxml
+    from .io.survey.write_star_net import write_star_net
     from .io.write_project import write_project
     from .models.registry import register_lens
     from .models.unknown import UnknownKind
@@ -108,7 +119,13 @@ if TYPE_CHECKING:
     from .report.html.page import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
-    from .solve.grid import GridCoordinates, grid_coordinates, wgs84_coordinates
+    from .solve.grid import (
+        GridCoordinates,
+        GridPhotos,
+        grid_coordinates,
+        grid_photos,
+        wgs84_coordinates,
+    )
     from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
@@ -141,6 +158,7 @@ __all__ = [
     "GnssPosition",
     "GnssVector",
     "GridCoordinates",
+    "GridPhotos",
     "GyroAzimuth",
     "HeightDifference",
     "HorizontalAngle",
@@ -176,6 +194,7 @@ __all__ = [
     "SlopeDistance",
     "Solution",
     "StandardDeviation",
+    "StarNetOptions",
     "StripCoordinate",
     "TopocentricFrame",
     "UnknownKind",
@@ -186,9 +205,11 @@ __all__ = [
     "adjust_parts",
     "adjusted_lines",
     "as_models",
+    "block_motion",
     "build_graph",
     "causes",
     "check_points",
+    "congruence",
     "distance_precision",
     "dlt",
     "error_ellipse",
@@ -198,6 +219,7 @@ __all__ = [
     "find_sparable",
     "from_grid",
     "grid_coordinates",
+    "grid_photos",
     "load_solution",
     "memory_needed",
     "orient",
@@ -211,18 +233,24 @@ __all__ = [
     "read_bal",
     "read_bundler",
     "read_colmap",
+    "read_columns",
     "read_comp3d",
     "read_dbat",
     "read_dynaml",
     "read_gama",
+    "read_gsi",
     "read_gvx",
+    "read_jobxml",
+    "read_landxml",
     "read_lgc2",
     "read_metashape",
     "read_opencv",
     "read_opensfm",
     "read_opf",
     "read_project",
+    "read_sdr33",
     "read_sinex",
+    "read_star_net",
     "reduce_faces",
     "register_lens",
     "register_observation",
@@ -238,12 +266,14 @@ __all__ = [
     "write_colmap",
     "write_dynaml",
     "write_gvx",
+    "write_landxml",
     "write_metashape",
     "write_opencv",
     "write_opf",
     "write_project",
     "write_report",
     "write_sinex",
+    "write_star_net",
 ]
 
 _MODULES = {
@@ -266,6 +296,7 @@ _MODULES = {
     "FrameZenith": "observations.frame_sights",
     "AntennaVector": "observations.airborne",
     "GridCoordinates": "solve.grid",
+    "GridPhotos": "solve.grid",
     "NavigationAttitude": "observations.airborne",
     "PhotoAngle": "observations.airborne",
     "PhotoAttitude": "observations.airborne",
@@ -315,8 +346,10 @@ _MODULES = {
     "adjusted_lines": "quality.lines",
     "as_models": "triangulation.models",
     "build_graph": "graph.build",
+    "block_motion": "epochs.blocks",
     "causes": "quality.causes.search",
     "check_points": "quality.check_points",
+    "congruence": "epochs.congruence",
     "distance_precision": "quality.relative",
     "dlt": "block_orientation.dlt",
     "error_ellipse": "quality.ellipses",
@@ -326,6 +359,7 @@ _MODULES = {
     "find_sparable": "planning.spare",
     "from_grid": "network.from_grid",
     "grid_coordinates": "solve.grid",
+    "grid_photos": "solve.grid",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.memory",
     "orient": "block_orientation.orient",
@@ -370,6 +404,15 @@ _MODULES = {
     "snoop": "quality.snooping",
     "wgs84_coordinates": "solve.grid",
     "without": "network.selection",
+    "StarNetOptions": "io.survey.star_net_options",
+    "read_columns": "io.survey.columns",
+    "read_gsi": "io.survey.gsi",
+    "read_jobxml": "io.survey.jobxml",
+    "read_landxml": "io.survey.landxml",
+    "read_sdr33": "io.survey.sdr33",
+    "read_star_net": "io.survey.star_net",
+    "write_landxml": "io.survey.write_landxml",
+    "write_star_net": "io.survey.write_star_net",
     "write_colmap": "io.photogrammetry.colmap_write",
     "write_project": "io.write_project",
 }

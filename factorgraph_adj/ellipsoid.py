@@ -77,6 +77,11 @@ ELLIPSOIDS: dict[str, Ellipsoid] = {
         Ellipsoid("Krassovsky1940", 6378245.0, 298.3),
         Ellipsoid("Airy1830", 6377563.396, 299.3249646),
         Ellipsoid("ANS", 6378160.0, 298.25),
+        Ellipsoid("AiryModified1849", 6377340.189, 299.3249646),
+        Ellipsoid("Clarke1880RGS", 6378249.145, 293.465),
+        Ellipsoid("GRS67", 6378160.0, 298.247167427),
+        Ellipsoid("Helmert1906", 6378200.0, 298.3),
+        Ellipsoid("WGS72", 6378135.0, 298.26),
     )
 }
 """Ellipsoids by name."""

@@ -100,9 +100,13 @@ class DatumError(AdjustmentError):
 
 
 class ApproximationError(AdjustmentError):
-    """Approximate values could not be found; ``problems`` names the unknowns and the reasons."""
+    """Approximate values could not be found; ``problems`` names the unknowns and the reasons.
 
-    def __init__(self, problems: Iterable[Problem]) -> None:
+    ``photos`` are the names of all photos without a pose.
+    """
+
+    def __init__(self, problems: Iterable[Problem], *, photos: Iterable[str] = ()) -> None:
+        self.photos = tuple(photos)
         self.problems: tuple[Problem, ...] = tuple(problems)
         super().__init__("\n".join(str(p) for p in self.problems))
 

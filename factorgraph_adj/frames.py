@@ -214,6 +214,11 @@ class TopocentricFrame:
         at = np.array([self.latitude]), np.array([self.longitude]), np.array([self.height])
         return self.geocentric.ellipsoid.to_cartesian(*at)[0], _enu(at[0], at[1])[0]
 
+    @property
+    def axes_in_geocentric(self) -> Array:
+        """Rows e₀, n₀, u₀: unit vectors along east, north, up of the origin, (3, 3)."""
+        return self._origin()[1]
+
     def to_geocentric(self, enu: Array) -> Array:
         """Return geocentric coordinates (n, 3) of topocentric ones (n, 3), metres."""
         origin, rows = self._origin()

@@ -27,11 +27,13 @@ SHOWN = {
     "gallery_camera_rig": "set aside: 3 right on 3 position, error 5.0 mm, w -5.5",
     "gallery_colmap": "arm z: 28.36 ± 1.31 mm (true: 30)",
     "gallery_7_monte_carlo": "150 distances instead of 35: 0.403 ± 0.043 mm less",
+    "gallery_images_alone": "mismatches: 87, named: 87, others: 0",
     "gallery_9_parts": "Σr of office 2: 72.12 of 153 observations",
     "gallery_tank": "the axis of the wall leans by 2.32 mm/m against the floor (true: 2.24)",
     "gallery_independent_models": "pairs, film unknown 710 345 1.50 5.3 9.6 17.6",
     "gallery_gnss_ins_block": "missing shift in x, shift in y, shift in z observed coordinates do "
     "not hold it: free shift of drift 'strip 0', drift 'strip 1', drift 'strip 2'",
+    "gallery_grid_coordinates": "E 250 km, scale +368 ppm: c 99.9651 ± 0.0018 100.0002 ± 0.0018",
     "gallery_two_faces": "set aside: zenith_angle S C, error 8.1 mgon, w -7.5 doubts that are "
     "left: 0",
     "gallery_shapes_in_plan": "radius of the ball: 0.9994 ± 0.0003 m",
@@ -43,6 +45,7 @@ SHOWN = {
 """A line of the output of each script of the gallery."""
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 ALONE = (
+    "gallery_grid_coordinates",
     "gallery_8_gtsam",
     "gallery_9_parts",
     "gallery_shapes_in_plan",

@@ -199,6 +199,8 @@ class _Joined:
             ("height difference", s.steps),
             ("GNSS vector", s.vectors),
         ]
+        self._kinds = [(kind, sighted) for kind, sighted in self._kinds if sighted.n]
+        self._placed = progress.placed
         n = s.n_points
         has_pose = posed(progress)
         self._rays = np.bincount(rays.point[has_pose[rays.photo]], minlength=n)
@@ -208,7 +210,7 @@ class _Joined:
 
     def why(self, p: int) -> str:
         """Return why point ``p`` could not be reached."""
-        if self._progress.placed[p]:
+        if self._placed[p]:
             return self._why_no_height(p)
         if p in self._doubt:
             # Positions differ from point to point: such points are listed one by one.

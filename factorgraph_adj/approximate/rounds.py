@@ -65,7 +65,9 @@ def approximate(equations: Equations, *, datum: DatumChoice | None = None) -> St
     """
     state, problems = reach(equations, datum=datum)
     if problems:
-        raise ApproximationError(problems)
+        lost = np.isnan(state["pose"]).any(axis=1)
+        names = equations.unknowns["pose"].names
+        raise ApproximationError(problems, photos=[names[i] for i in np.flatnonzero(lost)])
     return state
 
 

@@ -22,6 +22,13 @@ def ray_and_more(progress: Progress, rays: ImageRays) -> bool:
         return False
     _, first = np.unique(rays.point[rows], return_index=True)
     rows = rows[first]
+    # Of many points that only rays reach, none has a length or a known component.
+    edges = progress.survey.edges
+    helped: Mask = np.any(np.isfinite(progress.plan), axis=1)
+    helped[edges.a] = helped[edges.b] = True
+    rows = rows[helped[rays.point[rows]]]
+    if not len(rows):
+        return False
     centre, direction = world_rays(progress, rays, rows)
     led_on = False
     for p, x0, d in zip(rays.point[rows].tolist(), centre, direction, strict=True):

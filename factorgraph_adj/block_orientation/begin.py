@@ -2,14 +2,36 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..approximate.rounds import reach
-from ..errors import ApproximationError, InputError, Problem
+from ..errors import ApproximationError, DatumError, InputError, Problem
 from ..graph.equations import compile_network
 from ..network.network import Network
-from ..solve.start import Start
+from ..solve.start import Start, start_of
 from .orient import orient
+
+
+def problems_of_start(network: Network) -> tuple[Problem, ...]:
+    """Return the unknowns that `adjust` finds no start values for, from image points either."""
+    try:
+        start_of(compile_network(network), network.datum, None)
+    except ApproximationError as error:
+        try:
+            start_from_images(network, error)
+        except ApproximationError as other:
+            return other.problems
+    except DatumError as error:
+        return (Problem(str(error)),)
+    return ()
+
+
+def leaving_out(start: Start, error: InputError) -> InputError:
+    """Return an error of an adjustment that began from image points, with what it may come from."""
+    if not start.words:
+        return error
+    what = (
+        "the adjustment began from image points alone, and uses those too that do not agree: "
+        "found = fga.orient(network) names them, and found.without_doubtful() has none of them"
+    )
+    return InputError([*error.problems, Problem(what)])
 
 
 def start_from_images(network: Network, error: ApproximationError) -> Start:
@@ -23,8 +45,7 @@ def start_from_images(network: Network, error: ApproximationError) -> Start:
         ApproximationError: photos are not what was missed; PoseLib is not installed; or photos and
             points remain without values, which the error names.
     """
-    state, _ = reach(compile_network(network))
-    if not network.n_image_points or not np.isnan(state["pose"]).any():
+    if not network.n_image_points or not error.photos:
         raise error
     try:
         found = orient(network)

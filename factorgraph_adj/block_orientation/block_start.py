@@ -40,7 +40,7 @@ class OrientedPart:
         return (
             f"{len(self.photos)} photos from the pair {self.start[0]}, {self.start[1]}; "
             f"{len(self.photos) - 2} by resection, {self.n_points} points by intersection; "
-            f"into the frame by {self.datum}"
+            f"{'placed in the frame by' if self.placed else 'its place in the frame:'} {self.datum}"
         )
 
 

@@ -18,14 +18,16 @@ from .views import Views, spread_out
 
 MOST_STARTS = 6
 """Largest number of start pairs that are tried for one part."""
-STARTS_OF_OTHERS = 3
-"""The same for each further calibration."""
+STARTS_OF_EACH = 3
+"""The same for each calibration where several are tried."""
 TRIAL_TURNS = 3
 """Number of turns after which a start is judged."""
 ENOUGH = 0.7
 """Share of the image points in oriented photos that must agree with a start that is kept."""
 WELL = 3e-4
 """Spread of misses, part of the principal distance, of a start with a calibration that fits."""
+MOVED = 0.1
+"""Largest relative change of the principal distance in the first turns of a good start."""
 MOST_REFUSED = 0.3
 """Largest number of photos, as a share of the oriented ones, that a good start cannot orient."""
 SKELETON = 300
@@ -74,9 +76,10 @@ def build_parts(views: Views, distances: Distances) -> list[Part]:
     parts: list[Part] = []
     while free.sum() >= 2:
         choices: Iterable[tuple[Array, ...]] = chain([distances.first()], distances.others())
+        starts = STARTS_OF_EACH if distances.guessed else MOST_STARTS
         if parts:
-            choices = [parts[0].growth.calibrations]
-        part = _next_part(views, choices, skeleton, free)
+            choices, starts = [parts[0].growth.calibrations], MOST_STARTS
+        part = _next_part(views, choices, starts, skeleton, free)
         if part is None:
             break
         free &= ~part.growth.posed
@@ -85,7 +88,7 @@ def build_parts(views: Views, distances: Distances) -> list[Part]:
 
 
 def _next_part(
-    views: Views, choices: Iterable[tuple[Array, ...]], skeleton: Mask, free: Mask
+    views: Views, choices: Iterable[tuple[Array, ...]], starts: int, skeleton: Mask, free: Mask
 ) -> Part | None:
     """Return the part from the best start, with the first calibration that fits well, or the best.
 
@@ -93,15 +96,15 @@ def _next_part(
     of two calibrations has the smaller misses, with nearly as many image points that agree.
     """
     best: _Begun | None = None
-    starts = MOST_STARTS
     for calibrations in choices:
         empty = Growth.empty(views, calibrations, skeleton)
-        if (begun := best_start(empty, free, starts)) is not None and (
-            best is None or begun.better_than(best)
-        ):
+        begun = best_start(empty, free, starts)
+        if begun is None:
+            continue
+        if best is None or begun.better_than(best):
             best = begun
-        starts = STARTS_OF_OTHERS
-        if best is not None and best.fits_well:
+        if begun.fits_well and begun.as_good_as(best):
+            best = begun
             break
     if best is None:
         return None
@@ -125,6 +128,8 @@ class _Begun:
     """Their share in oriented photos."""
     stuck: bool
     """Whether most photos that see enough known points could not be oriented from them."""
+    moved: float
+    """Relative change of the principal distance, which a good start does not change by much."""
     misses: float
     """Spread of the misses, image units: it compares calibrations."""
 
@@ -134,13 +139,17 @@ class _Begun:
         unit = float(np.median(self.growth.views.sigma))
         c = max(float(values[0]) for values in self.growth.calibrations)
         near = self.misses < max(3.0 * unit, WELL * c)
-        return self.share >= ENOUGH and near and not self.stuck
+        return self.share >= ENOUGH and near and not self.stuck and self.moved < MOVED
 
     def better_than(self, other: _Begun) -> bool:
         """Return whether it has smaller misses with not many fewer image points, or many more."""
         if self.fitting > 2.0 * other.fitting:
             return True
         return self.fitting > 0.6 * other.fitting and self.misses < other.misses
+
+    def as_good_as(self, other: _Begun) -> bool:
+        """Return whether nearly as many image points agree nearly as well."""
+        return self.fitting > 0.8 * other.fitting and self.misses < 1.5 * other.misses
 
 
 def best_start(empty: Growth, free: Mask, most: int) -> _Begun | None:
@@ -158,7 +167,9 @@ def best_start(empty: Growth, free: Mask, most: int) -> _Begun | None:
         if not adjust_growth(growth, calibrate=False):
             continue
         refused = grow(growth, free, turns=TRIAL_TURNS)
-        begun = _judged(growth, pair, stuck=refused > MOST_REFUSED * int(growth.posed.sum()))
+        begun = _judged(
+            growth, pair, empty.calibrations, stuck=refused > MOST_REFUSED * int(growth.posed.sum())
+        )
         if best is None or begun.fitting > best.fitting:
             best = begun
         if begun.share >= ENOUGH and not begun.stuck:
@@ -166,7 +177,7 @@ def best_start(empty: Growth, free: Mask, most: int) -> _Begun | None:
     return best
 
 
-def _judged(growth: Growth, pair: Pair, *, stuck: bool) -> _Begun:
+def _judged(growth: Growth, pair: Pair, given: tuple[Array, ...], *, stuck: bool) -> _Begun:
     """Count the image points that agree; points that one oriented photo sees do not count."""
     fits = growth.fitting()
     n = int(fits.sum())
@@ -176,7 +187,11 @@ def _judged(growth: Growth, pair: Pair, *, stuck: bool) -> _Begun:
     at = np.flatnonzero(fits)
     misses = float(np.median(growth.misses(at) * v.sigma[at])) if n else np.inf
     share = n / max(int(seen[seen >= 2].sum()), 1)
-    return _Begun(growth, pair, float(n), share, stuck, misses / RAYLEIGH_MEDIAN)
+    moved = max(
+        abs(float(now[0] / before[0]) - 1.0)
+        for now, before in zip(growth.calibrations, given, strict=True)
+    )
+    return _Begun(growth, pair, float(n), share, stuck, moved, misses / RAYLEIGH_MEDIAN)
 
 
 def grow(growth: Growth, free: Mask, *, turns: int | None = None) -> int:

@@ -158,7 +158,7 @@ def _camera(growth: Growth, number: int, calibrate: bool) -> Camera:
             camera, values=given, fixed=(True,) * len(given), sigma=(np.inf,) * len(given)
         )
     first = np.array(camera.values)
-    rows = np.flatnonzero(growth.views.camera == number)
+    rows = np.flatnonzero(growth.rays.usable & (growth.views.camera == number))
     t, xy = growth.rays.tangent[rows], growth.views.xy[rows]
     effect = np.zeros(len(given))
     if len(rows):

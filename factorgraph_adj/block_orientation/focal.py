@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import InputError
 from ..types import Array
+from .dlt import dlt
 from .robust_poses import shared_principal_distance
 from .views import Views
 
-FACTORS = (0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
+FACTORS = (1.0, 0.7, 1.4, 0.5, 2.0, 0.35, 2.8, 4.0)
 """Principal distances that are tried, parts of the longer side of the image: angles of view from
 110° to 14°."""
+LEAST_KNOWN = 8
+"""Smallest number of known points of a photo that tell a principal distance."""
 MOST_PAIRS = 40
 """Largest number of pairs whose principal distance is asked for."""
 LEAST_LIMIT = 2e-3
@@ -33,10 +38,22 @@ class Distances:
     """The image points."""
     stated: Mapping[str, Sequence[float]]
     """Principal distances by camera that are tried in the place of the given one."""
+    known: Array
+    """Known coordinates of points, (points, 3), NaN where unknown: they tell a principal distance
+    by a direct linear transformation."""
 
     def first(self) -> tuple[Array, ...]:
         """Return the calibrations to begin with."""
         return self._with({n: float(values[0]) for n, values in self.stated.items()})
+
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """Cameras whose principal distance may be another: stated, or free and not weighted."""
+        return tuple(
+            c.name
+            for c in self.views.cameras
+            if c.name in self.stated or not (c.fixed[0] or np.isfinite(c.sigma[0]))
+        )
 
     def others(self) -> Iterator[tuple[Array, ...]]:
         """Iterate over further calibrations: those that were stated, or multiples of the format.
@@ -47,15 +64,11 @@ class Distances:
         most = max((len(v) for v in self.stated.values()), default=0)
         for i in range(1, most):
             yield self._with({n: float(v[min(i, len(v) - 1)]) for n, v in self.stated.items()})
-        guessed = {
-            c.name: self._longer_side(c.name)
-            for c in self.views.cameras
-            if c.name not in self.stated and not c.fixed[0] and not np.isfinite(c.sigma[0])
-        }
+        guessed = {n: self._longer_side(n) for n in self.guessed if n not in self.stated}
         if guessed and not most:
-            paired = {n: c for n in guessed if (c := self._by_pairs(n)) is not None}
-            if paired:
-                yield self._with(paired)
+            for way in (self._by_control, self._by_pairs):
+                if found := {n: c for n in guessed if (c := way(n)) is not None}:
+                    yield self._with(found)
             for factor in FACTORS:
                 yield self._with({n: factor * side for n, side in guessed.items()})
 
@@ -75,10 +88,26 @@ class Distances:
             out.append(values)
         return tuple(out)
 
+    def _by_control(self, name: str) -> float | None:
+        """Return the median principal distance of photos with known points; none: too few."""
+        v = self.views
+        seen = self.known[v.point]
+        there = np.isfinite(seen).all(axis=1) & (v.camera == self._number(name))
+        found = []
+        for photo in np.unique(v.photo[there]).tolist():
+            rows = np.flatnonzero(there & (v.photo == photo))
+            if len(rows) < LEAST_KNOWN:
+                continue
+            with suppress(InputError):
+                found.append(dlt(seen[rows], v.xy[rows]).calibration["c"])
+        side = self._longer_side(name)
+        found = [c for c in found if SHORTEST < c / side < LONGEST]
+        return float(np.median(found)) if found else None
+
     def _by_pairs(self, name: str) -> float | None:
         """Return the median principal distance of pairs of photos of a camera; none: no pair."""
         v = self.views
-        number = [c.name for c in v.cameras].index(name)
+        number = self._number(name)
         side, at = self._longer_side(name), np.array(v.cameras[number].values[1:3])
         table = v.table(v.camera == number)
         common = (table @ table.T).tocoo()
@@ -95,16 +124,14 @@ class Distances:
                 found.append(c)
         return side * float(np.median(found)) if found else None
 
+    def _number(self, name: str) -> int:
+        return [c.name for c in self.views.cameras].index(name)
+
     def _longer_side(self, name: str) -> float:
         """Return the longer side of the format, or of what the image points cover."""
-        number = [c.name for c in self.views.cameras].index(name)
+        number = self._number(name)
         camera = self.views.cameras[number]
         if camera.format is not None:
             return float(max(camera.format))
         own = self.views.xy[self.views.camera == number]
         return float(np.ptp(own, axis=0).max()) if len(own) else float(camera.values[0])
-
-
-def asked_for(views: Views, stated: Mapping[str, Sequence[float]]) -> Distances:
-    """Return the calibrations with which a block may start."""
-    return Distances(views, stated)

@@ -14,7 +14,6 @@ from .similarity import (
     Similarity,
     from_components,
     from_points,
-    identity,
     in_one_line,
     mean_rotation,
     robust_similarity,
@@ -77,7 +76,8 @@ def place(growth: Growth, known: Known, lengths: Sequence[Length], joined: Mask)
     return Placed(found, words, complete, misfits)
 
 
-UNIT = "the scale is that of the start pair, whose base has the length 1"
+UNIT = "the base of the start pair has the length 1"
+NOTHING = "no known coordinates"
 
 
 def _incomplete(
@@ -85,9 +85,9 @@ def _incomplete(
 ) -> tuple[Similarity, str]:
     """Return scale and shift from what there is, and words."""
     if len(x) >= 2 and (pair := from_points(x, y)) is not None and in_one_line(y):
-        return pair, f"{words}, which leave a rotation open"
+        return pair, f"{words} in one line, which leave a rotation open"
     found, said = _by_lengths(growth, lengths, np.eye(3), x, y)
-    return found, f"{words}; {said}" if len(x) else said
+    return found, f"{words}; {said}"
 
 
 def _by_lengths(
@@ -103,7 +103,7 @@ def _by_lengths(
     scale, said = 1.0, UNIT
     if ratios:
         scale = float(np.median(ratios))
-        said = f"the scale is that of {len(ratios)} known length{'s' * (len(ratios) > 1)}"
+        said = f"scale from {len(ratios)} known length{'s' * (len(ratios) > 1)}"
     shift = np.zeros(3)
     if len(x):
         shift = (y - scale * x @ rotation.T).mean(axis=0)
@@ -131,10 +131,4 @@ def _counted(full: Mask, n_points: int, joined: Mask) -> str:
         parts.append(f"{shared} point{'s' * (shared > 1)} of the parts before")
     if n := int(full[n_points:].sum()):
         parts.append(f"{n} known projection centre{'s' * (n > 1)}")
-    return " and ".join(parts) or "no known coordinates"
-
-
-def unmoved(growth: Growth) -> Placed:
-    """Return a part as it is: the axes of the first photo of the start pair, and its base 1."""
-    misfits = np.full(len(growth.point) + len(growth.pose), np.nan)
-    return Placed(identity(), UNIT, False, misfits)
+    return " and ".join(parts) or NOTHING

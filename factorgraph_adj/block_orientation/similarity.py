@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from ..approximate.resection import turn_and_shift
 from ..rotation import exp_rotation
@@ -45,11 +44,6 @@ class Similarity:
         """Return transformed stored poses, (n, 12)."""
         turned = self.rotation @ poses[:, :9].reshape(-1, 3, 3)
         return np.concatenate([turned.reshape(-1, 9), self.of(poses[:, 9:])], axis=1)
-
-
-def identity() -> Similarity:
-    """Return the transformation that changes nothing."""
-    return Similarity(1.0, np.eye(3), np.zeros(3))
 
 
 def from_points(x: Array, known: Array) -> Similarity | None:
@@ -156,6 +150,8 @@ def from_components(x: Array, known: Array) -> Similarity | None:
     Returns:
         None: fewer than seven components, or the components leave something open.
     """
+    from scipy.optimize import least_squares  # local, because it takes long to import
+
     there = np.isfinite(known)
     if there.sum() < 7 or there.sum(axis=0).min() == 0:
         return None

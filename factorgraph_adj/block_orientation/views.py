@@ -69,18 +69,27 @@ class Views:
         return tuple(np.array(c.values) for c in self.cameras)
 
     def rays(self, calibrations: tuple[Array, ...]) -> Rays:
-        """Return the ideal rays of all image points with some calibrations."""
+        """Return the ideal rays of all image points with some calibrations.
+
+        One standard deviation is σ/√|det ∂v/∂t| as a tangent: σ/c for a lens without distortion,
+        and more towards the edge of a fisheye lens.
+        """
         tangent = np.zeros((self.n, 2))
-        unit = np.ones(self.n)
+        unit = np.full(self.n, np.nan)
         for number, (camera, values) in enumerate(zip(self.cameras, calibrations, strict=True)):
             own = np.flatnonzero(self.camera == number)
             with np.errstate(all="ignore"):
                 d = directions(camera.lens, self.xy[own], values[None])
                 tangent[own] = np.where(d[:, 2:] > 0.0, d[:, :2] * [1.0, -1.0] / d[:, 2:], np.nan)
-            unit[own] = self.sigma[own] / values[0]
+            own = own[np.abs(tangent[own]).max(axis=1, initial=0.0) < IDEAL_RADIUS]
+            if len(own):
+                x, y = tangent[own].T
+                _, by_t, _ = camera.lens.residual(x, y, self.xy[own], values[None])
+                assert by_t is not None
+                unit[own] = self.sigma[own] / np.sqrt(np.abs(np.linalg.det(by_t)))
         # A ray that a lens model cannot undo, or one beside the camera, orients nothing.
-        lost = ~(np.isfinite(tangent).all(axis=1) & (np.abs(tangent).max(axis=1) < IDEAL_RADIUS))
-        tangent[lost] = 0.0
+        lost = ~(np.isfinite(tangent).all(axis=1) & np.isfinite(unit))
+        tangent[lost], unit[lost] = 0.0, 1.0
         return Rays(tangent, unit, ~lost)
 
     def table(self, rows: Mask) -> sparse.csr_array:

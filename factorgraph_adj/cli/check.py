@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 
+from ..block_orientation.begin import problems_of_start
 from ..errors import InputError, Problem
 from ..io.project import Project
-from ..validate.check import check, start_problems
+from ..validate.check import check
 from ..validate.preliminary.search import mistaken, preliminary
 from .exit_codes import BAD_INPUT, DOUBTFUL, FINE
 from .input import add_project, read_input
@@ -43,7 +44,7 @@ def _check(options: argparse.Namespace) -> int:
     )
     length, angle = project.units.length, project.units.angle
     found = [*project.warnings, *preliminary(network, length=length, angle=angle)]
-    without = start_problems(network)
+    without = problems_of_start(network)
     name = network.name or "a network without a name"
     if not found and not without:
         print(f"{name}: no problems found in {content}; approximate values are there")

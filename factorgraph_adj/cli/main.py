@@ -1,4 +1,4 @@
-"""The command: ``factorgraph-adj check | convert | adjust | plot | stream | plan | propose``.
+"""The command ``factorgraph-adj``: check, convert, compare, adjust, plot, stream, plan, propose.
 
 Each command adds its own parser and returns one of the `factorgraph_adj.cli.exit_codes`. Errors
 go to stderr as a list with one problem in each line.
@@ -17,6 +17,7 @@ from ..errors import AdjustmentError, ApproximationError, InputError, Problem
 from ..version import __version__
 from .adjust import add_adjust
 from .check import add_check
+from .compare import add_compare
 from .convert import add_convert
 from .exit_codes import BAD_INPUT, FAULT, FINE, INTERRUPTED
 from .messages import complain
@@ -114,6 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     add_plan(commands)
     add_check(commands)
     add_convert(commands)
+    add_compare(commands)
     return parser
 
 

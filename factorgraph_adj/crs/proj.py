@@ -220,5 +220,5 @@ def refuse(
 
 def told(coordinates: Array) -> str:
     """Return coordinates as text: metres to the millimetre, degrees to 1e-8."""
-    large = np.abs(coordinates[:2]).max(initial=0.0) > 360.0
-    return ", ".join(f"{v:.3f}" if large else f"{v:.8g}" for v in coordinates.tolist())
+    size = np.abs(coordinates).max(initial=0.0)
+    return ", ".join(f"{v:.3f}" if 360.0 < size < 1e9 else f"{v:.8g}" for v in coordinates.tolist())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal, get_args
 
@@ -69,6 +69,10 @@ class ReferenceSystem:
             raise InputError(f"a constant geoid must be finite, not {self.geoid!r}")
         if self.parameters is not None and self.datum is None:
             raise InputError("parameters lead to a datum: state it, such as datum = 'EPSG:4258'")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields for copies and pickles, without what PROJ made of them."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     # -- what it is ---------------------------------------------------------------------------
 

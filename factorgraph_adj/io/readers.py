@@ -27,8 +27,14 @@ from .photogrammetry.opencv import is_opencv, read_opencv
 from .photogrammetry.opensfm import is_opensfm, read_opensfm
 from .photogrammetry.opf import read_opf
 from .project import Project, load_project
+from .survey.columns import read_columns
 from .survey.comp3d import read_comp3d
+from .survey.gsi import read_gsi
+from .survey.jobxml import read_jobxml, recognises_jobxml
+from .survey.landxml import read_landxml, recognises_landxml
 from .survey.lgc2 import read_lgc2
+from .survey.sdr33 import read_sdr33
+from .survey.star_net import read_star_net
 from .text import beginning
 
 
@@ -286,6 +292,24 @@ READERS = Readers(
             "AICON 3D Studio",
             NetworkAlone(read_aicon),
         ),
+        Reader("star-net", (".dat",), "STAR*NET", NetworkAlone(read_star_net)),
+        Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkAlone(read_gsi)),
+        Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkAlone(read_sdr33)),
+        Reader(
+            "jobxml",
+            (".jxl", ".xml"),
+            "Trimble JobXML",
+            NetworkAlone(read_jobxml),
+            recognises=recognises_jobxml,
+        ),
+        Reader(
+            "landxml",
+            (".xml", ".hexml"),
+            "survey in LandXML or HeXML",
+            NetworkAlone(read_landxml),
+            recognises=recognises_landxml,
+        ),
+        Reader("columns", (".csv",), "table with a mapping", NetworkAlone(read_columns)),
     )
 )
 """The formats that can be read."""

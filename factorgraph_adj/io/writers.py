@@ -20,6 +20,8 @@ from .photogrammetry.colmap_write import write_colmap
 from .photogrammetry.metashape_write import write_metashape
 from .photogrammetry.opencv import write_opencv
 from .photogrammetry.opf_write import write_opf
+from .survey.write_landxml import write_landxml
+from .survey.write_star_net import write_star_net
 from .write_project import write_project
 
 
@@ -110,13 +112,15 @@ class Writers:
 WRITERS = Writers(
     (
         Writer("project", (".toml",), "project", write_project),
-        Writer("colmap", (), "COLMAP", write_colmap),
         Writer("opencv", (".yml", ".yaml"), "calibration of OpenCV", write_opencv),
         Writer("opf", (".opf",), "Open Photogrammetry Format", write_opf),
         Writer("sinex", (".snx", ".SNX"), "SINEX", write_sinex),
         Writer("dynaml", (), "DynaML of DynAdjust", write_dynaml),
         Writer("gvx", (".gvx",), "GNSS Vector Exchange", write_gvx),
+        Writer("colmap", (), "COLMAP", write_colmap),
         Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),
+        Writer("star-net", (".dat",), "STAR*NET", write_star_net),
+        Writer("landxml", (".xml",), "points in LandXML", write_landxml),
     )
 )
 """The formats that can be written."""

@@ -84,9 +84,10 @@ def from_grid(
             projected line is not added.
         vectors: whether GNSS vectors are ``geocentric``, or along ``grid`` east, grid north and up
             at their station.
-        horizontal_distances: whether horizontal distances are as ``measured``, at the mean height
-            of their ends, or were reduced to the ``ellipsoid`` or to the ``grid``. Reduced ones
-            are divided by the mean of the factors at both ends.
+        horizontal_distances: whether horizontal distances are as ``measured``, or were reduced to
+            the ``ellipsoid`` or to the ``grid`` with the scale of the projection. From reduced ones
+            S the part of the sight in the horizon of the station is (1 + h/R) (1 − S²/6R²) S/k,
+            with the height h of the target and the mean scale k (of a grid) at both ends.
         sources: file and line by kind and name of points, for observations that stand for their
             coordinates.
 
@@ -154,9 +155,11 @@ def _check(network: Network, options: GridOptions) -> None:
             told = known([v for v in valid if v is not None], meant=str(given))
             problems.append(Problem(f"unknown {name} {given!r}; valid: {told}"))
     d = options.deflections
-    if isinstance(d, str) and d not in ("none", "held"):
-        problems.append(Problem(f"unknown deflections {d!r}; valid: none, held, or σ in radians"))
-    if not isinstance(d, str) and not 0 < d < np.inf:
+    if isinstance(d, str):
+        if d not in ("none", "held"):
+            what = f"unknown deflections {d!r}; valid: none, held, or σ in radians"
+            problems.append(Problem(what))
+    elif not 0 < d < np.inf:
         problems.append(Problem(f"σ of deflections must be positive, not {d!r}"))
     offset = options.geoid_offset
     if offset is not None and not offset > 0:
@@ -214,7 +217,7 @@ def _labels(name: str, found: Sequence[Observation]) -> Iterable[str]:
 def _photos(
     network: Network, out: Network, move: GridMove, positions: Array, problems: list[Problem]
 ) -> list[tuple[str, Observation]]:
-    places = move.places(positions, list(network.photos))
+    places = move.photos(positions, list(network.photos))
     more: list[tuple[str, Observation]] = []
     for row, (name, p) in enumerate(network.photos.items()):
         try:
@@ -274,7 +277,7 @@ def _deflections(
             what = f"{move.system.vertical} has no deflections there: deflections = 'none'"
             problems.append(Problem(what, f"point {name!r}"))
             continue
-        held = move.options.deflections == "held"
+        held = isinstance(move.options.deflections, str)
         sigma = None if isinstance(move.options.deflections, str) else move.options.deflections
         if name in out.points:
             out.set_vertical(name, xi=xi, eta=eta, sigma=sigma, fixed=held)
@@ -293,7 +296,7 @@ def _observations(
         move,
         points,
         network.point_number,
-        move.places(photos, list(network.photos)),
+        move.photos(photos, list(network.photos)),
         network.photo_number,
         {str(n): (p.values[0], p.values[1]) for n, p in verticals.items()},
     )

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, overload
 
-from ..block_orientation.begin import start_from_images
+from ..block_orientation.begin import leaving_out, start_from_images
 from ..errors import ApproximationError, InputError
 from ..network.network import DatumChoice, Network
 from ..solve import batch
@@ -134,7 +134,11 @@ def adjust(
         try:
             return whole(start=start)
         except ApproximationError as error:
-            return whole(start=start_from_images(network, error))
+            begun = start_from_images(network, error)
+        try:
+            return whole(start=begun)
+        except InputError as error:
+            raise leaving_out(begun, error) from None
     check_client(client)
     given = {"start": start, "weights": weights, "extra_factors": extra_factors or None}
     if refused := [name for name, value in given.items() if value is not None]:

@@ -30,6 +30,7 @@ from ..quality.variance_components import VarianceComponents
 from ..rotation import angles_by_rotation, omega_phi_kappa
 from ..solve.estimates import CalibrationEstimate
 from ..solve.geographic import Geographic, geographic
+from ..solve.grid import GridCoordinates, GridPhotos, grid_coordinates, grid_photos
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array, Mask
@@ -360,6 +361,34 @@ class Report:
         """Latitude, longitude and height of the points; None in a local frame."""
         s = self.solution
         return geographic(self.network.frame, s.state["point"], s.point_covariances)
+
+    @cached_property
+    def _grids(self) -> tuple[GridCoordinates, GridPhotos] | str:
+        """Points and photos in the grid, or the reason why there are none."""
+        system = self.network.crs
+        if system is None:
+            return "the network has no reference system"
+        try:
+            if not system.projected:
+                return f"reference system {system.name} has no grid"
+            return grid_coordinates(self.solution), grid_photos(self.solution)
+        except AdjustmentError as error:
+            return str(error)
+
+    @property
+    def grid(self) -> GridCoordinates | None:
+        """Points in the grid of the reference system; None without one."""
+        return None if isinstance(self._grids, str) else self._grids[0]
+
+    @property
+    def grid_photos(self) -> GridPhotos | None:
+        """Photos in the grid of the reference system; None without one."""
+        return None if isinstance(self._grids, str) else self._grids[1]
+
+    @property
+    def no_grid(self) -> str:
+        """Reason why there are no grid coordinates; empty if there are."""
+        return self._grids if isinstance(self._grids, str) else ""
 
     def where(self, file: str) -> str:
         """Return the place of a table, or the way to write it."""

@@ -15,6 +15,7 @@ from ..quality.rejections import Rejected, Snooping, Unresolved
 from ..quality.unit_weight import global_test
 from ..version import __version__
 from .context import Report
+from .grid import grid_record
 from .lines import line_record
 from .unknowns import small_unknowns
 
@@ -35,6 +36,7 @@ def summary(report: Report) -> dict[str, Any]:
         **({"run": run} if run else {}),
         "name": network.name,
         "frame": "geocentric" if isinstance(frame, GeocentricFrame) else kind,
+        **({} if network.crs is None else {"crs": network.crs.definition}),
         "converged": s.converged,
         "reason": s.reason,
         "iterations": s.iterations,
@@ -199,6 +201,7 @@ def _unknown_values(report: Report) -> dict[str, Any]:
     return {
         "points": {
             name: {"xyz": xyz, "sigma": list(report.sigmas[name]), **_geographic(report, i)}
+            | grid_record(report, i)
             for i, (name, xyz) in enumerate(
                 zip(network.points, s.state["point"].tolist(), strict=True)
             )

@@ -26,6 +26,7 @@ from .context import Report
 from .coordinates import by_photo
 from .frames import measured_frames
 from .geographic import geographic_columns
+from .grid import grid_columns, grid_photo_columns
 from .lines import lines_table
 from .observation_tables import figures, observations_table, snooping_table
 from .options import Provenance, ReportOptions
@@ -118,6 +119,7 @@ def _points_table(report: Report) -> str:
         covariance = solution.point_covariances[:, i, j] / report.small**2
         columns[f"covariance_{pair}_{small}2"] = figures(covariance)
     columns |= geographic_columns(report)
+    columns |= grid_columns(report)
     columns |= point_columns(report)
     none = (nan, nan, nan)
     check = np.array([p.check or none for p in given.values()], dtype=float).reshape(-1, 3)
@@ -143,6 +145,7 @@ def _photos_table(report: Report) -> str:
     for i, a in enumerate(about):
         sigmas = [figure(p.sigma_angles[i] / report.radian) for p in poses]
         columns[f"sigma_{a}_{small_angle}"] = sigmas
+    columns |= grid_photo_columns(report)
     columns |= photo_columns(report)
     columns["image_points"] = [str(counts[n]) for n in names]
     columns["normalised_rms"] = [figure(norms[n]) for n in names]

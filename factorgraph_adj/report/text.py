@@ -16,6 +16,7 @@ from .context import Report
 from .coordinates import check_points, photos, points
 from .frames import frames
 from .geographic import geographic
+from .grid import grid, grid_photos, reference_system
 from .layout import WIDTH, paragraph, short, table, title
 from .lines import lines
 from .options import Provenance, ReportOptions, Run
@@ -55,9 +56,11 @@ def render(report: Report) -> str:
     precise = (
         points,
         geographic,
+        grid,
         weighted_coordinates,
         check_points,
         photos,
+        grid_photos,
         centres,
         shapes,
         frames,
@@ -100,6 +103,7 @@ def _overview(report: Report) -> list[str]:
         *_doubts(report),
         *run_lines(report.provenance.run),
         f"  frame          {_frame(network.frame)}",
+        *reference_system(report),
         f"  points         {len(network.points)}" + (f" ({parts})" if parts else ""),
     ]
     if network.photos:

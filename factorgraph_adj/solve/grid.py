@@ -11,12 +11,15 @@ from ..columns import Columns
 from ..crs.places import GridPlaces, Wgs84Places, grid_places, wgs84_places
 from ..crs.system import ReferenceSystem
 from ..errors import InputError
+from ..frames import LocalFrame
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..network.network import Network
+from ..rotation import angles_by_rotation, omega_phi_kappa
 from ..shown import FIRST, Rows, Shown
 from ..types import Array
 
+ENH = ("easting", "northing", "height")
 NO_SYSTEM = (
     "the network has no reference system: state one, such as Network(crs='EPSG:25832+7837'), or "
     "[crs] in project.toml"
@@ -44,6 +47,14 @@ class Adjusted(Protocol):
     @property
     def point_covariances(self) -> Array:
         """Covariances of all points, (n, 3, 3)."""
+        ...
+
+
+class AdjustedPhotos(Adjusted, Protocol):
+    """What photos in a grid are taken from."""
+
+    def pose_covariance(self, photo: str) -> Array:
+        """Return the covariance of a photo, (6, 6)."""
         ...
 
 
@@ -77,10 +88,8 @@ class GridCoordinates(Shown):
         p = self.places
         sigma = p.sigma
         out: dict[str, np.ndarray[Any, Any]] = {"name": np.array(self.names, dtype=object)}
-        for i, a in enumerate(("easting", "northing", "height")):
-            out[a] = p.coordinates[:, i].copy()
-        for i, a in enumerate(("easting", "northing", "height")):
-            out[f"sigma_{a}"] = sigma[:, i]
+        out |= {a: p.coordinates[:, i].copy() for i, a in enumerate(ENH)}
+        out |= {f"sigma_{a}": sigma[:, i] for i, a in enumerate(ENH)}
         out |= {"undulation": p.undulation, "convergence": p.convergence}
         out |= {"scale": p.scale, "combined": p.combined}
         return Columns("points in the grid", out)
@@ -94,7 +103,7 @@ class GridCoordinates(Shown):
         rows = (
             (n, *map(float, c)) for n, c in zip(self.names, self.coordinates[:FIRST], strict=False)
         )
-        return Rows(("point", "easting", "northing", "height"), rows, len(self.names))
+        return Rows(("point", *ENH), rows, len(self.names))
 
 
 def system_of(network: Network) -> ReferenceSystem:
@@ -140,3 +149,70 @@ def wgs84_coordinates(solution: Adjusted) -> Wgs84Places:
     return wgs84_places(
         system_of(network), network.frame, solution.state["point"], solution.point_covariances
     )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class GridPhotos(Shown):
+    """Adjusted photos in the grid of a reference system."""
+
+    system: ReferenceSystem
+    """The reference system."""
+    names: tuple[str, ...]
+    """Names of the n photos."""
+    places: GridPlaces
+    """Projection centres: coordinates, covariances, convergence and scale."""
+    angles: Array
+    """ω, φ, κ from easting, northing and the vertical at the photo, (n, 3) radians."""
+    sigma_angles: Array
+    """Their standard deviations, (n, 3) radians; NaN at φ = ±π/2."""
+
+    def table(self) -> Columns:
+        """Return name, easting, northing, height, ω, φ, κ and their σ as columns."""
+        p = self.places
+        out: dict[str, np.ndarray[Any, Any]] = {"name": np.array(self.names, dtype=object)}
+        out |= {a: p.coordinates[:, i].copy() for i, a in enumerate(ENH)}
+        out |= {a: self.angles[:, i] for i, a in enumerate(("omega", "phi", "kappa"))}
+        out |= {f"sigma_{a}": p.sigma[:, i] for i, a in enumerate(ENH)}
+        about = enumerate(("omega", "phi", "kappa"))
+        out |= {f"sigma_{a}": self.sigma_angles[:, i] for i, a in about}
+        return Columns("photos in the grid", out)
+
+    def headline(self) -> str:
+        """Return the system and what heights are above."""
+        return f"{len(self.names)} photos in {self.system.name}, heights: {self.system.vertical}"
+
+    def first_rows(self) -> Rows:
+        """Return the first projection centres, metres."""
+        first = zip(self.names, self.places.coordinates[:FIRST], strict=False)
+        rows = ((n, *map(float, c)) for n, c in first)
+        return Rows(("photo", *ENH), rows, len(self.names))
+
+
+def grid_photos(solution: AdjustedPhotos) -> GridPhotos:
+    """Return the adjusted photos in the grid: centres, and ω, φ, κ from the axes of the grid.
+
+    R_grid = Cᵀ E R with the rows E east, north, up at the photo and the turn C by the convergence.
+
+    Raises:
+        InputError: as `grid_coordinates`.
+    """
+    system, frame = system_of(solution.network), solution.network.frame
+    table = solution.equations.unknowns["pose"]
+    names = tuple(solution.network.photos)
+    stored = solution.state["pose"][[table.number[n] for n in names]].reshape(-1, 12)
+    covariances = np.array([solution.pose_covariance(n) for n in names]).reshape(-1, 6, 6)
+    places = grid_places(system, frame, stored[:, 9:], covariances[:, 3:, 3:], names)
+    if isinstance(frame, LocalFrame):
+        axes = np.broadcast_to(np.vstack([frame.east_north, [0.0, 0.0, 1.0]]), (len(names), 3, 3))
+    else:
+        c, s = np.cos(places.convergence), np.sin(places.convergence)
+        grid_R_enu = np.zeros((len(names), 3, 3))
+        grid_R_enu[:, 0, 0], grid_R_enu[:, 0, 1] = c, -s
+        grid_R_enu[:, 1, 0], grid_R_enu[:, 1, 1] = s, c
+        grid_R_enu[:, 2, 2] = 1.0
+        axes = grid_R_enu @ frame.basis(stored[:, 9:], np.zeros((len(names), 2))).enu
+    turned = axes @ stored[:, :9].reshape(-1, 3, 3)
+    angles = np.array([omega_phi_kappa(r) for r in turned]).reshape(-1, 3)
+    by = np.array([angles_by_rotation(r) for r in turned]).reshape(-1, 3, 3)
+    variances = np.einsum("nij,njk,nik->ni", by, covariances[:, :3, :3], by)
+    return GridPhotos(system, names, places, angles, np.sqrt(np.maximum(variances, 0.0)))

@@ -6,26 +6,14 @@ in the adjustment, because of its rank or of poor start values.
 
 from __future__ import annotations
 
-from ..errors import ApproximationError, DatumError, InputError, Problem
+from ..errors import InputError, Problem
 from ..graph.equations import compile_network
 from ..network.network import Network
-from ..solve.start import start_of
 from .counts import frame_problems, other_problems, photo_problems, point_problems
 from .datum import datum_problems
 from .geometry import geometry_problems, inside_the_earth
 from .shapes import shape_problems
 from .where import Sources
-
-
-def start_problems(network: Network) -> tuple[Problem, ...]:
-    """Return the unknowns for which `adjust` finds no approximate values, and what to give."""
-    try:
-        start_of(compile_network(network), network.datum, None)
-    except ApproximationError as error:
-        return error.problems
-    except DatumError as error:
-        return (Problem(str(error)),)
-    return ()
 
 
 def check(network: Network, *, sources: Sources | None = None) -> tuple[Problem, ...]:

@@ -10,8 +10,8 @@ from factorgraph_adj.crs.places import grid_places, wgs84_places
 from factorgraph_adj.ellipsoid import ellipsoid
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.frames import LocalFrame
-from tests.crs.grids import GRIDS
 from tests.loaders import lambert_93
+from tests.networks.grids import GRIDS
 from tests.support.places import data_dir
 
 pytest.importorskip("pyproj", reason="the extra crs is not installed")

@@ -1,1 +1,1 @@
-"""Files of programs for survey networks: Comp3D, LGC2, JAG3D."""
+"""Field books, and files of programs for survey networks."""

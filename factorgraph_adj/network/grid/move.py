@@ -11,7 +11,7 @@ import numpy as np
 
 from ...crs.places import grid_places
 from ...crs.system import ReferenceSystem
-from ...errors import Problem
+from ...errors import InputError, Problem
 from ...frames import Frame, GeocentricFrame, LocalFrame, TopocentricFrame
 from ...types import Array
 
@@ -104,8 +104,20 @@ class GridMove:
         """Return E, N, H, (n, 3) metres, of coordinates in the old frame."""
         return np.asarray(xyz, dtype=float).reshape(-1, 3) @ self.axes.T
 
+    def photos(self, xyz: Array, names: Sequence[str]) -> Moved:
+        """Return the places of photos as `places`; messages say that they are photos."""
+        try:
+            return self.places(xyz, names)
+        except InputError as error:
+            found = (Problem(p.what, p.where.replace("point", "photo", 1)) for p in error.problems)
+            raise InputError(found) from None
+
     def places(self, xyz: Array, names: Sequence[str] | None = None) -> Moved:
         """Return places of the old frame, (n, 3) metres, in the new one; NaN stays NaN.
+
+        Args:
+            xyz: coordinates in the old frame; rows with NaN give NaN.
+            names: names of the places, for messages and for a geoid of named points.
 
         Raises:
             InputError: places outside of the grid or of the geoid, all of them.

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, Problem
+from ...frames import TopocentricFrame
 from ...observations import Observation
 from ...observations.airborne import NavigationAttitude, PhotoAngle, PhotoAttitude
 from ...observations.far_directions import GyroAzimuth, PhotoSight
@@ -271,10 +272,8 @@ def _(o: GnssVector, c: Context, place: Moved, row: int) -> Converted:
         )
         raise InputError(Problem(what, o.label()))
     if c.move.options.vectors == "geocentric":
-        k = np.eye(3)
-        from_geocentric = getattr(c.move.new, "from_geocentric", None)
-        if from_geocentric is not None:
-            k = (from_geocentric(np.eye(3)) - from_geocentric(np.zeros((1, 3)))).T
+        new = c.move.new
+        k = new.axes_in_geocentric if isinstance(new, TopocentricFrame) else np.eye(3)
     else:
         k = c.points.turn[c.point(o.station, o.label())]
     covariance = k @ _of_axes(o) @ k.T
@@ -295,10 +294,10 @@ def _(o: HeightDifference, c: Context, place: Moved, row: int) -> Converted:
         return [o], _same(o)
     i, j = (c.point(n, o.label()) for n in (o.station, o.target))
     p = c.points
-    east, north, _ = p.horizon[i] @ (p.xyz[j] - p.xyz[i])
     slope = 0.0
-    for name in (o.station, o.target):
+    for name, row_of in ((o.station, i), (o.target, j)):
         xi, eta = c.deflections.get(name, (0.0, 0.0))
+        east, north, _ = p.horizon[row_of] @ (p.xyz[j] - p.xyz[i])
         slope += 0.5 * (xi * north + eta * east)
     more = float(p.undulation[j] - p.undulation[i] + slope)
     return [replace(o, value=o.value + more)], _same(o)
@@ -330,16 +329,23 @@ def _(o: ProfileHeight, c: Context, place: Moved, row: int) -> Converted:
 
 @converted.register
 def _(o: HorizontalDistance, c: Context, place: Moved, row: int) -> Converted:
-    """S = S_grid / k, or S_ellipsoid / (k/m), with the mean of the factors of both ends."""
+    """D = (1 + h/R) (1 − S²/6R²) S with S = S_grid / k on the ellipsoid, metres.
+
+    D is the part of the sight in the horizon of the station, (R + h) sin(S/R), with the height h of
+    the target; k is the mean of the scales at both ends, and 1 + h/R is their scale by the combined
+    factor at the target.
+    """
     kind = c.move.options.horizontal_distances
     if kind == "measured":
         return [o], _same(o)
-    ends = [c.point(n, o.label()) for n in (o.station, o.target)]
-    factors = c.points.combined[ends]
-    if kind == "ellipsoid":
-        factors = factors / c.points.scale[ends]
-    factor = float(np.mean(factors))
-    return [replace(o, value=o.value / factor)], _same(o) / factor
+    i, j = (c.point(n, o.label()) for n in (o.station, o.target))
+    p = c.points
+    k = float(p.scale[i] + p.scale[j]) / 2.0 if kind == "grid" else 1.0
+    on_ellipsoid = o.value / k
+    radius = c.move.new.radius
+    higher = float(p.scale[j] / p.combined[j]) + o.target_height / radius
+    factor = higher * (1.0 - (on_ellipsoid / radius) ** 2 / 6.0) / k
+    return [replace(o, value=o.value * factor)], _same(o) * factor
 
 
 @converted.register

@@ -1,0 +1,360 @@
+"""The congruence of two epochs: which points kept their places, and how far the others moved.
+
+The two epochs are compared in four steps (Pelzer 1971; Niemeier, Ausgleichungsrechnung, 2008):
+
+1. σ̂0² of both adjustments are compared, F = σ̂²_larger/σ̂²_smaller, and pooled.
+2. The reference points are tested for a change of their shape: T = Ω/(h σ0²) ~ F(h, r₁ + r₂),
+   with Ω and h of `factorgraph_adj.epochs.hypotheses`, which no datum changes.
+3. Where it rejects, the points that moved are searched for (`factorgraph_adj.epochs.localise`).
+4. Every other point is tested against the points that stayed: under the hypothesis that only the
+   stable points kept their places, ∇ is the displacement of the others, with its cofactors.
+   Step 4 equals an adjustment of both epochs in one, in which a stable point stands once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..columns import Columns
+from ..errors import InputError, Problem, known
+from ..quality.distributions import fisher_quantile
+from ..quality.levels import ALPHA_OF_MODEL, POWER
+from ..shown import Rows, Shown
+from ..solve.solution import Solution
+from ..types import Array
+from .differences import Differences, between, within
+from .hypotheses import Scale, Test, moved, spanning, weight
+from .localise import Method, Step, localise
+
+
+@dataclass(frozen=True)
+class RatioTest:
+    """Comparison of the variances of unit weight of two adjustments."""
+
+    sigma0: tuple[float, float]
+    """σ̂0 of the first and the second epoch."""
+    redundancy: tuple[int, int]
+    """Redundancies."""
+    ratio: float
+    """The larger variance divided by the smaller one."""
+    critical: float
+    """Critical value of the ratio, two-sided."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the epochs can have the same accuracy relative to their weights."""
+        return self.ratio <= self.critical
+
+
+@dataclass(frozen=True, eq=False)
+class Displacement:
+    """Displacement of a point against the points that stayed."""
+
+    name: str
+    """Name in the first epoch."""
+    stable: bool
+    """Whether the point is one of the stable reference points."""
+    place: Array
+    """Coordinates of the first epoch, (3,) metres."""
+    vector: Array
+    """Displacement, (3,) metres; zero in coordinates that are not compared."""
+    covariance: Array
+    """Covariance of the displacement, (3, 3) metres², with the σ0² of the tests."""
+    test: Test
+    """Test of the hypothesis that the point kept its place."""
+    detectable: float
+    """Smallest displacement that the test finds with the power asked for, in the direction in
+    which it finds it hardest, metres."""
+    hardest: Array
+    """That direction, a unit vector (3,)."""
+
+    @property
+    def moved(self) -> bool:
+        """Whether the displacement is significant."""
+        return not self.test.accepted
+
+    @property
+    def length(self) -> float:
+        """Length of the displacement, metres."""
+        return float(np.linalg.norm(self.vector))
+
+    @property
+    def sigmas(self) -> Array:
+        """Standard deviations of the components, (3,) metres."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Congruence(Shown):
+    """Result of the comparison of two epochs."""
+
+    differences: Differences
+    """What was compared."""
+    ratio: RatioTest | None
+    """Comparison of the two variances; None for both epochs in one adjustment."""
+    scale: Scale
+    """Variance of unit weight of all tests."""
+    reference: tuple[str, ...]
+    """Reference points that were tested for their shape."""
+    stable: tuple[str, ...]
+    """Reference points that are taken as stable."""
+    steps: tuple[Step, ...]
+    """The congruence tests of the reference points; empty without reference points."""
+    displacements: Mapping[str, Displacement]
+    """Displacement of every point by its name, reference points first."""
+    joint: Array
+    """Joint cofactors of the displacements of the points that are not stable, in the order of
+    `displacements`, (n k, n k) metres²."""
+    alpha: float
+    """Probability of a false alarm of each test."""
+    power: float
+    """Power of the smallest detectable displacements."""
+
+    @property
+    def global_test(self) -> Test | None:
+        """Congruence test of all reference points; None without reference points."""
+        return self.steps[0].test if self.steps else None
+
+    @property
+    def moved(self) -> tuple[str, ...]:
+        """Names of the points whose displacement is significant, reference points first."""
+        return tuple(n for n, x in self.displacements.items() if x.moved and not x.stable)
+
+    def displacement(self, name: str) -> Displacement:
+        """Return the displacement of a point.
+
+        Raises:
+            InputError: the point was not compared.
+        """
+        if name not in self.displacements:
+            raise InputError(
+                f"point {name!r} was not compared; known: {known(self.displacements, meant=name)}"
+            )
+        return self.displacements[name]
+
+    def table(self) -> Columns:
+        """Return the displacements as columns; metres."""
+        every = list(self.displacements.values())
+        vectors = np.array([x.vector for x in every]).reshape(-1, 3)
+        sigmas = np.array([x.sigmas for x in every]).reshape(-1, 3)
+        columns = {"name": np.array([x.name for x in every], dtype=object)}
+        columns["stable"] = np.array([x.stable for x in every])
+        for i, axis in enumerate("xyz"):
+            columns[f"d{axis}"] = vectors[:, i]
+            columns[f"sigma_d{axis}"] = sigmas[:, i]
+        columns["length"] = np.array([x.length for x in every])
+        columns["test_value"] = np.array([x.test.value for x in every])
+        columns["critical"] = np.array([x.test.critical for x in every])
+        columns["moved"] = np.array([x.moved for x in every])
+        columns["detectable"] = np.array([x.detectable for x in every])
+        return Columns("displacements", columns)
+
+    def headline(self) -> str:
+        """Return what moved."""
+        points = f"{len(self.displacements)} points"
+        if self.global_test is None:
+            return f"{points} of two epochs: {len(self.moved)} moved"
+        same = "kept" if self.global_test.accepted else "changed"
+        return (
+            f"{points} of two epochs: {len(self.reference)} reference points {same} their shape, "
+            f"{len(self.moved)} points moved"
+        )
+
+    def first_rows(self) -> Rows:
+        """Return the first displacements."""
+        rows = (
+            (x.name, *(1000.0 * x.vector), x.test.value, x.test.critical, x.moved)
+            for x in self.displacements.values()
+        )
+        header = ("point", "dx [mm]", "dy [mm]", "dz [mm]", "T", "critical", "moved")
+        return Rows(header, rows, len(self.displacements))
+
+
+def congruence(
+    first: Solution,
+    second: Solution | None = None,
+    *,
+    reference: Sequence[str] | None = None,
+    objects: Sequence[str] | None = None,
+    pairs: Mapping[str, str] | None = None,
+    method: Method = "combinations",
+    variance: Literal["pooled", "a-priori"] = "pooled",
+    alpha: float = ALPHA_OF_MODEL,
+    power: float = POWER,
+) -> Congruence:
+    """Compare two epochs: test the reference points, find what moved, and by how much.
+
+    Args:
+        first: solution of the first epoch, or of both epochs in one adjustment.
+        second: solution of the second epoch; None: ``first`` has both epochs, and ``pairs`` names
+            the two places of each point.
+        reference: points that are thought to be stable, by their names in the first epoch. None:
+            with two solutions all points that are in both and not named in ``objects``; with one
+            solution none, where the common points of the adjustment are the reference.
+        objects: points that may have moved; None: all other points that are in both.
+        pairs: names in the second epoch by names in the first, where they differ.
+        method: how moved reference points are found, see `factorgraph_adj.epochs.localise`.
+        variance: ``pooled``: the tests divide by σ̂0² = (v₁ᵀP₁v₁ + v₂ᵀP₂v₂)/(r₁ + r₂);
+            ``a-priori``: σ0 = 1 is known.
+        alpha: probability of a false alarm of each test.
+        power: power of the smallest detectable displacements.
+
+    Raises:
+        InputError: unknown, held or repeated points, different frames, nothing to compare, no
+            redundancy for a pooled variance.
+        DatumError: the reference points do not determine the motions that are open.
+    """
+    if not 0 < alpha < power < 1:
+        raise InputError(f"alpha and power must be 0 < alpha < power < 1, not {alpha}, {power}")
+    some, others = _chosen(first, second, reference, objects, pairs)
+    named = {n: (pairs or {}).get(n, n) for n in (*some, *others)}
+    found = within(first, named) if second is None else between(first, second, named)
+    scale = _scale(found, variance)
+    steps: tuple[Step, ...] = ()
+    stable: tuple[str, ...] = ()
+    if some:
+        search = localise(found, some, scale, alpha=alpha, method=method)
+        stable, steps = search.stable, search.steps
+    displacements, joint = _displacements(found, some, stable, scale, alpha, power)
+    return Congruence(
+        found,
+        None if second is None else _ratio(found, alpha),
+        scale,
+        some,
+        stable,
+        steps,
+        displacements,
+        joint,
+        alpha,
+        power,
+    )
+
+
+def _chosen(
+    first: Solution,
+    second: Solution | None,
+    reference: Sequence[str] | None,
+    objects: Sequence[str] | None,
+    pairs: Mapping[str, str] | None,
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the reference points and the others, by their names in the first epoch."""
+    for what, given in (("reference", reference), ("objects", objects)):
+        if isinstance(given, str):
+            raise InputError(f"{what} must be a list of names, not the one name {given!r}")
+    if second is None:
+        if not pairs:
+            raise InputError(
+                "one solution of both epochs needs pairs: names of the second places by names of "
+                "the first"
+            )
+        some = tuple(reference or ())
+        others = tuple(objects if objects is not None else [n for n in pairs if n not in some])
+        missing = [n for n in (*some, *others) if n not in pairs]
+        if missing:
+            raise InputError(
+                Problem("has no second place in pairs", f"point {n!r}") for n in missing
+            )
+    else:
+        table = first.equations.unknowns["point"]
+        there = second.equations.unknowns["point"]
+        both = [
+            n
+            for n in table.names
+            if (m := (pairs or {}).get(n, n)) in there.number
+            and table.free[table.number[n]].any()
+            and there.free[there.number[m]].any()
+        ]
+        named = {*(reference or ()), *(objects or ())}
+        rest = tuple(n for n in both if n not in named)
+        some = tuple(reference) if reference is not None else rest
+        others = tuple(objects) if objects is not None else (rest if reference is not None else ())
+    twice = [n for n in dict.fromkeys(some) if n in others]
+    if twice:
+        raise InputError(
+            Problem("is named as reference and as object", f"point {n!r}") for n in twice
+        )
+    return tuple(dict.fromkeys(some)), tuple(dict.fromkeys(others))
+
+
+def _scale(found: Differences, variance: str) -> Scale:
+    if variance == "a-priori":
+        return Scale(1.0, float("inf"))
+    if variance != "pooled":
+        raise InputError(f"variance must be pooled or a-priori, not {variance!r}")
+    freedom = sum(found.redundancy)
+    if freedom < 1:
+        raise InputError("the epochs have no redundancy: take variance='a-priori'")
+    return Scale(sum(found.vtpv) / freedom, float(freedom))
+
+
+def _ratio(found: Differences, alpha: float) -> RatioTest | None:
+    """Compare the variances; None where an epoch has no redundancy."""
+    if min(found.redundancy) < 1:
+        return None
+    s = [v / r for v, r in zip(found.vtpv, found.redundancy, strict=True)]
+    larger = int(np.argmax(s))
+    r = found.redundancy
+    ratio = s[larger] / s[1 - larger] if s[1 - larger] > 0 else float("inf")
+    critical = fisher_quantile(1.0 - alpha / 2.0, r[larger], r[1 - larger])
+    return RatioTest((float(np.sqrt(s[0])), float(np.sqrt(s[1]))), (r[0], r[1]), ratio, critical)
+
+
+def _displacements(
+    found: Differences,
+    reference: tuple[str, ...],
+    stable: tuple[str, ...],
+    scale: Scale,
+    alpha: float,
+    power: float,
+) -> tuple[dict[str, Displacement], Array]:
+    """Return the displacements of all points against the stable ones, and joint cofactors."""
+    k = len(found.axes)
+    order = (*reference, *(n for n in found.names if n not in reference))
+    loose = tuple(n for n in order if n not in stable)
+    rows = found.rows((*stable, *loose))
+    g = spanning(found.motions[rows])
+    if not stable and g.shape[1]:
+        raise InputError(
+            "the epochs have no stable points in common, and the observations leave motions "
+            "between them open: name reference points"
+        )
+    w = weight(found.cofactor[np.ix_(rows, rows)], g)
+    d = found.d[rows]
+    columns = np.arange(len(stable) * k, len(rows))
+    if len(columns):
+        nabla, joint, _ = moved(w, d, columns)
+    else:
+        nabla, joint = np.zeros(0), np.zeros((0, 0))
+    lam = scale.noncentrality(alpha, power, k)
+    axes = ["xyz".index(a) for a in found.axes]
+    out: dict[str, Displacement] = {}
+    for name in order:
+        if name in stable:
+            own = np.arange(k) + stable.index(name) * k
+            both = np.concatenate([own, columns])
+            vector, q, _ = moved(w, d, both)
+            vector, q = vector[:k], q[:k, :k]
+        else:
+            own = np.arange(k) + loose.index(name) * k
+            vector, q = nabla[own], joint[np.ix_(own, own)]
+        values, axes_of_q = np.linalg.eigh(q)
+        test = scale.test(float(vector @ np.linalg.solve(q, vector)), k, alpha)
+        full, covariance, hardest = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+        full[axes] = vector
+        covariance[np.ix_(axes, axes)] = scale.variance * q
+        hardest[axes] = axes_of_q[:, -1]
+        out[name] = Displacement(
+            name,
+            name in stable,
+            found.places[found.names.index(name)],
+            full,
+            covariance,
+            test,
+            float(np.sqrt(lam * scale.variance * values[-1])),
+            hardest,
+        )
+    return out, joint

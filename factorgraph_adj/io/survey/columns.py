@@ -1,0 +1,307 @@
+"""Reader of tables of any program, by a mapping of their columns."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError, Problem, known
+from ...field.faces import Faces
+from ...frames import LocalFrame
+from ...network.network import Network
+from ...observations import Observation
+from .. import numbers
+from ..context import RecordContext
+from ..records import observation
+from .accuracies import DIRECTION_MGON, DISTANCE_MM, PPM, REFRACTION, ZENITH_MGON, Accuracies
+from .book import FieldBook
+from .column_map import TEXTS, ColumnMap, Section, column_map
+from .notes import Notes
+
+HELD = {"yes": "xyz", "true": "xyz", "1": "xyz", "x": "x", "no": "", "false": "", "0": "", "": ""}
+"""Words in the column ``fixed``, beside axes such as xyz, xy and z."""
+FACES = {"1": 1, "i": 1, "f1": 1, "l": 1, "2": 2, "ii": 2, "f2": 2, "r": 2}
+"""Words in the column ``face``."""
+MOST_CELLS = 500
+"""Characters of a cell; more are a missing quotation mark."""
+
+
+def read_columns(
+    path: str | Path,
+    *,
+    mapping: ColumnMap | Mapping[str, Any] | str | Path,
+    fixed: str | Iterable[str] = (),
+    sigma_direction_mgon: float = DIRECTION_MGON,
+    sigma_zenith_mgon: float = ZENITH_MGON,
+    sigma_distance_mm: float = DISTANCE_MM,
+    ppm: float = PPM,
+    centring_mm: float | None = None,
+    faces: Faces = "means",
+    refraction: float | None = REFRACTION,
+) -> Network:
+    """Read points, readings and observations from tables of any program.
+
+    The mapping, a dictionary or a TOML file, says for each column of this package which header of
+    the file it is, or, after ``=``, a constant. It has up to three tables, which are read from the
+    same file or, with ``file``, from another beside it:
+
+    - ``points``: name, x, y, z, fixed (yes, no or axes such as xy);
+    - ``readings``: station, target, direction, zenith, distance, horizontal_distance, set, face,
+      instrument_height, target_height: a field book, whose faces are reduced;
+    - ``observations``: kind and the columns of this kind in observations.csv.
+
+    Keys beside them: ``delimiter`` (told by the header if absent), ``decimal`` (``.`` or ``,``),
+    ``encoding``, ``header`` (line of the header; 0: none, columns are named 1, 2, …), ``axes`` (en
+    or ne: what x and y are; default en), ``units`` (length, angle) and ``sigma``, standard
+    deviations by kind as in project.toml. Columns of the file that are not mapped are not read.
+    A row of points without coordinates and empty rows of another table are no error; a point that
+    only readings or observations name is unknown. Points that no table states are added.
+
+    Args:
+        path: the table.
+        mapping: the mapping, or a TOML file with it.
+        fixed: names of points that are held, beside those whose column says so.
+        sigma_direction_mgon: σ of a horizontal reading in one face, mgon.
+        sigma_zenith_mgon: σ of a zenith reading in one face, mgon.
+        sigma_distance_mm: constant part of σ of a distance, mm.
+        ppm: part of σ of a distance that grows with it, mm/km.
+        centring_mm: σ of the centring of instrument and target, mm; None: 1, for both faces 0.
+        faces: means of two faces, or both readings with index and collimation errors as unknowns.
+        refraction: coefficient k, with the curvature of the Earth, for readings and observations
+            of zenith angles; None: neither.
+
+    Raises:
+        InputError: every problem of mapping and tables, each with file and line.
+    """
+    accuracies = Accuracies(
+        sigma_direction_mgon,
+        sigma_zenith_mgon,
+        sigma_distance_mm,
+        ppm,
+        centring_mm,
+        faces=faces,
+        refraction=refraction,
+        fixed=fixed,
+    )
+    source = Path(path)
+    return _Reader(source, column_map(mapping), accuracies).network()
+
+
+class _Reader:
+    def __init__(self, path: Path, mapping: ColumnMap, accuracies: Accuracies) -> None:
+        self.path = path
+        self.map = mapping
+        self.accuracies = accuracies
+        self.book = FieldBook(path, accuracies)
+        self.problems: list[Problem] = []
+        self.held: dict[str, str] = {}
+        self.observations: list[Observation] = []
+        self.at: tuple[str, float, str] | None = None
+        self.context = RecordContext(units=mapping.units, sigma=mapping.sigma)
+
+    def network(self) -> Network:
+        """Read all tables and return the network."""
+        for section in self.map.sections:
+            file = self.path if section.file is None else self.path.with_name(section.file)
+            read = {
+                "points": self._point,
+                "readings": self._reading,
+                "observations": self._observation,
+            }[section.name]
+            self.book.notes = Notes(file)
+            self.book.current = None
+            for line, row in self._rows(file, section):
+                read(line, row)
+            self.problems += list(self.book.notes.problems)
+        self.book.notes = Notes(self.path)
+        for o in self.observations:
+            for name in o.points():
+                self.book.point(0, name)
+        if self.problems:
+            raise InputError(self.problems)
+        self.book.others += self.observations
+        network = self.book.network()
+        zenith = any(o.kind in ("zenith_angle", "vertical_angle") for o in self.observations)
+        if zenith and self.accuracies.refraction is not None:
+            network.set_refraction(value=self.accuracies.refraction - 1.0, fixed=True)
+        return self._with_held(network)
+
+    def _with_held(self, network: Network) -> Network:
+        """Return the network with the axes of the mapping and the points that the table holds."""
+        if not any(self.held.values()) and self.map.axes == "en":
+            return network
+        held = any(self.held.values()) or bool(self.accuracies.held)
+        out = Network(
+            network.name,
+            frame=LocalFrame(axes=self.map.axes),  # type: ignore[arg-type]
+            datum="given" if held else "free",
+        )
+        for p in network.points.values():
+            axes = {*p.held, *self.held.get(p.name, "")}
+            out.add_point(p.name, p.coordinates, fixed="".join(a for a in "xyz" if a in axes))
+        for group, unknown in network.refractions.items():
+            out.set_refraction(str(group), value=unknown.values[0], fixed=True)
+        for kind, table in network.parameters.items():
+            if kind != "refraction":
+                out.parameters[kind] = dict(table)
+        out.add(*network.observations.values())
+        out.doubts = list(network.doubts)
+        return out
+
+    # -- rows -----------------------------------------------------------------------------------
+
+    def _rows(self, file: Path, section: Section) -> Iterator[tuple[int, dict[str, str]]]:
+        """Iterate over the rows of a file: line, and filled cells by column of this package."""
+        lines = self._lines(file)
+        start = max(self.map.header - 1, 0)
+        if len(lines) <= start:
+            self.problems.append(Problem("has no header, or no rows", file.name))
+            return
+        delimiter = self.map.delimiter or next((d for d in ";\t," if d in lines[start]), ",")
+        found = csv.reader(lines[start:], delimiter=delimiter, skipinitialspace=delimiter == " ")
+        header: list[str] | None = None
+        try:
+            for cells in found:
+                line = start + found.line_num
+                cells = [c.strip() for c in cells]
+                if delimiter == " ":
+                    cells = [c for c in cells if c]
+                if any(len(c) > MOST_CELLS for c in cells):
+                    what = (
+                        f"a cell has more than {MOST_CELLS} characters: a missing quotation mark?"
+                    )
+                    self.problems.append(Problem(what, f"{file.name}:{line}"))
+                    return
+                if header is None:
+                    header = self._header(file, line, cells, section)
+                    if header is None:
+                        return
+                    if self.map.header:
+                        continue
+                if any(cells):
+                    yield line, self._cells(file, line, header, cells, section)
+        except csv.Error as error:
+            self.problems.append(Problem(f"is not a table: {error}", f"{file.name}:{start + 1}"))
+
+    def _lines(self, file: Path) -> list[str]:
+        try:
+            text = file.read_bytes().decode(self.map.encoding)
+        except OSError as error:
+            self.problems.append(Problem(f"cannot be read: {error.strerror}", str(file)))
+            return []
+        except UnicodeDecodeError as error:
+            line = error.object[: error.start].count(b"\n") + 1
+            what = (
+                f"is not {self.map.encoding} text: state encoding, such as cp1252, in the mapping"
+            )
+            self.problems.append(Problem(what, f"{file.name}:{line}"))
+            return []
+        text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "\ufffd")
+        return [f"{line}\n" for line in text.split("\n")]
+
+    def _header(
+        self, file: Path, line: int, cells: list[str], section: Section
+    ) -> list[str] | None:
+        """Return the names of the columns; None, and a problem, if mapped ones are missing."""
+        header = cells if self.map.header else [str(i + 1) for i in range(len(cells))]
+        missing = [v for v in section.columns.values() if not v.startswith("=") and v not in header]
+        twice = [v for v in section.columns.values() if header.count(v) > 1]
+        for name in missing:
+            what = f"there is no column {name!r}; columns: {known(header, meant=name, most=30)}"
+            self.problems.append(Problem(what, f"{file.name}:{line}"))
+        for name in twice:
+            self.problems.append(Problem(f"two columns are named {name!r}", f"{file.name}:{line}"))
+        return None if missing or twice else header
+
+    def _cells(
+        self, file: Path, line: int, header: list[str], cells: list[str], section: Section
+    ) -> dict[str, str]:
+        if len(cells) > len(header) and any(cells[len(header) :]):
+            what = f"{len(cells)} cells, but the header has {len(header)} columns"
+            self.problems.append(Problem(what, f"{file.name}:{line}"))
+        by_name = dict(zip(header, cells, strict=False))
+        out = {}
+        for ours, theirs in section.columns.items():
+            text = theirs[1:] if theirs.startswith("=") else by_name.get(theirs, "")
+            if self.map.decimal == "," and ours not in TEXTS and not theirs.startswith("="):
+                text = text.replace(".", "").replace(",", ".") if "," in text else text
+            if text:
+                out[ours] = text
+        return out
+
+    # -- points, readings, observations ---------------------------------------------------------
+
+    def _number(self, line: int, row: dict[str, str], name: str, unit: str) -> float | None:
+        if name not in row:
+            return None
+        try:
+            return numbers.parse(row[name], unit)
+        except ValueError as error:
+            self.book.notes.add(line, f"{name}: {error}")
+            return math.nan
+
+    def _point(self, line: int, row: dict[str, str]) -> None:
+        if "name" not in row:
+            self.book.notes.add(line, "a point without a name")
+            return
+        values = [self._number(line, row, a, self.map.units.length) for a in "xyz"]
+        x, y, z = (math.nan if v is None else v for v in values)
+        self.book.point(line, self.book.notes.name(line, row["name"], "name"), x, y, z)
+        word = row.get("fixed", "").lower()
+        axes = word if word and set(word) <= set("xyz") else HELD.get(word)
+        if axes is None:
+            self.book.notes.add(
+                line, f"fixed must be yes, no or axes such as xy, not {word[:20]!r}"
+            )
+        elif missing := [a for a, v in zip("xyz", values, strict=True) if a in axes and v is None]:
+            if word in ("yes", "true", "1"):
+                axes = "".join(a for a in axes if a not in missing)
+            else:
+                self.book.notes.add(line, f"{', '.join(missing)} is held, but has no value")
+        self.held[row["name"]] = axes or ""
+
+    def _reading(self, line: int, row: dict[str, str]) -> None:
+        station, target = row.get("station", ""), row.get("target", "")
+        if not station or not target:
+            self.book.notes.add(line, "a reading needs station and target")
+            return
+        length, angle = self.map.units.length, self.map.units.angle
+        value = {
+            n: self._number(line, row, n, angle if n in ("direction", "zenith") else length)
+            for n in (
+                "direction",
+                "zenith",
+                "distance",
+                "horizontal_distance",
+                "instrument_height",
+                "target_height",
+            )
+        }
+        height, own = value["instrument_height"] or 0.0, row.get("set", "")
+        key = (station, height, own)
+        if self.book.current is None or key != self.at:
+            self.book.begin(line, self.book.notes.name(line, station, "station"), height)
+            self.at = key
+        word = row.get("face", "").lower()
+        if word and word not in FACES:
+            self.book.notes.add(line, f"face must be 1 or 2 (I, II, L, R), not {word[:20]!r}")
+        self.book.sight(
+            line,
+            self.book.notes.name(line, target, "target"),
+            direction=value["direction"],
+            zenith=value["zenith"],
+            distance=value["distance"],
+            horizontal=value["horizontal_distance"],
+            target_height=value["target_height"] or 0.0,
+            face=FACES.get(word),
+        )
+
+    def _observation(self, line: int, row: dict[str, str]) -> None:
+        try:
+            source = self.book.notes.place(line)
+            self.observations.append(observation(row, context=self.context, source=source))
+        except InputError as error:
+            self.problems += error.problems

@@ -1,0 +1,450 @@
+"""Reader of data files of STAR*NET.
+
+Format: STAR*NET V6, Reference Manual, chapter 5, "Preparing Input Data"; MicroSurvey, help desk,
+article 1120, "STAR*NET data types".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError, Problem, known
+from ...frames import LocalFrame
+from ...network.network import Network
+from ...observations import (
+    Azimuth,
+    Direction,
+    HeightDifference,
+    HorizontalAngle,
+    HorizontalDistance,
+    Observation,
+    SlopeDistance,
+    ZenithAngle,
+)
+from ..text import read_text
+from .notes import Notes
+from .star_net_lines import BEARING, DMS, Sigma, Values, inline
+from .star_net_options import CHOICES, StarNetOptions, star_net_options
+from .star_net_points import StarNetPoints
+
+NOT_BUILT = {
+    "CH": "ellipsoidal heights need a geoid",
+    "P": "positions by latitude and longitude: give grid coordinates in C lines",
+    "PH": "positions by latitude and longitude: give grid coordinates in C lines",
+    "EH": "ellipsoidal heights need a geoid",
+    "G": "GPS vectors are geocentric: use a reader of GNSS vectors",
+    "G0": "GPS vectors are geocentric: use a reader of GNSS vectors",
+    "G1": "GPS vectors are geocentric: use a reader of GNSS vectors",
+    "G2": "GPS vectors are geocentric: use a reader of GNSS vectors",
+    "G3": "GPS vectors are geocentric: use a reader of GNSS vectors",
+    "GT": "geoid heights and deflections: use a geoid of factorgraph_adj.crs",
+    "GH": "geoid heights and deflections: use a geoid of factorgraph_adj.crs",
+}
+"""Data types of STAR*NET that the reader refuses, and why."""
+PLAIN = {
+    "A": ("angle",),
+    "D": ("distance",),
+    "V": ("vertical",),
+    "DV": ("distance", "vertical"),
+    "B": ("bearing",),
+    "M": ("angle", "distance", "vertical"),
+    "SS": ("angle", "distance", "vertical"),
+    "BM": ("bearing", "distance", "vertical"),
+    "DN": ("direction",),
+    "DM": ("direction", "distance", "vertical"),
+    "T": ("angle", "distance", "vertical"),
+}
+"""Observations of the data types, in their order on a line."""
+ANGLED = ("A", "M", "SS")
+"""Data types whose stations are at, from and to."""
+CODES = ("C", "E", *PLAIN, "L", "DB", "DE", "TB", "TE")
+
+
+def read_star_net(
+    path: str | Path,
+    *,
+    options: StarNetOptions | Mapping[str, Any] | str | Path | None = None,
+) -> Network:
+    """Read a data file of STAR*NET (``.dat``).
+
+    Read are C, E, A, D, V, DV, B, M, SS, BM, DB, DN, DM, DE, TB, T, TE and L with entered, default,
+    fixed (``!``: 0.01″ or 0.01 mm) and free (``*``: 10⁴ times the default) standard errors, ``?``
+    for what was not measured, heights of instrument and target, and the inline options .2D, .3D,
+    .UNITS, .ORDER, .DELTA, .REFRACTION, .SEPARATOR, .MULTIPLIER, .ADDCENTERING, .LWEIGHT and .DATA;
+    .LOSTSTATIONS, .PTOLERANCE, .ELLIPSE and .RELATIVE concern what STAR*NET prints and change
+    nothing; other options and data types are refused by name. Lines
+    between .DATA OFF and .DATA ON, comments (#) and descriptors (') are not read.
+
+    Units, orders and default standard errors are in the project file of STAR*NET, not here: the
+    reader demands each one that a line uses, and names the first line. Standard errors combine as
+    in STAR*NET: distance = constant + ppm, with centring √(σ² + ci² + ct²). Curvature and
+    refraction of STAR*NET, (1 − 2·0.07) D²/2R, are a held group of refraction κ = 2·0.07 − 1.
+    Side shots take part in the adjustment; without redundancy they change nothing. A 2D project
+    holds z = 0, LEV holds x and y. Data of a 3D line in a 2D project is reduced to the horizontal.
+
+    Args:
+        path: the file.
+        options: settings of the project, see `StarNetOptions`, or a TOML file with them.
+
+    Raises:
+        InputError: every problem of the file, each with its line, and every setting that it needs
+            and nothing states.
+    """
+    source = Path(path)
+    settings = star_net_options(options)
+    if settings.adjustment is None:
+        missing = known([n for n in CHOICES if getattr(settings, n) is None], most=10)
+        what = (
+            f"needs the settings of its project, which data files do not have: {missing}, and the "
+            "default standard errors that its lines use; state them in options"
+        )
+        raise InputError(Problem(what, source.name))
+    reader = _Reader(source, settings)
+    for number, text in enumerate(read_text(source).split("\n"), start=1):
+        reader.read(number, text)
+    return reader.network()
+
+
+class _Reader:
+    def __init__(self, path: Path, options: StarNetOptions) -> None:
+        self.path = path
+        self.notes = Notes(path)
+        self.values = Values(self.notes, options)
+        self.points = StarNetPoints(self.values)
+        self.observations: list[Observation] = []
+        self.refractions: dict[str, float] = {}
+        self.reading = True
+        self.set_at: tuple[str, str] | None = None
+        self.sets: dict[str, int] = {}
+        self.traverse: list[str] | None = None
+        self.backsight: float | None = None
+        self.pending: tuple[int, str, list[str]] | None = None
+
+    # -- lines ------------------------------------------------------------------------------------
+
+    def read(self, line: int, text: str) -> None:
+        """Read a line."""
+        for mark in ("#", "'", "‘", '"'):
+            text = text.partition(mark)[0]
+        words = text.split()
+        if not words:
+            return
+        if words[0].startswith("."):
+            option = inline(self.values, line, words)
+            if option == "DATA":
+                self.reading = [w.upper() for w in words[1:]] != ["OFF"]
+            return
+        if not self.reading:
+            return
+        code, rest = words[0].upper(), words[1:]
+        if code in NOT_BUILT:
+            self.notes.add(line, f"data type {code} is not built: {NOT_BUILT[code]}")
+        elif code not in CODES:
+            self.notes.add(
+                line,
+                f"unknown data type {words[0][:20]!r}; valid: " + known(CODES, meant=code, most=30),
+            )
+        elif code in ("C", "E"):
+            of_code = self.points.coordinates if code == "C" else self.points.elevation
+            of_code(line, rest)
+        elif code == "L":
+            self._level(line, rest)
+        elif code in ("DB", "DE", "DN", "DM"):
+            self._of_set(line, code, rest)
+        elif code in ("TB", "T", "TE"):
+            self._of_traverse(line, code, rest)
+        else:
+            count = 3 if code in ANGLED else 2
+            names = self._names(line, code, rest, count)
+            if names:
+                self._observe(line, code, names, rest[1:])
+
+    def _names(self, line: int, code: str, words: list[str], count: int) -> list[str]:
+        names = words[0].split(self.values.now.separator) if words else []
+        if len(names) != count or not all(n.isprintable() and n for n in names):
+            order = self.values.now.stations if count == 3 else "From-To"
+            what = f"{code} begins with {count} names, {order or 'At-From-To'}, joined by "
+            what += f"{self.values.now.separator!r}, not {words[0][:40] if words else ''!r}"
+            self.notes.add(line, what)
+            return []
+        if count == 3:
+            order = self.values.word(line, "stations", self.values.now.stations)
+            if order == "FromAtTo":
+                names = [names[1], names[0], names[2]]
+        if len(set(names)) < len(names):
+            self.notes.add(line, f"{code} joins a point to itself: {words[0][:40]}")
+            return []
+        return names
+
+    def _level(self, line: int, words: list[str]) -> None:
+        names = self._names(line, "L", words, 2)
+        rest = words[1:]
+        if not names or not 1 <= len(rest) <= 3:
+            if names:
+                self.notes.add(
+                    line,
+                    "L takes From-To, the difference, its length or turns, and a standard error",
+                )
+            return
+        if self.values.options.adjustment == "2D":
+            return
+        value = self.values.length(line, rest[0], "L difference")
+        size = None
+        if len(rest) > 1:
+            size = self.notes.number(line, rest[1], "length or turns of L")
+            if size <= 0:
+                self.notes.add(line, f"length or turns of L must be > 0, not {rest[1]}")
+                return
+        sigma, km = self.values.level_sigma(line, rest[2] if len(rest) > 2 else None, size)
+        self.points.use(line, *names)
+        self._add(
+            line, HeightDifference, names, value, sigma, length_km=None if math.isnan(km) else km
+        )
+
+    def _of_set(self, line: int, code: str, words: list[str]) -> None:
+        if code == "DB":
+            if self.set_at is not None:
+                self.notes.add(line, f"DB within the set of {self.set_at[0]!r}: DE is missing")
+            if len(words) != 1:
+                self.notes.add(line, "DB takes the name of the station")
+                return
+            self.sets[words[0]] = self.sets.get(words[0], 0) + 1
+            self.set_at = (words[0], str(self.sets[words[0]]))
+        elif self.set_at is None:
+            self.notes.add(line, f"{code} without DB: a set of directions begins with DB")
+        elif code == "DE":
+            self.set_at = None
+        elif not words or words[0] == self.set_at[0]:
+            self.notes.add(line, f"{code} takes the name of another station than that of the set")
+        else:
+            self._observe(line, code, [self.set_at[0], words[0]], words[1:])
+
+    # -- traverses --------------------------------------------------------------------------------
+
+    def _of_traverse(self, line: int, code: str, words: list[str]) -> None:
+        if code == "TB":
+            if self.traverse is not None:
+                self.notes.add(line, "TB within a traverse: TE is missing")
+            self.traverse, self.backsight, self.pending = [], None, None
+            if len(words) != 1:
+                self.notes.add(line, "TB takes the backsight, a station or a bearing")
+            elif BEARING.fullmatch(words[0]) or DMS.fullmatch(words[0]):
+                self.backsight = self.values.bearing(line, words[0], "bearing of TB")
+            else:
+                self.traverse.append(words[0])
+            return
+        if self.traverse is None:
+            self.notes.add(line, f"{code} without TB: a traverse begins with TB")
+            return
+        if not words:
+            self.notes.add(line, f"{code} takes the name of the station")
+            return
+        self._leg(words[0])
+        self.traverse.append(words[0])
+        if code == "T":
+            self.pending = (line, words[0], words[1:])
+            return
+        if len(words) > 1:
+            self._closing(line, words)
+        self.traverse = self.pending = None
+
+    def _leg(self, to: str) -> None:
+        """Observe the last T line, whose target is known now."""
+        if self.pending is None or self.traverse is None:
+            return
+        line, at, words = self.pending
+        if to == at:
+            self.notes.add(line, f"T joins {at!r} to itself")
+        elif len(self.traverse) > 1:
+            self._observe(line, "T", [at, self.traverse[-2], to], words)
+        elif words:
+            # The backsight is a bearing: the angle from it is an azimuth.
+            self._observe(line, "T", [at, to], words, azimuth=self.backsight)
+
+    def _closing(self, line: int, words: list[str]) -> None:
+        """Observe the closing angle of a TE line."""
+        at, back = words[0], (self.traverse or ["", ""])[-2:][0]
+        if len(words) not in (3, 4) or len(self.traverse or []) < 2:
+            self.notes.add(line, "TE takes the station, and a closing angle with the foresight")
+            return
+        angle = self.values.angle(line, words[1], "closing angle")
+        sigma = self.values.sigma(line, words[3] if len(words) > 3 else None, "angle")
+        self.points.use(line, at, back)
+        if BEARING.fullmatch(words[2]):
+            value = self.values.bearing(line, words[2], "closing bearing") - angle
+            self._add(line, Azimuth, [at, back], value % (2 * math.pi), sigma)
+            return
+        self.points.use(line, words[2])
+        self._add(line, HorizontalAngle, [at, back, words[2]], angle % (2 * math.pi), sigma)
+
+    # -- observations -----------------------------------------------------------------------------
+
+    def _observe(
+        self,
+        line: int,
+        code: str,
+        names: list[str],
+        words: list[str],
+        azimuth: float | None = None,
+    ) -> None:
+        """Observe what a line has: its values, standard errors and heights."""
+        kinds = list(PLAIN[code])
+        project = self.values.options.adjustment
+        flat = self.values.now.dimension == "2D"
+        if flat and "vertical" in kinds:
+            kinds.remove("vertical")
+            if not kinds:
+                self.notes.add(line, f"{code} has no place among 2D data")
+                return
+        heights = [0.0, 0.0]
+        if words and "/" in words[-1]:
+            hi, _, ht = words[-1].partition("/")
+            heights = [self.values.length(line, t, "HI/HT") for t in (hi, ht)]
+            words = words[:-1]
+        n = len(kinds)
+        if len(words) not in (n, 2 * n):
+            what = f"{code} takes {', '.join(kinds)}, then no or {n} standard errors and HI/HT"
+            self.notes.add(line, f"{what}, not {len(words)} values")
+            return
+        errors: list[str | None] = [*words[n:]] or [None] * n
+        given = {k: (v, s) for k, v, s in zip(kinds, words[:n], errors, strict=True)}
+        ends = [names[0], names[-1]]
+        self.points.use(line, *names)
+        for kind, (text, error) in given.items():
+            if text == "?":
+                continue
+            if kind in ("angle", "direction", "bearing"):
+                self._horizontal(line, kind, names, text, error, azimuth)
+            elif kind == "distance":
+                self._distance(line, ends, given, flat or project == "2D", heights)
+            elif project != "2D":
+                self._vertical(line, ends, given, heights)
+
+    def _horizontal(
+        self,
+        line: int,
+        kind: str,
+        names: list[str],
+        text: str,
+        error: str | None,
+        azimuth: float | None,
+    ) -> None:
+        turn = 2 * math.pi
+        if kind == "bearing":
+            value = self.values.bearing(line, text, kind)
+            self._add(line, Azimuth, names, value, self.values.sigma(line, error, "azimuth"))
+            return
+        value, sigma = self.values.angle(line, text, kind), self.values.sigma(line, error, kind)
+        if kind == "direction":
+            number = self.set_at[1] if self.set_at else "1"
+            self._add(line, Direction, names, value % turn, sigma, set=number)
+        elif len(names) == 2:
+            self._add(line, Azimuth, names, (value + (azimuth or 0.0)) % turn, sigma)
+        else:
+            self._add(line, HorizontalAngle, names, value % turn, sigma)
+
+    def _distance(
+        self,
+        line: int,
+        ends: list[str],
+        given: dict[str, tuple[str, str | None]],
+        flat: bool,
+        heights: list[float],
+    ) -> None:
+        text, error = given["distance"]
+        value = self.values.length(line, text, "distance")
+        sigma = self.values.sigma(line, error, "distance")
+        in_space = self.values.now.dimension != "2D"
+        sloping = in_space and self._mode(line) == "slope"
+        if not sloping:
+            self._add(line, HorizontalDistance, ends, value, sigma)
+        elif flat:
+            zenith = given.get("vertical", ("?", None))[0]
+            if zenith == "?":
+                self.notes.add(line, "a slope distance needs its zenith angle in a 2D project")
+                return
+            value *= math.sin(self.values.angle(line, zenith, "zenith angle"))
+            self._add(line, HorizontalDistance, ends, abs(value), sigma)
+        else:
+            self._add(line, SlopeDistance, ends, value, sigma, heights)
+
+    def _vertical(
+        self,
+        line: int,
+        ends: list[str],
+        given: dict[str, tuple[str, str | None]],
+        heights: list[float],
+    ) -> None:
+        text, error = given["vertical"]
+        if self._mode(line) != "slope":
+            value = self.values.length(line, text, "elevation difference")
+            far = given.get("distance", ("?", None))[0]
+            distance = None if far == "?" else self.values.length(line, far, "distance")
+            sigma = self.values.sigma(line, error, "elevation", distance)
+            self._add(line, HeightDifference, ends, value, sigma, heights)
+            return
+        value = self.values.angle(line, text, "zenith angle")
+        value = 2 * math.pi - value if value > math.pi else value
+        sigma = self.values.sigma(line, error, "zenith")
+        coefficient = self.values.now.refraction
+        if coefficient is None:
+            coefficient = self.values.demand(line, "refraction")
+        group = "" if coefficient == self.values.options.refraction else f"{coefficient:g}"
+        self.refractions[group] = coefficient
+        self._add(line, ZenithAngle, ends, value, sigma, heights, refraction=group or None)
+
+    def _mode(self, line: int) -> str:
+        return self.values.word(line, "distances", self.values.now.distances)
+
+    def _add(
+        self,
+        line: int,
+        kind: Any,
+        names: list[str],
+        value: float,
+        sigma: Sigma,
+        heights: list[float] | None = None,
+        **further: Any,
+    ) -> None:
+        """Add an observation, unless a number of it is missing and noted."""
+        numbers = (value, sigma if isinstance(sigma, float) else 0.0, *(heights or ()))
+        if any(math.isnan(v) for v in numbers):
+            return
+        if heights:
+            further |= {"instrument_height": heights[0], "target_height": heights[1]}
+        made = self.notes.attempt(
+            line,
+            lambda: kind(*names, value, sigma=sigma, source=self.notes.place(line), **further),
+        )
+        self.observations += [made] if made is not None else []
+
+    # -- the network ------------------------------------------------------------------------------
+
+    def network(self) -> Network:
+        """Return the network; raise all problems."""
+        if self.set_at is not None:
+            self.notes.add(1, f"the set of directions at {self.set_at[0]!r} has no end (DE)")
+        if self.traverse is not None:
+            self.notes.add(1, "the last traverse has no end (TE)")
+        if not self.points.points and not self.notes:
+            self.notes.add(1, "holds neither points nor observations")
+        adjustment = self.values.options.adjustment or "3D"
+        self.values.note_missing()
+        self.notes.raise_problems()
+        held = self.points.anything_held(adjustment)
+        network = Network(
+            self.path.stem,
+            frame=LocalFrame(radius=self.values.options.earth_radius),
+            datum="given" if held else "free",
+        )
+        self.points.add_to(network, adjustment)
+        for group, coefficient in self.refractions.items():
+            network.set_refraction(group, value=2.0 * coefficient - 1.0, fixed=True)
+        try:
+            network.add(*self.observations)
+        except InputError as error:
+            raise InputError([p.at(self.path.name) for p in error.problems]) from None
+        return network

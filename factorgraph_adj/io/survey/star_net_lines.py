@@ -1,0 +1,333 @@
+"""Lines of STAR*NET data: their words, values and standard errors in the present conventions."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+
+from ...errors import known
+from ...stochastic import StandardDeviation
+from ...units import ARCSEC, GON
+from .notes import NUMBER, Notes
+from .star_net_options import KILOMETRE, LINEAR, MILE, StarNetOptions
+
+HELD_ANGLE, HELD_LENGTH = 0.01 * ARCSEC, 1e-5
+"""σ of an observation that is fixed by ``!``: 0.01″ and 0.01 mm."""
+FREE = 1e4
+"""Factor of the default σ of an observation that is free by ``*``: it has no influence."""
+DMS = re.compile(r"([+-]?)(\d+)-(\d+)(?:-(\d+(?:\.\d*)?))?", re.ASCII)
+BEARING = re.compile(r"([NSns])(.+)([EWew])", re.ASCII)
+Sigma = float | StandardDeviation
+
+
+@dataclass
+class Conventions:
+    """Units and orders that are in force at a line; inline options change them."""
+
+    linear: str | None
+    angular: str | None
+    order: str | None
+    stations: str | None
+    distances: str | None
+    dimension: str | None
+    """2D or 3D: format of the lines."""
+    separator: str = "-"
+    multiplier: float = 1.0
+    refraction: float | None = None
+    add_centring: bool = False
+
+
+class Values:
+    """Values of lines in the conventions in force, SI units."""
+
+    def __init__(self, notes: Notes, options: StarNetOptions) -> None:
+        """Start with the conventions of the project."""
+        self.notes = notes
+        self.options = options
+        self.now = self.project()
+        self.missing: dict[str, int] = {}
+
+    def project(self) -> Conventions:
+        """Return the conventions of the project."""
+        o = self.options
+        dimension = None if o.adjustment is None else "2D" if o.adjustment == "2D" else "3D"
+        return Conventions(
+            o.linear,
+            o.angular,
+            o.order,
+            o.stations,
+            o.distances,
+            dimension,
+            refraction=o.refraction,
+        )
+
+    def demand(self, line: int, name: str) -> float:
+        """Return a number of the options; note the first line that needs one not stated."""
+        value = getattr(self.options, name)
+        if value is None:
+            self.missing.setdefault(name, line)
+            return math.nan
+        return float(value)
+
+    def word(self, line: int, name: str, value: str | None) -> str:
+        """Return a convention; note the first line that needs one that is not stated."""
+        if value is None:
+            self.missing.setdefault(name, line)
+            return ""
+        return value
+
+    def note_missing(self) -> None:
+        """Note the settings that lines need and nothing states."""
+        for name, line in self.missing.items():
+            what = f"needs the setting {name!r} of the project, which data files do not have"
+            self.notes.add(line, f"{what}: state it in options")
+
+    # -- values ---------------------------------------------------------------------------------
+
+    @property
+    def metres(self) -> float:
+        """Metres of the linear unit in force; 1 while it is not stated."""
+        return LINEAR[(self.now.linear or "Meters").lower()] * self.now.multiplier
+
+    def length(self, line: int, text: str, what: str) -> float:
+        """Return a length, metres."""
+        self.word(line, "linear", self.now.linear)
+        return self.notes.number(line, text, what, self.metres)
+
+    def angle(self, line: int, text: str, what: str) -> float:
+        """Return an angle, radians: degrees-minutes-seconds, packed D.MMSSsss, or gons."""
+        unit = self.word(line, "angular", self.now.angular)
+        if unit == "GONS":
+            return self.notes.number(line, text, what, GON)
+        match = DMS.fullmatch(text)
+        if match is not None:
+            sign, degrees, minutes, seconds = match[1], *(float(g or 0) for g in match.groups()[1:])
+        elif NUMBER.fullmatch(text) and "e" not in text.lower():
+            sign, whole = "-" * text.startswith("-"), text.lstrip("+-")
+            head, _, tail = whole.partition(".")
+            tail = tail.ljust(4, "0")
+            degrees, minutes = float(head or 0), float(tail[:2])
+            seconds = float(f"{tail[2:4]}.{tail[4:]}")
+        else:
+            valid = "such as 102-34-12.5" if unit == "DMS" else "degrees-minutes-seconds or gons"
+            self.notes.add(line, f"{what} must be an angle, {valid}, not {text[:40]!r}")
+            return math.nan
+        if minutes >= 60 or seconds >= 60.5 or degrees > 720:
+            self.notes.add(
+                line,
+                f"{what}: {text[:40]!r} has 60 or more minutes or seconds, or is "
+                "no angle of a circle",
+            )
+            return math.nan
+        value = math.radians(degrees + minutes / 60 + seconds / 3600)
+        return -value if sign == "-" else value
+
+    def bearing(self, line: int, text: str, what: str) -> float:
+        """Return an azimuth, radians, of a bearing such as N34-23-45E or an azimuth."""
+        match = BEARING.fullmatch(text)
+        if match is None:
+            return self.angle(line, text, what) % (2 * math.pi)
+        inner = self.angle(line, match[2], what)
+        value = inner if match[1] in "Nn" else math.pi - inner
+        return (value if match[3] in "Ee" else -value) % (2 * math.pi)
+
+    # -- standard errors --------------------------------------------------------------------------
+
+    def sigma(self, line: int, text: str | None, kind: str, distance: float | None = None) -> Sigma:
+        """Return σ of an observation of a kind: entered, ``!``, ``*``, ``&`` or default.
+
+        Args:
+            line: its line.
+            text: its standard error as written; None: the default.
+            kind: setting of the options with the default.
+            distance: distance of an elevation difference, metres, where the line has it.
+        """
+        entered = text not in (None, "&", "*", "!")
+        angular = kind in ("angle", "direction", "azimuth", "zenith")
+        if text == "!":
+            return HELD_ANGLE if angular else HELD_LENGTH
+        if entered:
+            scale = self._angular_error(line) if angular else self.metres
+            value = self.notes.number(line, text or "", f"standard error of the {kind}", scale)
+            if value == 0:
+                return HELD_ANGLE if angular else HELD_LENGTH
+            if not value > 0:
+                if value < 0:
+                    self.notes.add(line, f"standard error of the {kind} must be > 0, not {text}")
+                return math.nan
+            return self._centred(line, kind, value, 0.0) if self.now.add_centring else value
+        out = self._default(line, kind, angular, distance)
+        if text != "*":
+            return out
+        return out.scaled(FREE) if isinstance(out, StandardDeviation) else out * FREE
+
+    def level_sigma(self, line: int, text: str | None, size: float | None) -> tuple[Sigma, float]:
+        """Return σ of a levelled difference, and the length of its line, km; NaN: unknown."""
+        metres = self.options.metres
+        by = self.options.weight_levels_by
+        if text not in (None, "&", "*"):
+            length = math.nan if size is None or by == "turns" else size * self.metres / 1000.0
+            return self.sigma(line, text, "level"), length
+        one = self.demand(line, "level") * metres
+        factor = FREE if text == "*" else 1.0
+        if size is None:
+            self.notes.add(
+                line, "L needs the length of the line or its number of turns, or a standard error"
+            )
+            return math.nan, math.nan
+        if self.word(line, "weight_levels_by", by) == "turns":
+            return factor * one * math.sqrt(size), math.nan
+        length = size * self.metres
+        unit = (KILOMETRE if metres == 1.0 else MILE) * metres
+        return factor * one * math.sqrt(length / unit), length / 1000.0
+
+    def _angular_error(self, line: int) -> float:
+        unit = self.word(line, "angular", self.now.angular)
+        return 1e-3 * GON if unit == "GONS" else ARCSEC
+
+    def _default(self, line: int, kind: str, angular: bool, distance: float | None) -> Sigma:
+        o = self.options
+        constant = self.demand(line, kind)
+        if angular:
+            unit = self.word(line, "angular", o.angular)
+            return self._centred(
+                line, kind, constant * (1e-3 * GON if unit == "GONS" else ARCSEC), 0
+            )
+        self.word(line, "linear", o.linear)
+        ppm = self.demand(line, f"{kind}_ppm")
+        constant *= o.metres
+        if kind == "elevation":
+            if ppm > 0 and distance is None:
+                self.notes.add(
+                    line,
+                    "the default standard error grows with the distance, which "
+                    "the line does not have: enter a standard error",
+                )
+            constant, ppm = constant + 1e-6 * ppm * (distance or 0.0), 0.0
+        return self._centred(line, kind, constant, ppm)
+
+    def _centred(self, line: int, kind: str, constant: float, ppm: float) -> Sigma:
+        """Return σ with centring; that of the heights counts for what is vertical."""
+        names = ("centring_instrument", "centring_target")
+        if kind in ("zenith", "elevation"):
+            names = ("centring_vertical",) * 2
+        if kind in ("azimuth", "level"):
+            return constant
+        ci, ct = (self.demand(line, n) * self.options.metres for n in names)
+        if any(math.isnan(v) for v in (constant, ppm, ci, ct)):
+            return math.nan
+        if not (constant > 0 or ppm > 0 or ci > 0 or ct > 0):
+            self.notes.add(line, f"the standard error of the {kind} is 0: state it in options")
+            return math.nan
+        if kind == "elevation":
+            return math.hypot(constant, ci, ct)
+        return StandardDeviation(constant, ppm, 0.0, ci, ct)
+
+
+def inline(values: Values, line: int, words: list[str]) -> str | None:
+    """Apply an inline option; return its full name, or None if it is refused.
+
+    Options may be abbreviated as far as they differ from others.
+    """
+    name = words[0][1:].upper()
+    found = [o for o in (*APPLIED, *HARMLESS, *REFUSED) if o == name] or [
+        o for o in (*APPLIED, *HARMLESS, *REFUSED) if name and o.startswith(name)
+    ]
+    if len(found) != 1:
+        valid = known((*APPLIED, *HARMLESS), meant=name, most=40)
+        values.notes.add(line, f"inline option {words[0]!r} is unknown; valid: {valid}")
+        return None
+    option, rest = found[0], [w.upper() for w in words[1:]]
+    if option in REFUSED:
+        values.notes.add(line, f"inline option .{option} is not built: {REFUSED[option]}")
+        return None
+    if option in APPLIED:
+        _apply(values, line, option, rest, words[1:])
+    return option
+
+
+APPLIED = (
+    "UNITS",
+    "ORDER",
+    "DELTA",
+    "REFRACTION",
+    "SEPARATOR",
+    "MULTIPLIER",
+    "ADDCENTERING",
+    "2D",
+    "3D",
+    "DATA",
+    "LWEIGHT",
+)
+"""Inline options that change what is read."""
+HARMLESS = ("LOSTSTATIONS", "PTOLERANCE", "ELLIPSE", "RELATIVE")
+"""Inline options that change only what STAR*NET prints."""
+REFUSED = {
+    "INCLUDE": "put the lines of the other file here",
+    "GRID": "observations are not reduced to a grid; adjust in a local or geocentric frame",
+    "SCALE": "distances are not scaled; divide them by the factor",
+    "MEASURE": "distances are not reduced to an ellipsoid",
+    "ELEVATION": "ellipsoidal heights need a geoid",
+    "ELLIPSOID": "positions on the ellipsoid are not read",
+    "MAPMODE": "bearings in traverse lines are not read; use B and D lines",
+    "INSTRUMENT": "the library of instruments is in the project file; state standard errors",
+    "ALIAS": "aliases of names are not read; rename the points",
+    "COPY": "copies of points are not read; rename the points",
+    "GPS": "GPS vectors are geocentric; give them to a reader of GNSS vectors",
+    "LONGITUDE": "positions by latitude and longitude are not read",
+}
+"""Inline options that are not built, and why."""
+
+
+def _apply(values: Values, line: int, option: str, rest: list[str], given: list[str]) -> None:
+    now, project = values.now, values.project()
+    if option in ("2D", "3D"):
+        now.dimension = option
+    elif option == "UNITS":
+        if not rest:
+            now.linear, now.angular = project.linear, project.angular
+        for word, said in zip(rest, given, strict=True):
+            linear = [n for n in LINEAR if n.upper() == word] or [
+                n for n in LINEAR if n.upper().startswith(word)
+            ]
+            if len({LINEAR[n] for n in linear}) > 1:
+                linear = []
+            if word in ("DMS", "GONS"):
+                now.angular = word
+            elif linear:
+                now.linear = linear[0]
+            else:
+                values.notes.add(line, f".UNITS {said}: valid: Meters, FeetUS, FeetInt, DMS, GONS")
+    elif option == "ORDER":
+        for word, said in zip(rest, given, strict=True):
+            if word in ("NE", "EN"):
+                now.order = word
+            elif word in ("ATFROMTO", "FROMATTO"):
+                now.stations = "AtFromTo" if word.startswith("A") else "FromAtTo"
+            else:
+                values.notes.add(line, f".ORDER {said}: valid: NE, EN, AtFromTo, FromAtTo")
+        if not rest:
+            now.order, now.stations = project.order, project.stations
+    elif option in ("DELTA", "ADDCENTERING"):
+        if rest not in (["ON"], ["OFF"], []):
+            values.notes.add(line, f".{option} must be ON or OFF, not {' '.join(given)!r}")
+        elif option == "DELTA":
+            on, off = "horizontal", "slope"
+            now.distances = project.distances if not rest else on if rest == ["ON"] else off
+        else:
+            now.add_centring = rest == ["ON"]
+    elif option == "SEPARATOR":
+        now.separator = given[0] if given and len(given[0]) == 1 else "-"
+    elif option == "MULTIPLIER":
+        now.multiplier = values.notes.number(line, given[0], ".MULTIPLIER") if given else 1.0
+        if not now.multiplier > 0:
+            values.notes.add(line, f".MULTIPLIER must be > 0, not {given[0]!r}")
+            now.multiplier = 1.0
+    elif option == "REFRACTION":
+        number = values.notes.number(line, given[0], ".REFRACTION") if given else math.nan
+        now.refraction = number if given else project.refraction
+    elif option == "LWEIGHT" and given:
+        level = values.notes.number(line, given[0], ".LWEIGHT")
+        if level > 0:
+            values.options = replace(values.options, level=level)

@@ -1,0 +1,153 @@
+"""Settings of a STAR*NET project, which its data files do not have.
+
+STAR*NET keeps units, orders and default standard errors in the project file (.prj, .snproj), and
+data files in the conventions that it states. The reader demands each setting that a line uses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError, Problem, known
+from ..text import parse_toml, read_text
+
+FEET_US, FEET = 1200.0 / 3937.0, 0.3048
+LINEAR = {
+    "meters": 1.0,
+    "feetus": FEET_US,
+    "feetint": FEET,
+    "feetinternational": FEET,
+    "feet": FEET,
+}
+"""Metres of the linear units; ``Feet`` is the international foot."""
+MILE, KILOMETRE = 5280.0, 1000.0
+"""Linear units in the unit of level lines: miles of feet, kilometres of metres."""
+CHOICES: dict[str, tuple[str, ...]] = {
+    "adjustment": ("2D", "3D", "LEV"),
+    "linear": ("Meters", "FeetUS", "FeetInt"),
+    "angular": ("DMS", "GONS"),
+    "order": ("NE", "EN"),
+    "stations": ("AtFromTo", "FromAtTo"),
+    "distances": ("slope", "horizontal"),
+    "weight_levels_by": ("length", "turns"),
+}
+
+
+@dataclass(frozen=True)
+class StarNetOptions:
+    """Settings of a project; None: not stated, and demanded where a line uses it.
+
+    Standard errors are in the units in which the dialogue of STAR*NET shows them: linear ones in
+    the linear unit, angular ones in seconds (milligons for GONS).
+    """
+
+    adjustment: str | None = None
+    """Type of adjustment: 2D, 3D or LEV."""
+    linear: str | None = None
+    """Linear unit: Meters, FeetUS (1200/3937 m) or FeetInt (0.3048 m)."""
+    angular: str | None = None
+    """Angular unit: DMS (degrees-minutes-seconds) or GONS."""
+    order: str | None = None
+    """Order of coordinates: NE or EN."""
+    stations: str | None = None
+    """Order of the stations of an angle: AtFromTo or FromAtTo."""
+    distances: str | None = None
+    """Data of 3D lines: slope (slope distance, zenith angle) or horizontal (horizontal distance,
+    elevation difference)."""
+    angle: float | None = None
+    """Standard error of a horizontal angle."""
+    direction: float | None = None
+    """Standard error of a direction of a set."""
+    azimuth: float | None = None
+    """Standard error of a bearing or an azimuth."""
+    zenith: float | None = None
+    """Standard error of a zenith angle."""
+    distance: float | None = None
+    """Constant part of the standard error of a distance, linear unit."""
+    distance_ppm: float | None = None
+    """Part that grows with the distance, ppm; added to the constant one."""
+    elevation: float | None = None
+    """Constant part of the standard error of an elevation difference (V, M), linear unit."""
+    elevation_ppm: float | None = None
+    """Part that grows with the distance, ppm."""
+    level: float | None = None
+    """Standard error of a levelled difference (L): linear unit per √mile for feet, per √kilometre
+    for metres, or for one turn."""
+    weight_levels_by: str | None = None
+    """Whether the last number of L lines is a length or a number of turns."""
+    centring_instrument: float | None = None
+    """Centring of the instrument, horizontally, linear unit."""
+    centring_target: float | None = None
+    """Centring of the target, horizontally, linear unit."""
+    centring_vertical: float | None = None
+    """Standard error of heights of instrument and of target, linear unit."""
+    refraction: float | None = None
+    """Coefficient of refraction in STAR*NET's sense, 0.07: half of Gauss's k."""
+    earth_radius: float = 6_372_000.0
+    """Radius of the Earth, metres."""
+
+    def __post_init__(self) -> None:
+        """Check words and numbers; InputError lists all that are wrong."""
+        problems = []
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value is None:
+                continue
+            if f.name in CHOICES:
+                match = [c for c in CHOICES[f.name] if c.lower() == str(value).lower()]
+                if match:
+                    object.__setattr__(self, f.name, match[0])
+                else:
+                    valid = known(CHOICES[f.name], meant=str(value))
+                    problems.append(Problem(f"{f.name} must be one of {valid}, not {value!r}"))
+                continue
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not (number and math.isfinite(value) and 0 <= value <= 1e9):
+                problems.append(Problem(f"{f.name} must be a number ≥ 0, not {value!r}"))
+        if not (isinstance(self.earth_radius, int | float) and self.earth_radius > 0):
+            problems.append(Problem(f"earth_radius must be > 0, not {self.earth_radius!r}"))
+        if problems:
+            raise InputError(problems)
+
+    @property
+    def metres(self) -> float:
+        """Metres of the linear unit; 1 while it is not stated."""
+        return LINEAR[(self.linear or "Meters").lower()]
+
+
+def star_net_options(
+    given: StarNetOptions | Mapping[str, Any] | str | Path | None,
+) -> StarNetOptions:
+    """Return settings of a project from a mapping or a TOML file.
+
+    Args:
+        given: settings, their names and values, or a TOML file with them; None: nothing is stated.
+
+    Raises:
+        InputError: the file cannot be read, or a setting is unknown or wrong.
+    """
+    if given is None:
+        return StarNetOptions()
+    if isinstance(given, StarNetOptions):
+        return given
+    where = "options"
+    if isinstance(given, str | Path):
+        path = Path(given)
+        given, where = parse_toml(read_text(path), path.name), path.name
+    valid = [f.name for f in fields(StarNetOptions)]
+    unknown = [k for k in given if k not in valid]
+    if unknown:
+        raise InputError(
+            [
+                Problem(f"unknown setting {k!r}; valid: {known(valid, meant=k, most=30)}", where)
+                for k in unknown
+            ]
+        )
+    try:
+        return StarNetOptions(**given)
+    except InputError as error:
+        raise InputError([Problem(p.what, where) for p in error.problems]) from None

@@ -1,0 +1,163 @@
+"""The protocol of two epochs, and its table of displacements."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+
+from ..epochs.congruence import Congruence, Displacement
+from ..epochs.hypotheses import Test
+from ..quality.ellipses import confidence_factor
+from ..quality.levels import CONFIDENCE
+from .layout import listed, paragraph, table, title
+
+LISTED = 12
+"""Largest number of names in a sentence."""
+
+
+def render_congruence(found: Congruence) -> str:
+    """Return the protocol of the comparison of two epochs as text."""
+    lines = [*title("Two epochs"), *_variances(found), ""]
+    if found.steps:
+        lines += [*title("Reference points"), *_reference(found), ""]
+    lines += [*title("Displacements"), *_displacements(found)]
+    return "\n".join(lines) + "\n"
+
+
+def _variances(found: Congruence) -> list[str]:
+    ratio = found.ratio
+    out: list[str] = []
+    if ratio is not None:
+        same = "agree" if ratio.accepted else "DO NOT AGREE"
+        out += paragraph(
+            f"σ̂0 {ratio.sigma0[0]:.3f} (r {ratio.redundancy[0]}) and {ratio.sigma0[1]:.3f} "
+            f"(r {ratio.redundancy[1]}): the variances {same}, their ratio {ratio.ratio:.2f} has "
+            f"the critical value {ratio.critical:.2f}."
+        )
+        if not ratio.accepted:
+            out += paragraph(
+                "One epoch is less accurate than its weights say: find out which, before its "
+                "displacements are believed."
+            )
+    if np.isinf(found.scale.freedom):
+        out += paragraph("The tests take σ0 = 1 as known.")
+    else:
+        out += paragraph(
+            f"The tests take σ̂0 = {np.sqrt(found.scale.variance):.3f} of both epochs together, "
+            f"{found.scale.freedom:.0f} degrees of freedom."
+        )
+    return out
+
+
+def _reference(found: Congruence) -> list[str]:
+    first = found.steps[0].test
+    kept = "kept" if first.accepted else "DID NOT keep"
+    out = paragraph(
+        f"The {len(found.reference)} reference points {kept} their shape: {_words(first)}."
+    )
+    if len(found.steps) > 1:
+        rows = [
+            (
+                listed(s.left, LISTED) or "—",
+                listed(s.back, LISTED) or "—",
+                f"{s.test.value:.2f}",
+                f"{s.test.critical:.2f}",
+                "yes" if s.test.accepted else "no",
+            )
+            for s in found.steps[1:]
+        ]
+        out += ["", *table(("left", "came back", "T of the others", "critical", "fits"), rows)]
+    if found.stable and not found.steps[-1].test.accepted:
+        out += paragraph(
+            "No set of reference points that could be tested kept its shape: the displacements "
+            "below refer to points that moved against each other."
+        )
+    if found.stable:
+        out += paragraph(f"Stable: {listed(found.stable, LISTED)}.")
+    return out
+
+
+def _words(test: Test) -> str:
+    return (
+        f"T = {test.value:.2f}, critical {test.critical:.2f} "
+        f"({test.freedom[0]} degrees of freedom, p {_p(test.p_value)})"
+    )
+
+
+def _p(value: float) -> str:
+    return "< 0.0001" if value < 1e-4 else f"{value:.4f}"
+
+
+def _displacements(found: Congruence) -> list[str]:
+    every = list(found.displacements.values())
+    axes = found.differences.axes
+    moved = found.moved
+    out = paragraph(
+        f"{len(moved)} of {len(every) - len(found.stable)} points that may have moved did, with "
+        f"α = {found.alpha:g} for each: {listed(moved, LISTED)}."
+        if moved
+        else f"No point moved significantly, with α = {found.alpha:g} for each."
+    )
+    header = ["point", *(f"d{a} [mm]" for a in axes), *(f"σ d{a}" for a in axes), "length"]
+    header += ["T", "critical", "moved", "detectable [mm]"]
+    rows = [_row(x, axes) for x in every]
+    note = (
+        f"detectable: the displacement that is found with a probability of {found.power:.0%} in "
+        "the direction in which it is hardest to find. Stable points are compared with the other "
+        "stable ones."
+    )
+    return [*out, "", *table(header, rows), "", *paragraph(note)]
+
+
+def _row(x: Displacement, axes: str) -> list[str]:
+    at = ["xyz".index(a) for a in axes]
+    return [
+        x.name,
+        *(f"{1000 * x.vector[i]:.2f}" for i in at),
+        *(f"{1000 * x.sigmas[i]:.2f}" for i in at),
+        f"{1000 * x.length:.2f}",
+        f"{x.test.value:.2f}",
+        f"{x.test.critical:.2f}",
+        "stable" if x.stable else "yes" if x.moved else "no",
+        f"{1000 * x.detectable:.2f}",
+    ]
+
+
+def displacement_table(found: Congruence) -> str:
+    """Return the displacements as CSV: metres, with the ellipse of the displacement in plan.
+
+    The ellipse has the semi-axes and the direction of the covariance in x and y, at a probability
+    of 95 %; its azimuth is clockwise from y towards x, radians.
+    """
+    stream = io.StringIO()
+    columns = found.table()
+    extra = ("ellipse_major", "ellipse_minor", "ellipse_azimuth", "confidence")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow([*columns, *extra])
+    for i, x in enumerate(found.displacements.values()):
+        major, minor, azimuth = ellipse(found, x)
+        row = [columns[c][i] for c in columns]
+        cells = [
+            v
+            if isinstance(v, str)
+            else str(v).lower()
+            if isinstance(v, (bool, np.bool_))
+            else repr(float(v))
+            for v in row
+        ]
+        writer.writerow([*cells, repr(major), repr(minor), repr(azimuth), repr(CONFIDENCE)])
+    return stream.getvalue()
+
+
+def ellipse(found: Congruence, x: Displacement) -> tuple[float, float, float]:
+    """Return semi-axes (metres) and azimuth of the 95 % ellipse of a displacement in plan."""
+    plan = x.covariance[:2, :2]
+    values, vectors = np.linalg.eigh(plan)
+    size = 2 if values[0] > 1e-10 * values[1] else 1
+    freedom = found.scale.freedom
+    k = confidence_factor(size, CONFIDENCE, redundancy=None if np.isinf(freedom) else int(freedom))
+    minor, major = (float(k * np.sqrt(max(v, 0.0))) for v in values)
+    azimuth = float(np.arctan2(vectors[0, 1], vectors[1, 1]) % np.pi)
+    return major, minor, azimuth

@@ -1,0 +1,57 @@
+"""Principal distances that are tried: by control, by pairs, by the format."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from factorgraph_adj.block_orientation.focal import FACTORS, Distances
+from factorgraph_adj.block_orientation.views import Views
+from tests.networks.image_blocks import CAMERA, HALF, ImageBlock, aerial, ring
+
+
+def distances(block: ImageBlock, *, known: bool = False, stated=None) -> Distances:
+    points = np.array(
+        [p.coordinates for p in (block.truth if known else block.network).points.values()]
+    )
+    return Distances(Views.of(block.network), stated or {}, points)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_pairs_of_convergent_photos_tell_the_principal_distance(seed):
+    found = list(distances(ring(seed, guess=60.0)).others())
+    assert len(found) == 1 + len(FACTORS)
+    assert found[0][0][0] == pytest.approx(28.0, rel=0.03)
+
+
+def test_known_points_tell_it_better_and_come_first():
+    found = list(distances(ring(0, guess=60.0), known=True).others())
+    assert len(found) == 2 + len(FACTORS)
+    assert found[0][0][0] == pytest.approx(28.0, rel=2e-3)
+
+
+def test_multiples_of_the_longer_side_are_tried_then():
+    found = [c[0][0] for c in distances(aerial(0, guess=60.0)).others()]
+    assert found[-len(FACTORS) :] == pytest.approx([2 * HALF[0] * f for f in FACTORS])
+
+
+def test_without_a_format_the_image_points_tell_the_side():
+    block = ring(0, guess=60.0)
+    camera = block.network.cameras[CAMERA]
+    block.network.cameras[CAMERA] = replace(camera, format=None)
+    found = [c[0][0] for c in distances(block).others()]
+    span = np.ptp(block.network.images.columns()[2], axis=0).max()
+    assert found[-len(FACTORS) :] == pytest.approx([span * f for f in FACTORS])
+
+
+def test_a_held_principal_distance_is_not_changed():
+    given = distances(ring(0))
+    assert given.guessed == ()
+    assert list(given.others()) == []
+
+
+def test_stated_ones_are_tried_in_their_order_and_nothing_else():
+    given = distances(ring(0, guess=60.0), stated={CAMERA: [50.0, 35.0, 28.0]})
+    assert [c[0][0] for c in (given.first(), *given.others())] == [50.0, 35.0, 28.0]

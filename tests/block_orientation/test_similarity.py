@@ -1,0 +1,111 @@
+"""Similarity transformations of parts: exact, with wrong coordinates, and from some components."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from factorgraph_adj.block_orientation.similarity import (
+    Similarity,
+    from_components,
+    from_points,
+    in_one_line,
+    mean_rotation,
+    robust_similarity,
+    with_rotation,
+)
+from factorgraph_adj.rotation import exp_rotation
+from factorgraph_adj.types import Array
+
+ROUNDING = 1e-9
+
+
+def some(seed: int, n: int = 12) -> tuple[Similarity, Array]:
+    rng = np.random.default_rng(seed)
+    turn = exp_rotation(rng.normal(0, 1.5, 3))
+    return Similarity(float(rng.uniform(0.1, 20)), turn, rng.normal(0, 100, 3)), rng.normal(
+        0, 3, (n, 3)
+    )
+
+
+def assert_same(found: Similarity | None, true: Similarity, tolerance: float = ROUNDING) -> None:
+    assert found is not None
+    assert found.scale == pytest.approx(true.scale, rel=tolerance)
+    np.testing.assert_allclose(found.rotation, true.rotation, atol=tolerance)
+    np.testing.assert_allclose(found.shift, true.shift, atol=tolerance * 100)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_points_give_back_the_transformation(seed):
+    true, x = some(seed)
+    assert_same(from_points(x, true.of(x)), true)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_third_of_wrong_coordinates_does_no_harm(seed):
+    true, x = some(seed)
+    known = true.of(x)
+    known[:4] += np.random.default_rng(seed).normal(0, 50, (4, 3))
+    found = robust_similarity(x, known)
+    assert found is not None
+    assert_same(found[0], true)
+    assert not found[1][:4].any() and found[1][4:].all()
+
+
+def test_points_in_one_line_give_no_rotation():
+    true, _ = some(0)
+    x = np.outer(np.arange(5.0), [1.0, 2.0, 3.0])
+    assert in_one_line(x)
+    assert robust_similarity(x, true.of(x)) is None
+
+
+def test_points_in_one_place_give_no_scale():
+    assert from_points(np.ones((4, 3)), np.random.default_rng(0).normal(size=(4, 3))) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_plan_of_two_and_heights_of_three_points_give_everything(seed):
+    """Ground control of a block of photos as it used to be: seven coordinates and one to spare."""
+    true, x = some(seed, 6)
+    known = np.full((6, 3), np.nan)
+    y = true.of(x)
+    known[:2], known[2:5, 2] = y[:2], y[2:5, 2]
+    known[3, 0] = y[3, 0]
+    found = from_components(x[:5], known[:5])
+    assert found is not None
+    there = np.isfinite(known[:5])
+    np.testing.assert_allclose(found.of(x[:5])[there], known[:5][there], atol=1e-5)
+
+
+def test_six_coordinates_are_not_enough():
+    true, x = some(1, 2)
+    assert from_components(x, true.of(x)) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_known_rotation_leaves_scale_and_shift_to_any_components(seed):
+    true, x = some(seed, 4)
+    known = np.full((4, 3), np.nan)
+    y = true.of(x)
+    known[0], known[1, 0] = y[0], y[1, 0]
+    assert_same(with_rotation(x, known, true.rotation), true, 1e-8)
+
+
+def test_one_point_gives_no_scale_to_a_known_rotation():
+    true, x = some(2, 1)
+    assert with_rotation(x, true.of(x), true.rotation) is None
+
+
+def test_poses_move_with_their_points():
+    true, x = some(3)
+    pose = np.concatenate([np.eye(3).ravel(), x[0]])[None]
+    moved = true.of_poses(pose)[0]
+    before = x[1:] - x[0]
+    after = (true.of(x[1:]) - moved[9:]) @ moved[:9].reshape(3, 3)
+    np.testing.assert_allclose(after, true.scale * before, atol=ROUNDING * 100)
+
+
+def test_the_mean_of_rotations_is_between_them():
+    w = np.array([0.1, -0.2, 0.3])
+    turns = np.array([exp_rotation(w * s) for s in (0.8, 1.2)])
+    np.testing.assert_allclose(mean_rotation(turns), exp_rotation(w), atol=1e-12)

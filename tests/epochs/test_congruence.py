@@ -1,0 +1,397 @@
+"""Two epochs: published networks, laws of the tests, and simulation of their size and power."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.epochs.differences import between
+from factorgraph_adj.epochs.hypotheses import Scale, moved, weight
+from factorgraph_adj.epochs.localise import robust_differences
+from factorgraph_adj.errors import DatumError, InputError
+from tests.loaders.hanna import read_hanna
+from tests.support.places import data_dir
+
+PLACES = {
+    "A": (0, 0),
+    "B": (300, 20),
+    "C": (280, 310),
+    "D": (-10, 290),
+    "E": (150, -60),
+    "P": (120, 140),
+    "Q": (180, 160),
+}
+"""A to E are reference points, P and Q objects; metres."""
+
+
+def epoch(seed, shifts=None, *, datum="free", sigma=0.002, scale=1.0):
+    """Return a network of distances and directions between all points, measured at one epoch."""
+    rng = np.random.default_rng(seed)
+    true = {n: np.array([*xy, 0.0]) for n, xy in PLACES.items()}
+    for n, shift in (shifts or {}).items():
+        true[n] = true[n] + [*shift, 0.0]
+    network = fga.Network(f"epoch {seed}", datum=datum)
+    for n, xy in PLACES.items():
+        fixed = "xyz" if datum == "given" and n in "AC" else "z"
+        network.add_point(n, (*xy, 0.0), fixed=fixed)
+    for a in PLACES:
+        for b in PLACES:
+            if a == b:
+                continue
+            d = true[b] - true[a]
+            length = np.hypot(d[0], d[1]) + scale * rng.normal(0, sigma)
+            network.add(fga.HorizontalDistance(a, b, length, sigma=sigma))
+            azimuth = np.arctan2(d[0], d[1]) + scale * rng.normal(0, 1e-5)
+            network.add(fga.Direction(a, b, azimuth % (2 * np.pi), sigma=1e-5))
+    return network
+
+
+def solved(seed, shifts=None, **options):
+    return fga.adjust(epoch(seed, shifts, **options))
+
+
+# -- published ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def lock():
+    found = read_hanna(data_dir("hanna_lock") / "avdgem.out")
+    return found, fga.adjust(found.network)
+
+
+@pytest.mark.published
+def test_the_lock_has_its_figures(lock):
+    found, solution = lock
+    assert (solution.redundancy, solution.datum_defect) == (244, 3)
+    # Printed with digits of 0.01 mgon and 0.1 mm of the observations.
+    assert solution.vtpv == pytest.approx(255.838, abs=0.1)
+    for name, (y, x) in found.coordinates.items():
+        assert solution.point(name)[:2] == pytest.approx([y, x], abs=1.5e-4)
+    names = list(found.coordinates)
+    plan = [3 * i + j for i in range(len(names)) for j in (0, 1)]
+    q = 1e6 * solution.covariance(names)[np.ix_(plan, plan)]
+    assert np.trace(q) == pytest.approx(26.25746, abs=5e-4)
+    assert np.linalg.eigvalsh(q)[-1] == pytest.approx(4.745514, abs=3e-4)
+    assert q == pytest.approx(found.cofactor, abs=5e-4)
+
+
+@pytest.mark.published
+def test_the_lock_has_its_reliability(lock):
+    found, solution = lock
+    rel = fga.reliability(solution)
+    printed = found.printed
+    r = rel.redundancy_numbers
+    assert r.sum() == pytest.approx(244.0, abs=1e-9)
+    assert r == pytest.approx([p.r for p in printed], abs=2e-4)
+    v = np.array([o.residual for o in solution.observations])
+    small = np.array([1e-4 if abs(p.nabla) > 2e-4 else np.pi / 2e6 for p in printed])
+    assert np.abs(np.abs(v) - np.abs([p.v for p in printed])).max() < 1.5 * small.max()
+    assert np.abs(rel.w) == pytest.approx([p.w for p in printed], abs=0.06)
+    # HANNA's smallest detectable errors take one noncentrality throughout.
+    delta0 = np.array([p.nabla for p in printed]) * np.sqrt(r) / solution.equations.sigmas()[:304]
+    well = r > 0.3
+    assert np.ptp(delta0[well]) / np.median(delta0[well]) < 0.06
+
+
+@pytest.mark.published
+def test_the_lock_moved(lock):
+    _, solution = lock
+    pairs = {n[1:]: n for n in ("0101", "0102", "0103", "0104")}
+    found = fga.congruence(solution, pairs=pairs)
+    # Displacements and F as computed from the printed coordinates and cofactors, σ̂0 = 1.02.
+    expected = {
+        "101": ((-1.9, -3.8), 5.95),
+        "102": ((-8.4, -7.4), 71.06),
+        "103": ((4.1, -7.4), 18.97),
+        "104": ((-1.0, -6.3), 8.96),
+    }
+    for name, (vector, value) in expected.items():
+        x = found.displacement(name)
+        assert 1000 * x.vector[:2] == pytest.approx(vector, abs=0.15)
+        assert x.test.value == pytest.approx(value, rel=0.04)
+        assert x.moved
+    q, d = found.differences.cofactor, found.differences.d
+    joint = d @ np.linalg.solve(q, d) / (8 * found.scale.variance)
+    assert joint == pytest.approx(25.65, rel=0.03)
+    rigid = fga.block_motion(found, list(pairs))
+    assert rigid.motion.value > rigid.motion.critical
+
+
+def gama_epoch(name, folder):
+    """Read a network of Gama without the observations of points that it does not list."""
+    text = (data_dir("gama_deformation") / name).read_text(encoding="utf-8")
+    points = set(re.findall(r"<point id='(\w+)'", text))
+
+    def kept(match):
+        return match[0] if match[1] in points else ""
+
+    text = re.sub(r"<obs from='(\w+)'>.*?</obs>", kept, text, flags=re.S)
+    text = re.sub(r"<\w+[^<>]* to='(\w+)'[^<>]*/>", kept, text)
+    (folder / name).write_text(text, encoding="utf-8")
+    return fga.adjust(fga.read_gama(folder / name))
+
+
+@pytest.mark.published
+def test_shifts_of_gama(tmp_path):
+    text = (data_dir("gama_deformation") / "data-1-2.txt").read_text(encoding="utf-8")
+    rows = [t.split() for t in text.splitlines() if re.match(r"\w+ +\d+ +\d+ +\d+ ", t)]
+    first, second = (gama_epoch(f"data-{i}.gkf", tmp_path) for i in (1, 2))
+    names = [r[0] for r in rows]
+    found = fga.congruence(first, second, reference=[], objects=names)
+    printed = np.array([[float(x) for x in r[4:6]] for r in rows])
+    assert found.differences.d.reshape(-1, 2) == pytest.approx(printed, abs=6e-6)
+    n = 2 * len(names)
+    upper = [float(x) for x in text.split(f"{n} {n - 1}")[1].split()]
+    q = np.zeros((n, n))
+    q[np.triu_indices(n)] = upper
+    q = q + q.T - np.diag(np.diag(q))
+    # Gama computes in axes with y to the other side and prints their covariances, but the shifts
+    # in the axes of the file: products of x and y have the other sign.
+    sign = np.where(np.add.outer(np.arange(n), np.arange(n)) % 2, -1.0, 1.0)
+    assert 1e6 * found.differences.cofactor == pytest.approx(sign * q, abs=2e-4)
+
+
+# -- laws -----------------------------------------------------------------------------------------
+
+
+def test_the_test_is_independent_of_the_datum():
+    first, second = solved(1), solved(2, {"B": (0.03, -0.02)})
+    values = []
+    for datum in (None, ["A", "B"], ["C", "D", "E", "P"]):
+        a, b = (s if datum is None else fga.s_transform(s, datum) for s in (first, second))
+        found = fga.congruence(a, b, objects=["P", "Q"])
+        values.append((found.global_test.value, *found.displacement("P").vector, found.stable))
+    for other in values[1:]:
+        assert other[:4] == pytest.approx(values[0][:4], rel=1e-6, abs=2e-8)
+        assert other[4] == values[0][4] == ("A", "C", "D", "E")
+
+
+def test_displacements_equal_those_of_one_adjustment_of_both_epochs():
+    shifts = {"P": (0.01, 0.02), "Q": (-0.02, 0.005)}
+    one, two = epoch(3), epoch(4, shifts)
+    both = fga.Network("both epochs", datum="free")
+    for n, p in one.points.items():
+        both.add_point(n, p.coordinates, fixed="z")
+    for n in ("P", "Q"):
+        both.add_point(f"{n}2", one.points[n].coordinates, fixed="z")
+    both.add(*one.observations.values())
+    later = {n: f"{n}2" if n in "PQ" else n for n in PLACES}
+    for o in two.observations.values():
+        changed = {"station": later[o.station], "target": later[o.target], "id": None}
+        if isinstance(o, fga.Direction):
+            changed["set"] = "later"
+        both.add(type(o)(**{**_fields(o), **changed}))
+    joint = fga.congruence(fga.adjust(both), pairs={"P": "P2", "Q": "Q2"}, variance="a-priori")
+    apart = fga.congruence(
+        fga.adjust(one),
+        fga.adjust(two),
+        reference=list("ABCDE"),
+        objects=["P", "Q"],
+        variance="a-priori",
+    )
+    for n in ("P", "Q"):
+        a, b = apart.displacement(n), joint.displacement(n)
+        assert a.vector == pytest.approx(b.vector, abs=2e-6)
+        assert a.covariance == pytest.approx(b.covariance, rel=1e-4, abs=1e-11)
+        assert a.test.value == pytest.approx(b.test.value, rel=1e-3)
+
+
+def _fields(o):
+    return {f.name: getattr(o, f.name) for f in fields(o)}
+
+
+def test_gauss_decomposition():
+    """T of a set of points is Ω of all less Ω of the others."""
+    found = between(solved(5), solved(6, {"D": (0.01, 0.0)}), {n: n for n in PLACES})
+    d, q, g = found.d, found.cofactor, found.motions
+    w = weight(q, g)
+    for some in (["D"], ["A", "P"], ["B", "C", "E"]):
+        rows = found.rows(some)
+        rest = np.setdiff1d(np.arange(len(d)), rows)
+        alone = weight(q[np.ix_(rest, rest)], np.linalg.qr(g[rest])[0])
+        expected = d @ w @ d - d[rest] @ alone @ d[rest]
+        assert moved(w, d, rows)[2] == pytest.approx(expected, rel=1e-7)
+
+
+@pytest.mark.parametrize("method", ["backward", "combinations", "robust"])
+def test_moved_reference_points_are_found(method):
+    shifts = {"B": (0.02, 0.01), "D": (-0.015, 0.02), "P": (0.01, -0.01)}
+    found = fga.congruence(solved(7), solved(8, shifts), objects=["P", "Q"], method=method)
+    assert not found.global_test.accepted
+    assert set(found.stable) == {"A", "C", "E"}
+    assert set(found.moved) == {"B", "D", "P"}
+    for name, shift in shifts.items():
+        x = found.displacement(name)
+        error = x.vector[:2] - shift
+        assert error @ np.linalg.solve(x.covariance[:2, :2], error) < 14.0
+
+
+def test_points_that_move_together_do_not_smear():
+    """Three of seven points move alike: least squares leaves it to the others to have moved."""
+    together = dict.fromkeys(("A", "B", "E"), (0.02, 0.015))
+    first, second = solved(11), solved(12, together)
+    found = fga.congruence(first, second)
+    assert set(found.stable) == set(PLACES) - set(together)
+
+
+def test_the_robust_transformation_has_the_smallest_sum_of_lengths():
+    together = dict.fromkeys(("A", "E"), (0.02, 0.015))
+    found = between(solved(11), solved(12, together), {n: n for n in PLACES})
+    moves, q = robust_differences(found, tuple(PLACES))
+
+    def total(d):
+        return np.linalg.norm(d.reshape(-1, 2), axis=1).sum()
+
+    rng = np.random.default_rng(1)
+    for size in (1e-2, 1e-3, 1e-4):
+        for _ in range(100):
+            t = size * rng.normal(size=found.motions.shape[1])
+            assert total(moves + found.motions @ t) > total(moves) - 1e-6
+    assert total(moves) < total(found.d)
+    assert np.linalg.eigvalsh(q)[0] > -1e-12
+
+
+def test_a_rigid_block_and_strain():
+    turn, centre = 2e-4, np.mean([PLACES["P"], PLACES["Q"], PLACES["E"]], axis=0)
+    shifts = {}
+    for n in ("P", "Q", "E"):
+        x, y = np.array(PLACES[n]) - centre
+        shifts[n] = (0.01 - turn * y, turn * x)
+    found = fga.congruence(
+        solved(13), solved(14, shifts), reference=list("ABCD"), objects=["P", "Q", "E"]
+    )
+    rigid = fga.block_motion(found, ["P", "Q", "E"])
+    assert rigid.names == ("tx", "ty", "rz")
+    assert rigid.fit.accepted and not rigid.motion.accepted
+    error = rigid.values - [0.01, 0.0, turn]
+    assert (np.abs(error) < 3.3 * rigid.sigmas).all()
+    affine = fga.block_motion(found, ["P", "Q", "E"], model="affine")
+    assert affine.fit is None
+    strains, directions = affine.principal_strains()
+    assert (np.abs(strains) < 4 * max(affine.sigmas[3:])).all()
+    assert directions @ directions.T == pytest.approx(np.eye(2), abs=1e-12)
+
+
+def test_strain_of_a_stretched_body():
+    e = np.array([[3e-4, 1e-4], [1e-4, -1e-4]])
+    names = ["E", "P", "Q", "D"]
+    centre = np.mean([PLACES[n] for n in names], axis=0)
+    shifts = {n: tuple(e @ (np.array(PLACES[n]) - centre)) for n in names}
+    found = fga.congruence(solved(15), solved(16, shifts), reference=["A", "B", "C"], objects=names)
+    body = fga.block_motion(found, names, model="affine")
+    expected = {"exx": 3e-4, "exy": 1e-4, "eyy": -1e-4, "rz": 0.0}
+    for name, value in expected.items():
+        assert abs(body[name] - value) < 3.3 * body.sigmas[body.names.index(name)]
+    assert body.fit.p_value > 1e-3
+    assert not fga.block_motion(found, names).fit.accepted
+    assert body.principal_strains()[0] == pytest.approx(np.linalg.eigvalsh(e)[::-1], abs=5e-5)
+
+
+def test_a_given_datum_needs_no_reference():
+    found = fga.congruence(
+        solved(21, datum="given"),
+        solved(22, {"P": (0.0, 0.02)}, datum="given"),
+        reference=[],
+        objects=["B", "D", "E", "P", "Q"],
+    )
+    assert found.global_test is None
+    assert found.moved == ("P",)
+
+
+# -- size and power -------------------------------------------------------------------------------
+
+
+def rates(seeds, shift, **options):
+    """Return how often the shape is rejected, and the object P is found to move."""
+    shape = objects = 0
+    for seed in seeds:
+        found = fga.congruence(
+            solved(2 * seed), solved(2 * seed + 1, {"P": shift}), objects=["P", "Q"], **options
+        )
+        shape += not found.global_test.accepted
+        # Against all reference points: a false alarm of theirs is no matter of the object's test.
+        if found.global_test.accepted:
+            objects += found.displacement("P").moved
+    return shape / len(seeds), objects / max(len(seeds) - round(shape), 1)
+
+
+def shift_of_the_detectable_size():
+    x = fga.congruence(solved(1), solved(2), objects=["P", "Q"], variance="a-priori").displacement(
+        "P"
+    )
+    return tuple(x.detectable * x.hardest[:2])
+
+
+def test_size_and_power_of_a_few_epochs():
+    size, _ = rates(range(1000, 1060), (0.0, 0.0), variance="a-priori")
+    assert size <= 9 / 60  # 3 are expected, more than 9 with a probability of 1e-4
+    _, power = rates(range(2000, 2060), shift_of_the_detectable_size(), variance="a-priori")
+    assert 0.60 <= power <= 0.97
+
+
+@pytest.mark.slow(proves="size 5 % and power 80 % of the tests to one percent, over 1000 seeds")
+def test_size_and_power_over_a_thousand_seeds():
+    size, _ = rates(range(10_000, 11_000), (0.0, 0.0))
+    assert abs(size - 0.05) < 0.022
+    _, power = rates(range(20_000, 21_000), shift_of_the_detectable_size())
+    assert abs(power - 0.80) < 0.04
+
+
+# -- wrong input ----------------------------------------------------------------------------------
+
+
+def messages(caught):
+    return [str(p) for p in caught.value.problems]
+
+
+def test_wrong_names_are_all_told():
+    first, second = solved(1), solved(2)
+    with pytest.raises(InputError) as caught:
+        fga.congruence(first, second, reference=["A", "X", "Y"], objects=["P"])
+    assert [m.split(":")[0] for m in messages(caught)] == ["point 'X'", "point 'Y'"]
+    with pytest.raises(InputError, match="named as reference and as object"):
+        fga.congruence(first, second, reference=["A", "B"], objects=["B"])
+    with pytest.raises(InputError, match="must be a list of names"):
+        fga.congruence(first, second, reference="ABC")
+    with pytest.raises(InputError, match="needs pairs"):
+        fga.congruence(first)
+    with pytest.raises(InputError, match="unknown method 'forward'"):
+        fga.congruence(first, second, method="forward")
+    with pytest.raises(InputError, match="alpha and power"):
+        fga.congruence(first, second, alpha=0.9)
+
+
+def test_held_points_cannot_be_seen_to_move():
+    first, second = (solved(i, datum="given") for i in (1, 2))
+    with pytest.raises(InputError, match="'A': is held in an epoch"):
+        fga.congruence(first, second, reference=["A", "B"])
+
+
+def test_two_reference_points_do_not_determine_a_rotation_of_one():
+    with pytest.raises((DatumError, InputError)):
+        fga.congruence(solved(1), solved(2), reference=["A"], objects=["P"])
+
+
+def test_datums_may_be_turned_against_each_other():
+    first = solved(1)
+    network = epoch(2)
+    turn = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]])
+    turned = network.copy()
+    for n, p in network.points.items():
+        turned.points[n] = type(p)(**{**_fields(p), "coordinates": tuple(turn @ p.coordinates)})
+    second = fga.adjust(turned)
+    expected, found = (fga.congruence(first, s) for s in (fga.adjust(network), second))
+    assert found.global_test.value == pytest.approx(expected.global_test.value, rel=1e-5)
+    for n in PLACES:
+        assert found.displacement(n).vector == pytest.approx(
+            expected.displacement(n).vector, abs=1e-7
+        )
+
+
+def test_a_known_scale_has_the_test_of_chi_squared():
+    assert Scale(1.0, np.inf).test(3.0, 1, 0.05).critical == pytest.approx(3.8415, abs=1e-4)
+    assert Scale(1.0, 30.0).test(3.0, 2, 0.05).critical == pytest.approx(3.3158, abs=1e-4)

@@ -1,0 +1,217 @@
+"""One survey in every format gives one network; damaged files are refused with their lines."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.cli.main import main
+from factorgraph_adj.errors import InputError
+from factorgraph_adj.observations import Direction, SlopeDistance, ZenithAngle
+from factorgraph_adj.units import GON
+from tests.hostile.damage import BOMB, DAMAGES
+from tests.io.survey.field_files import (
+    COLLIMATION,
+    FILES,
+    INDEX,
+    KNOWN,
+    MAPPING,
+    STATION,
+    columns,
+    gsi,
+    landxml,
+    sights,
+    write,
+)
+
+TENTH_MM = 1e-4
+NAMES = [*FILES, "book.csv"]
+DAMAGED = 200
+SMALL = tuple(d for d in DAMAGES if d.__name__ not in ("long_line", "nest", "bomb", "paths"))
+"""Kinds of damage that leave files short; the others are tried once."""
+FORMAT = {"book.xml": "landxml"}
+"""Formats that damage may hide."""
+
+
+def options(name: str) -> dict[str, object]:
+    """Return options of the reader, for points that are held and a flat Earth."""
+    out: dict[str, object] = {"fixed": "A, B,C", "refraction": None}
+    return {**out, "mapping": MAPPING} if name.endswith(".csv") else out
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_station_comes_out_of_every_field_book(tmp_path, name):
+    network = fga.read(write(tmp_path, name), **options(name))
+    kinds = [type(o) for o in network.observations.values()]
+    assert [kinds.count(k) for k in (Direction, ZenithAngle, SlopeDistance)] == [3, 3, 3]
+    solution = fga.adjust(network)
+    assert solution.redundancy == 5
+    assert np.max(np.abs(solution.point("S") - STATION)) < TENTH_MM
+    assert not network.doubts
+    first = next(iter(network.observations.values()))
+    assert (first.instrument_height, first.target_height) == (1.5, 1.6)
+    assert first.source.startswith(f"{name}:")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_both_faces_give_the_errors_of_the_circles(tmp_path, name):
+    network = fga.read(write(tmp_path, name), faces="both", **options(name))
+    solution = fga.adjust(network)
+    for kind, true in (("index_error", INDEX), ("collimation_error", COLLIMATION)):
+        found = solution.unknown(kind, "S/1").values[0]
+        assert abs(found - true) < 1e-5 * GON  # half the last digit of GSI
+
+
+def test_gsi_8_and_gsi_16_are_the_same_book(tmp_path):
+    for size in (8, 16):
+        (tmp_path / f"{size}.gsi").write_text(gsi(size), encoding="utf-8")
+    a, b = (fga.read_gsi(tmp_path / f"{n}.gsi") for n in (8, 16))
+    assert [o.value for o in a.observations.values()] == [o.value for o in b.observations.values()]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_without_held_points_the_network_is_free(tmp_path, name):
+    given = options(name) | {"fixed": ()}
+    network = fga.read(write(tmp_path, name), **given)
+    assert network.datum == "free"
+    solution = fga.adjust(network)
+    a, b = solution.point("A"), solution.point("B")
+    assert abs(np.linalg.norm(b - a) - np.linalg.norm(np.subtract(KNOWN["B"], KNOWN["A"]))) < 1e-3
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_point_that_is_held_must_be_there(tmp_path, name):
+    given = options(name) | {"fixed": "A,X"}
+    with pytest.raises(InputError, match="there is no point 'X'"):
+        fga.read(write(tmp_path, name), **given)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"sigma_direction_mgon": 0}, "sigma_direction_mgon: must be a number > 0"),
+        ({"ppm": -1}, "ppm: must be a number ≥ 0"),
+        ({"faces": "one"}, "faces: must be means, both"),
+        ({"refraction": math.nan}, "refraction: must be a number such as 0.13"),
+        ({"faces": "both", "centring_mm": 1.0}, "centring"),
+    ],
+)
+def test_options_that_are_no_accuracies_are_refused(tmp_path, wrong, said):
+    with pytest.raises(InputError, match=said):
+        fga.read(write(tmp_path, "book.gsi"), **wrong)
+
+
+def test_curvature_and_refraction_lower_a_height_by_d_squared_over_2r(tmp_path):
+    """One sight of 1 km, horizontal: h = (1 − k) D²/2R higher than the plane says."""
+    text = landxml().split("<Survey>")[0] + (
+        '<Survey><InstrumentSetup id="s" stationName="A" instrumentHeight="0"/>'
+        '<ObservationGroup id="o" setupID="s"><RawObservation horizAngle="0" zenithAngle="100" '
+        'slopeDistance="1000"><TargetPoint name="P"/></RawObservation></ObservationGroup>'
+        "</Survey></LandXML>"
+    )
+    path = tmp_path / "far.xml"
+    path.write_text(text, encoding="utf-8")
+    heights = []
+    for k in (None, 0.13):
+        network = fga.read_landxml(path, fixed="A,B,C", refraction=k)
+        network.set_orientation("A", set="1", value=0.0, fixed=True)
+        heights.append(fga.adjust(network).point("P")[2])
+    radius = network.frame.radius
+    assert abs(heights[1] - heights[0] - 0.87 * 1000.0**2 / (2 * radius)) < TENTH_MM
+
+
+def test_a_target_that_is_read_again_begins_another_set(tmp_path):
+    rows = landxml().replace("</ObservationGroup>", "")
+    again = rows[rows.index("<RawObservation") : rows.index("</Survey>")]
+    path = tmp_path / "twice.xml"
+    path.write_text(
+        landxml().replace("</ObservationGroup>", again + "</ObservationGroup>"), encoding="utf-8"
+    )
+    network = fga.read_landxml(path)
+    sets = [o.set for o in network.observations.values() if isinstance(o, Direction)]
+    assert sets == ["1"] * 3 + ["1.2"] * 3
+
+
+def test_convert_writes_a_field_book_as_a_project_and_for_star_net(tmp_path, capsys):
+    path = write(tmp_path, "book.gsi")
+    for out in ("project/project.toml", "book.dat"):
+        arguments = ["convert", str(path), str(tmp_path / out), "--set", "fixed=A,B,C"]
+        assert main(arguments) == 0
+        assert "4 points" in capsys.readouterr().out
+    a = fga.adjust(fga.read_gsi(path, fixed="A,B,C"))
+    b = fga.adjust(fga.read(tmp_path / "project"))
+    c = fga.adjust(
+        fga.read(tmp_path / "book.dat", options={"adjustment": "3D", "linear": "Meters"})
+    )
+    assert np.array_equal(a.point("S"), b.point("S"))
+    assert np.max(np.abs(a.point("S") - c.point("S"))) < 1e-6
+
+
+# -- damaged files --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_damaged_files_are_refused_with_file_and_line_or_read(tmp_path, name):
+    files = columns() if name.endswith(".csv") else {name: FILES[name]()}
+    files = {n: t.encode() for n, t in files.items()}
+    rng = np.random.default_rng(21)
+    refused = 0
+    write(tmp_path, name)
+    for i in range(DAMAGED):
+        which = sorted(files)[int(rng.integers(len(files)))]
+        content, done = files[which], []
+        for _ in range(1 + int(rng.random() < 0.3)):
+            damage = SMALL[int(rng.integers(len(SMALL)))]
+            content = damage(rng, which, content)
+            done.append(damage.__name__)
+        for other, data in files.items():
+            (tmp_path / other).write_bytes(content if other == which else data)
+        try:
+            network = fga.read(tmp_path / name, format=FORMAT.get(name), **options(name))
+        except InputError as error:
+            refused += 1
+            text = str(error)
+            assert "book" in text or "points.csv" in text or "fixed" in text, (done, text)
+            assert len(error.problems) <= 102
+            continue
+        except Exception as error:
+            raise AssertionError(f"{i}: {done}") from error
+        assert all(math.isfinite(o.value) for o in network.observations.values())
+    assert refused > DAMAGED // 4
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("content", [b"", b"\x00\xff\xfe" * 99, b"\n\n", "Größe".encode("latin-1")])
+def test_binary_empty_and_other_text_is_refused(tmp_path, name, content):
+    write(tmp_path, name).write_bytes(content)
+    with pytest.raises(InputError):
+        fga.read(tmp_path / name, format=FORMAT.get(name), **options(name))
+
+
+@pytest.mark.parametrize("name", ["book.jxl", "book.hexml"])
+def test_entities_that_grow_and_deep_elements_are_refused_or_read(tmp_path, name):
+    path = write(tmp_path, name)
+    text = path.read_bytes()
+    tag = b"<FieldBook>" if name == "book.jxl" else b"<Survey>"
+    path.write_bytes(text.replace(tag, tag + b"<a>" * 50_000 + b"</a>" * 50_000))
+    assert len(fga.read(path).points) == 4
+    path.write_bytes(BOMB)
+    with pytest.raises(InputError):
+        fga.read(path)
+
+
+@pytest.mark.parametrize("name", ["book.gsi", "book.sdr", "book.csv"])
+def test_a_very_long_line_is_refused(tmp_path, name):
+    path = write(tmp_path, name)
+    path.write_bytes(path.read_bytes() + b"1," * 1_000_000)
+    with pytest.raises(InputError, match="book"):
+        fga.read(path, **options(name))
+
+
+def test_the_readings_of_the_tests_are_those_of_an_instrument_with_errors():
+    one, two = sights()[0], sights()[3]
+    assert (one.target, two.target) == ("A", "A")
+    assert abs(0.5 * (one.zenith + two.zenith - 2 * math.pi) - INDEX) < 1e-12
