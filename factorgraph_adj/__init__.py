@@ -18,6 +18,14 @@ if TYPE_CHECKING:
     from .epochs.blocks import block_motion
     from .epochs.congruence import congruence
     from .errors import AdjustmentError, ApproximationError, DatumError, InputError
+    from .export.arrays import covariance_array, to_xarray
+    from .export.dxf import write_dxf
+    from .export.exports import write
+    from .export.geojson import write_geojson
+    from .export.geopackage import write_geopackage
+    from .export.kml import write_kml
+    from .export.ply import write_ply
+    from .export.results import results_schema, write_results
     from .field.faces import reduce_faces
     from .field.readings import FaceReading
     from .frames import GeocentricFrame, LocalFrame, TopocentricFrame
@@ -38,6 +46,7 @@ if TYPE_CHECKING:
     from .io.photogrammetry.dbat import read_dbat
     from .io.photogrammetry.metashape import read_metashape
     from .io.photogrammetry.metashape_write import write_metashape
+    from .io.photogrammetry.micmac import read_micmac
     from .io.photogrammetry.opencv import read_opencv, write_opencv
     from .io.photogrammetry.opensfm import read_opensfm
     from .io.photogrammetry.opf import read_opf
@@ -116,7 +125,7 @@ if TYPE_CHECKING:
     from .quality.snooping import snoop
     from .quality.systematic import significance
     from .quality.variance_components import estimate_variance_components
-    from .report.html.page import write_report
+    from .report.html.write import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
     from .solve.grid import (
@@ -210,6 +219,7 @@ __all__ = [
     "causes",
     "check_points",
     "congruence",
+    "covariance_array",
     "distance_precision",
     "dlt",
     "error_ellipse",
@@ -244,6 +254,7 @@ __all__ = [
     "read_landxml",
     "read_lgc2",
     "read_metashape",
+    "read_micmac",
     "read_opencv",
     "read_opensfm",
     "read_opf",
@@ -257,21 +268,30 @@ __all__ = [
     "register_unknown",
     "relative_model",
     "reliability",
+    "results_schema",
     "robust_adjust",
     "s_transform",
     "significance",
     "snoop",
+    "to_xarray",
     "wgs84_coordinates",
     "without",
+    "write",
     "write_colmap",
+    "write_dxf",
     "write_dynaml",
+    "write_geojson",
+    "write_geopackage",
     "write_gvx",
+    "write_kml",
     "write_landxml",
     "write_metashape",
     "write_opencv",
     "write_opf",
+    "write_ply",
     "write_project",
     "write_report",
+    "write_results",
     "write_sinex",
     "write_star_net",
 ]
@@ -368,7 +388,7 @@ _MODULES = {
     "preliminary": "validate.preliminary.search",
     "propose": "planning.propose",
     "protocol": "report.text",
-    "write_report": "report.html.page",
+    "write_report": "report.html.write",
     "read": "io.readers",
     "read_bal": "io.bal",
     "read_colmap": "io.photogrammetry.colmap",
@@ -390,6 +410,7 @@ _MODULES = {
     "read_opencv": "io.photogrammetry.opencv",
     "write_opencv": "io.photogrammetry.opencv",
     "read_bundler": "io.photogrammetry.bundler",
+    "read_micmac": "io.photogrammetry.micmac",
     "read_lgc2": "io.survey.lgc2",
     "read_project": "io.project",
     "reduce_faces": "field.faces",
@@ -405,15 +426,25 @@ _MODULES = {
     "wgs84_coordinates": "solve.grid",
     "without": "network.selection",
     "StarNetOptions": "io.survey.star_net_options",
+    "covariance_array": "export.arrays",
     "read_columns": "io.survey.columns",
     "read_gsi": "io.survey.gsi",
     "read_jobxml": "io.survey.jobxml",
     "read_landxml": "io.survey.landxml",
     "read_sdr33": "io.survey.sdr33",
     "read_star_net": "io.survey.star_net",
-    "write_landxml": "io.survey.write_landxml",
-    "write_star_net": "io.survey.write_star_net",
+    "results_schema": "export.results",
+    "to_xarray": "export.arrays",
+    "write": "export.exports",
     "write_colmap": "io.photogrammetry.colmap_write",
+    "write_dxf": "export.dxf",
+    "write_geojson": "export.geojson",
+    "write_geopackage": "export.geopackage",
+    "write_kml": "export.kml",
+    "write_landxml": "io.survey.write_landxml",
+    "write_ply": "export.ply",
+    "write_results": "export.results",
+    "write_star_net": "io.survey.write_star_net",
     "write_project": "io.write_project",
 }
 """Module of each public name; type checkers read the imports above."""

@@ -1,4 +1,4 @@
-"""Results as columns of arrays, and as a data frame where pandas is installed."""
+"""Results as columns of arrays, and as a data frame where pandas or polars is installed."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from .shown import FIRST, Rows, Shown
 
 if TYPE_CHECKING:
     import pandas
+    import polars
 
 MISSING = "a data frame needs pandas: pip install 'factorgraph_adj[table]'"
+MISSING_POLARS = "a frame of polars needs polars: pip install 'factorgraph_adj[polars]'"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,6 +71,14 @@ class Columns(Shown):
         """
         return data_frame(self.columns)
 
+    def to_polars(self) -> polars.DataFrame:
+        """Return a data frame of polars with the same columns.
+
+        Raises:
+            InputError: polars is not installed (extra ``polars``).
+        """
+        return polars_frame(self.columns)
+
 
 def data_frame(columns: Mapping[str, object]) -> pandas.DataFrame:
     """Return a data frame of columns of the same length.
@@ -81,3 +91,26 @@ def data_frame(columns: Mapping[str, object]) -> pandas.DataFrame:
     except ImportError:
         raise InputError(MISSING) from None
     return pandas.DataFrame(dict(columns))
+
+
+def polars_frame(columns: Mapping[str, Any]) -> polars.DataFrame:
+    """Return a data frame of polars of columns of the same length.
+
+    Texts become strings, and numbers that are not known stay NaN: they are no missing values.
+
+    Raises:
+        InputError: polars is not installed (extra ``polars``).
+    """
+    try:
+        import polars
+    except ImportError:
+        raise InputError(MISSING_POLARS) from None
+    lists = {n: c.tolist() if c.dtype == object else c for n, c in _arrays(columns).items()}
+    frame = polars.DataFrame(lists, strict=False)
+    empty = [n for n, c in _arrays(columns).items() if c.dtype == object and not len(c)]
+    return frame.with_columns(polars.col(empty).cast(polars.String)) if empty else frame
+
+
+def _arrays(columns: Mapping[str, Any]) -> dict[str, np.ndarray[Any, Any]]:
+    """Return columns as arrays."""
+    return {name: np.asarray(column) for name, column in columns.items()}

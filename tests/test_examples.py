@@ -131,7 +131,7 @@ def test_every_project_is_adjusted_by_the_command(
     assert main(["adjust", str(project), "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
     assert "converged" in printed
-    assert (tmp_path / "out" / "solution.json").is_file()
+    assert (tmp_path / "out" / "results.json").is_file()
 
 
 def test_there_is_the_industry_block_as_script_and_as_project() -> None:

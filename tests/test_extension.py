@@ -211,7 +211,7 @@ def test_the_report_shows_it(tmp_path: Any, capsys: pytest.CaptureFixture[str]) 
     assert "similarity shift" in said
     rows = (tmp_path / "out" / "unknowns.csv").read_text().splitlines()
     assert sum(r.startswith("similarity,shift,") for r in rows) == 7
-    others = json.loads((tmp_path / "out" / "solution.json").read_text())["others"]
+    others = json.loads((tmp_path / "out" / "results.json").read_text())["others"]
     assert {o["component"] for o in others} == {c.name for c in SIMILARITY.components}
 
 

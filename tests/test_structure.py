@@ -82,7 +82,7 @@ EXTRAS = {
     "matplotlib": ("report", "papers"),
     "distributed": ("experiment", "parts"),
     "pandas": ("experiment", "columns"),
-    "polars": ("columns",),
+    "polars": ("experiment", "columns"),
     "xarray": ("export",),
     "poselib": ("block_orientation",),
     "pycolmap": ("io",),

@@ -193,6 +193,7 @@ class Assembly:
             float(np.median(g.misses(rows))) / RAYLEIGH_MEDIAN,
             at.words,
             at.complete,
+            float(np.median(off)) if len(off := at.misfits[np.isfinite(at.misfits)]) else np.nan,
         )
 
     def _state(

@@ -34,13 +34,17 @@ class OrientedPart:
     """What gave scale, rotation and shift, in words."""
     placed: bool
     """Whether all seven were found."""
+    misfit: float
+    """Median distance of known places from those of the part, metres; NaN: none is known."""
 
     def sentence(self) -> str:
         """Return the part in words."""
+        off = f", median misfit {self.misfit:.2g} m" if np.isfinite(self.misfit) else ""
+        placed = "placed in the frame by" if self.placed else "its place in the frame:"
         return (
             f"{len(self.photos)} photos from the pair {self.start[0]}, {self.start[1]}; "
             f"{len(self.photos) - 2} by resection, {self.n_points} points by intersection; "
-            f"{'placed in the frame by' if self.placed else 'its place in the frame:'} {self.datum}"
+            f"{placed} {self.datum}{off}"
         )
 
 

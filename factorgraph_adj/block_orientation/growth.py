@@ -36,7 +36,7 @@ class Rules:
     """Smallest number of fitting image points with which a photo is oriented at the end."""
     least_share: float = 0.4
     """Smallest share of the known points of a photo that must fit a resection."""
-    drops: int = 4
+    drops: int = 20
     """Largest number of rays of a point that are left out, one after the other."""
 
 

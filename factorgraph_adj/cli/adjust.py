@@ -20,7 +20,7 @@ from ..report.context import Report
 from ..report.doubts import doubts_about, of_network
 from ..report.html.language import Language
 from ..report.html.libraries import refuse_missing
-from ..report.html.page import write_html
+from ..report.html.write import write_html
 from ..report.options import Provenance, ReportOptions
 from ..report.tables import write_tables
 from ..report.text import render
@@ -28,6 +28,7 @@ from ..solve.solution import Solution
 from ..units import significant
 from .check import refuse_problems
 from .exit_codes import DOUBTFUL, FINE
+from .exports import add_exports, refuse_exports, write_exports
 from .input import PROJECT_HELP, add_project, add_reading, read_input
 from .messages import iteration, progress, warn
 from .options import add_adjustment, count, probability
@@ -40,7 +41,8 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     run = commands.add_parser("adjust", help="adjust a project and print the protocol")
     run.add_argument("project", metavar="PROJECT", nargs="+", help=PROJECT_HELP)
     add_reading(run)
-    run.add_argument("--out", metavar="DIR", help="write protocol, solution.json and CSV tables")
+    run.add_argument("--out", metavar="DIR", help="write protocol, results.json and CSV tables")
+    add_exports(run)
     run.add_argument(
         "--report",
         metavar="FILE.html",
@@ -91,7 +93,7 @@ def add_adjust(commands: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         "--ellipses", type=probability, default=0.95, metavar="CONF", help="of the plan (0.95)"
     )
     add_adjustment(plot)
-    plot.set_defaults(run=_plot, report=None, language=None)
+    plot.set_defaults(run=_plot, report=None, language=None, export=[], writing=[])
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,7 @@ def _solve(options: argparse.Namespace) -> Adjusted:
     _refuse_options(options)
     project = read_input(options)
     network = project.network
+    refuse_exports(network, options)
     if options.datum is not None:
         network.datum = options.datum
     refuse_problems(project)
@@ -204,6 +207,7 @@ def _adjust(options: argparse.Namespace) -> int:
             found.snooping, found.project.network, found.components, run_of(options, found.project)
         ),
     )
+    write_exports(report, options)
     if options.out is not None:
         write_tables(report, options.out)
     if options.report is not None:

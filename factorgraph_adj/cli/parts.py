@@ -22,7 +22,7 @@ from .run import run_of
 
 WHOLE_ONLY = (
     *("snoop", "robust", "variance_components", "ellipses", "relative", "between", "rows"),
-    *("test", "sidak", "report", "language"),
+    *("test", "sidak", "report", "language", "export"),
 )
 """Options of a network that is adjusted as a whole."""
 MOST_ITERATIONS = 100

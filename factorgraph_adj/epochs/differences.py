@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ..errors import InputError, Problem, known
 from ..frames import Frame
+from ..rotation import exp_rotation
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask
 
@@ -261,7 +261,7 @@ def aligned(x: Array, onto: Array, mixture: Array) -> tuple[Array, Array]:
         size = max(float(np.linalg.norm(x - x.mean(axis=0), axis=1).max()), 1e-300)
         g = _seven(x).reshape(-1, 7) @ mixture
         t = mixture @ np.linalg.lstsq(g, (onto - x).ravel(), rcond=SPURIOUS)[0]
-        turn = np.exp(t[6] / size) * Rotation.from_rotvec(t[3:6] / size).as_matrix()
+        turn = np.exp(t[6] / size) * exp_rotation(t[3:6] / size)
         centre = x.mean(axis=0)
         x = (x - centre) @ turn.T + centre + t[:3]
         total = turn @ total

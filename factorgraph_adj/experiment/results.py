@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..columns import data_frame
+from ..columns import data_frame, polars_frame
 from ..errors import InputError, Problem, known
 from ..io.atomic import write_files
 from ..quality.levels import CONFIDENCE
@@ -22,6 +22,7 @@ from .summary import Summary, summarise
 
 if TYPE_CHECKING:
     import pandas
+    import polars
 
 
 @dataclass(frozen=True, repr=False)
@@ -128,6 +129,17 @@ class Results(Shown):
         Raises:
             InputError: pandas is not installed (extra ``table``).
         """
+        return data_frame(self._columns())
+
+    def to_polars(self) -> polars.DataFrame:
+        """Return a data frame of polars with the columns of `to_pandas`.
+
+        Raises:
+            InputError: polars is not installed (extra ``polars``).
+        """
+        return polars_frame(self._columns())
+
+    def _columns(self) -> dict[str, object]:
         rows = self.rows
         columns: dict[str, object] = {
             name: [row.levels[name] for row in rows] for name in self.factors
@@ -137,7 +149,7 @@ class Results(Shown):
         columns |= {name: self.values(name) for name in self.figures}
         columns["error"] = [row.error for row in rows]
         columns["message"] = [row.message for row in rows]
-        return data_frame(columns)
+        return columns
 
     def summary(self, *, confidence: float = CONFIDENCE) -> Summary:
         """Return mean, standard deviation and RMS of each figure in each cell, with intervals.

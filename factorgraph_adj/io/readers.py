@@ -23,6 +23,7 @@ from .photogrammetry.bundler import is_bundler, read_bundler
 from .photogrammetry.colmap import is_colmap, read_colmap
 from .photogrammetry.dbat import is_dbat, read_dbat
 from .photogrammetry.metashape import is_metashape_xml, read_metashape
+from .photogrammetry.micmac import is_micmac, read_micmac
 from .photogrammetry.opencv import is_opencv, read_opencv
 from .photogrammetry.opensfm import is_opensfm, read_opensfm
 from .photogrammetry.opf import read_opf
@@ -277,6 +278,14 @@ READERS = Readers(
             "reconstruction of Bundler",
             NetworkAlone(read_bundler),
             recognises=is_bundler,
+        ),
+        Reader(
+            "micmac",
+            (".xml",),
+            "orientations of MicMac",
+            NetworkAlone(read_micmac),
+            folders=True,
+            recognises=is_micmac,
         ),
         Reader("opf", (".opf",), "Open Photogrammetry Format", NetworkAlone(read_opf)),
         Reader(

@@ -112,6 +112,7 @@ class Writers:
 WRITERS = Writers(
     (
         Writer("project", (".toml",), "project", write_project),
+        Writer("colmap", (), "COLMAP", write_colmap),
         Writer("opencv", (".yml", ".yaml"), "calibration of OpenCV", write_opencv),
         Writer("opf", (".opf",), "Open Photogrammetry Format", write_opf),
         Writer("sinex", (".snx", ".SNX"), "SINEX", write_sinex),

@@ -68,6 +68,7 @@ def parse_xml(content: bytes, name: str) -> Element:
     """
     root: list[Element] = []
     stack: list[Element] = []
+    texts: list[list[str]] = []  # joined once: entities can make millions of pieces
     parser = expat.ParserCreate(namespace_separator=" ")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -81,12 +82,13 @@ def parse_xml(content: bytes, name: str) -> Element:
         )
         (stack[-1].children if stack else root).append(element)
         stack.append(element)
+        texts.append([])
 
     def end(_: str) -> None:
-        stack.pop()
+        stack.pop().text = "".join(texts.pop())
 
     def characters(text: str) -> None:
-        stack[-1].text += text
+        texts[-1].append(text)
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end

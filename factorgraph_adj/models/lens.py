@@ -165,7 +165,7 @@ NoDistortion = Lens
 """Pinhole: c, x0, y0."""
 
 
-def _brown(
+def brown_terms(
     x: Array, y: Array, k: tuple[Array, ...], radius: float, partials: bool
 ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
     """Return radial and decentring terms and partials, k = (k1, k2, k3, p1, p2).
@@ -223,7 +223,7 @@ class BrownLens(Lens):
         zero = np.zeros_like(x)
         if self.affine == "before":
             ax = x * (1.0 + b1) + b2 * y
-            dx, dy, d, columns = _brown(ax, y, brown, 0.0, partials)
+            dx, dy, d, columns = brown_terms(ax, y, brown, 0.0, partials)
             fx, fy = ax - x + dx, dy
             if not partials:
                 return fx, fy, (), []
@@ -236,7 +236,7 @@ class BrownLens(Lens):
             )
             columns += [((1.0 + dxx) * x, dyx * x), ((1.0 + dxx) * y, dyx * y)]
             return fx, fy, by, columns
-        dx, dy, d, columns = _brown(x, y, brown, 0.0, partials)
+        dx, dy, d, columns = brown_terms(x, y, brown, 0.0, partials)
         cx, cy = x + dx, y + dy
         fx, fy = cx * (1.0 + b1) + b2 * cy - x, dy
         if not partials:
@@ -314,7 +314,7 @@ class BrownForwardLens(ForwardLens):
         self, x: Array, y: Array, k: Array, partials: bool
     ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
         brown = tuple(-k[:, j] for j in range(3, 8))
-        dx, dy, d, columns = _brown(x, y, brown, 0.0, partials)
+        dx, dy, d, columns = brown_terms(x, y, brown, 0.0, partials)
         return dx, dy, d, [(-px, -py) for px, py in columns]
 
 
@@ -336,7 +336,7 @@ class NormalisedLens(ForwardLens):
     def _correction(
         self, x: Array, y: Array, k: Array, partials: bool
     ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
-        return _brown(x, y, tuple(k[:, j] for j in range(3, 8)), 0.0, partials)
+        return brown_terms(x, y, tuple(k[:, j] for j in range(3, 8)), 0.0, partials)
 
     def _unit(self, c: Array) -> Array:
         return c
@@ -368,7 +368,7 @@ class BalancedLens(ForwardLens):
         self, x: Array, y: Array, k: Array, partials: bool
     ) -> tuple[Array, Array, tuple[Array, ...], list[tuple[Array, Array]]]:
         c1, c2 = k[:, 8], k[:, 9]
-        dx, dy, d, columns = _brown(
+        dx, dy, d, columns = brown_terms(
             x, y, tuple(k[:, j] for j in range(3, 8)), self.zero_radius, partials
         )
         dx = dx + c1 * x + c2 * y

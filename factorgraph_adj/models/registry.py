@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ..errors import InputError, Problem
 from .affine_normalised import AffineNormalisedLens
+from .centred_lens import CentredBrownLens
 from .lens import (
     AffineLens,
     BalancedLens,
@@ -54,6 +55,7 @@ for _lens in (
     Lens,
     HarmonicLens,
     BrownLens,
+    CentredBrownLens,
     BrownForwardLens,
     NormalisedLens,
     AffineNormalisedLens,

@@ -144,7 +144,7 @@ def grid_photo_columns(report: Report) -> dict[str, list[str]]:
 
 
 def grid_record(report: Report, number: int) -> dict[str, object]:
-    """Return the fields of a point in solution.json, metres and radians; none without a grid."""
+    """Return the fields of a point in results.json, metres and radians; none without a grid."""
     found = report.grid
     if found is None or isinstance(report.network.frame, LocalFrame):
         return {}

@@ -119,7 +119,7 @@ def lines_table(report: Report) -> str:
 
 
 def line_record(line: AdjustedLine) -> dict[str, Any]:
-    """Return a line for solution.json, in metres and radians."""
+    """Return a line for results.json, in metres and radians."""
     e = line.ellipse
     return {
         "from": place_name(line.a),

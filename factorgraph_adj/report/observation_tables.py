@@ -18,7 +18,7 @@ from .set_aside import SetAside
 def observations_table(report: Report) -> str:
     """Return observations.csv: all figures of each observation; set-aside ones are at the end."""
     rows = list(report.rows.all())
-    columns = _what(rows)
+    columns = identities(rows)
     residuals, sigmas = report.solution.observations.residuals, report.solution.observations.sigmas
     columns |= _residuals(rows, _signs(rows) * residuals, sigmas)
     if report.reliability is not None:
@@ -34,7 +34,7 @@ def observations_table(report: Report) -> str:
     return write_columns(columns)
 
 
-def _what(rows: Sequence[Row]) -> dict[str, list[str]]:
+def identities(rows: Sequence[Row]) -> dict[str, list[str]]:
     """Return the columns that identify the observations.
 
     A frame of its own stands in ``frame``, and the only point that is observed from it in ``to``.
@@ -87,7 +87,7 @@ def _set_aside(aside: SetAside) -> dict[str, list[str]]:
     """Return the columns of the set-aside observations, predicted by the clean solution."""
     rows = aside.rows.at(aside.numbers.tolist())
     size, sign = _sizes(rows), _signs(rows)
-    columns = _what(rows)
+    columns = identities(rows)
     innovation = sign * aside.innovation
     columns |= _residuals(rows, innovation, np.array([r.sigma for r in rows]))
     return columns | {
@@ -145,7 +145,7 @@ def snooping_table(report: Report) -> str:
         records.append((row, fields))
     rows = [row for row, _ in records]
     whole = ("point set aside", "readmitted")
-    columns = _what(rows)
+    columns = identities(rows)
     for i, (_, fields) in enumerate(records):
         if fields["state"] in whole:
             # The row stands for the whole observation with all its components.

@@ -56,7 +56,7 @@ def _rounds(report: Report, found: Snooping, name: str) -> list[str]:
         ]
         for r in found.rounds
     ]
-    shown, note = report.cut(rows, "rounds", "solution.json")
+    shown, note = report.cut(rows, "rounds", "results.json")
     header = ["round", "σ̂0", f"max |{name}|", "above critical", "set aside", "readmitted"]
     return [*table(header, shown), *note]
 

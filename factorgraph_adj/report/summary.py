@@ -1,14 +1,20 @@
-"""solution.json: the solution for programs, in metres, radians and image units throughout."""
+"""results.json: the solution for programs, in metres, radians and image units throughout.
+
+``results.schema.json`` beside this module describes every member.
+"""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, fields
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
-from ..frames import GeocentricFrame, LocalFrame
+from ..crs.system import ReferenceSystem
+from ..frames import Frame, GeocentricFrame, LocalFrame
 from ..graph.variables import camera_of_calibration
 from ..quality.causes.search import Cause
 from ..quality.rejections import Rejected, Snooping, Unresolved
@@ -17,26 +23,36 @@ from ..version import __version__
 from .context import Report
 from .grid import grid_record
 from .lines import line_record
+from .observation_tables import identities
 from .unknowns import small_unknowns
 
-FORMAT = 1
-"""Version of solution.json."""
+FORMAT = 2
+"""Version of results.json; it grows with every change that a reader could stumble over."""
+SCHEMA = "https://github.com/factorgraph-adj/factorgraph_adj/results-2.schema.json"
+"""Name of the schema of the format."""
+COVARIANCE = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Rows and columns of the covariance of a point in the order xx, xy, xz, yy, yz, zz."""
+
+
+def results_text(report: Report) -> str:
+    """Return results.json."""
+    return json.dumps(finite(summary(report)), indent=1, ensure_ascii=False) + "\n"
 
 
 def summary(report: Report) -> dict[str, Any]:
-    """Return the content of solution.json."""
+    """Return the content of results.json."""
     s, network = report.solution, report.network
-    frame = network.frame
-    kind = "local" if isinstance(frame, LocalFrame) else "topocentric"
     test = global_test(s)
     run = {name: text for name, text in asdict(report.provenance.run).items() if text}
     return {
+        "$schema": SCHEMA,
         "format": FORMAT,
         "program": f"factorgraph_adj {__version__}",
         **({"run": run} if run else {}),
         "name": network.name,
-        "frame": "geocentric" if isinstance(frame, GeocentricFrame) else kind,
-        **({} if network.crs is None else {"crs": network.crs.definition}),
+        "units": {"length": "m", "angle": "rad"},
+        **_frame(network.frame),
+        **({} if network.crs is None else {"reference_system": _system(network.crs)}),
         "converged": s.converged,
         "reason": s.reason,
         "iterations": s.iterations,
@@ -51,7 +67,8 @@ def summary(report: Report) -> dict[str, Any]:
         "sigma0": s.sigma0,
         "variance": s.variance,
         "global_test": {**asdict(test), "accepted": test.accepted},
-        "observations": [
+        "doubts": list(report.doubts),
+        "observation_groups": [
             {
                 "kind": g.label,
                 "number": g.observations,
@@ -68,7 +85,56 @@ def summary(report: Report) -> dict[str, Any]:
         **({} if report.significance is None else {"parameters": _parameters(report)}),
         **({} if report.singular else _unknown_values(report)),
         **({"relative": [line_record(x) for x in report.lines]} if report.lines else {}),
+        "observations": _observations(report),
     }
+
+
+def _frame(frame: Frame) -> dict[str, Any]:
+    """Return the kind of a frame and its parameters, metres and radians."""
+    kind = "local" if isinstance(frame, LocalFrame) else "topocentric"
+    kind = "geocentric" if isinstance(frame, GeocentricFrame) else kind
+    stated = {f.name: getattr(frame, f.name) for f in fields(frame) if f.init}
+    of_frame = {n: list(v) if isinstance(v, tuple) else v for n, v in stated.items()}
+    return {"frame": kind, "frame_parameters": of_frame}
+
+
+def _system(system: ReferenceSystem) -> dict[str, Any]:
+    """Return how a reference system was stated."""
+    stated = {
+        "definition": system.definition,
+        "geoid": system.geoid,
+        "heights": system.heights,
+        "datum": system.datum,
+        "parameters": None if system.parameters is None else asdict(system.parameters),
+    }
+    return {n: v for n, v in stated.items() if v is not None}
+
+
+def _observations(report: Report) -> dict[str, Sequence[Any]]:
+    """Return every scalar observation as columns, in the order of observations.csv."""
+    rows = list(report.rows.all())
+    sign = np.array([r.sign for r in rows], dtype=float)
+    sigmas = report.solution.observations.sigmas
+    columns: dict[str, Any] = {**identities(rows)}
+    del columns["unit"]
+    columns |= {
+        "observed": [r.observed for r in rows],
+        "residual": [r.residual for r in rows],
+        "adjusted": [r.adjusted for r in rows],
+        "sigma": sigmas.tolist(),
+    }
+    rel = report.reliability
+    if rel is not None:
+        columns |= {
+            "redundancy_number": rel.redundancy_numbers.tolist(),
+            "w": (sign * rel.w).tolist(),
+            "tau": (sign * rel.tau).tolist(),
+            "mdb": rel.mdb.tolist(),
+            "estimated_error": (sign * rel.estimated_errors).tolist(),
+            "controlled": rel.controlled.tolist(),
+        }
+    columns["source"] = [r.source for r in rows]
+    return columns
 
 
 def _reliability(report: Report) -> dict[str, Any]:
@@ -200,8 +266,14 @@ def _unknown_values(report: Report) -> dict[str, Any]:
     s, network = report.solution, report.network
     return {
         "points": {
-            name: {"xyz": xyz, "sigma": list(report.sigmas[name]), **_geographic(report, i)}
-            | grid_record(report, i)
+            name: {
+                "xyz": xyz,
+                "sigma": list(report.sigmas[name]),
+                "covariance": [float(s.point_covariances[i, j, k]) for j, k in COVARIANCE],
+                **_geographic(report, i),
+                **_ellipse(report, name),
+                **grid_record(report, i),
+            }
             for i, (name, xyz) in enumerate(
                 zip(network.points, s.state["point"].tolist(), strict=True)
             )
@@ -234,6 +306,20 @@ def _geographic(report: Report, number: int) -> dict[str, Any]:
         "longitude": float(found.longitude[number]),
         "height": float(found.height[number]),
         "sigma_east_north_up": found.sigma[number].tolist(),
+    }
+
+
+def _ellipse(report: Report, name: str) -> dict[str, Any]:
+    """Return the error ellipse of a point where the options ask for it."""
+    e = report.ellipses.get(name)
+    if e is None:
+        return {}
+    return {
+        "ellipse": {
+            "confidence": e.confidence,
+            "semi_axes": list(e.semi_axes),
+            "azimuth": e.azimuth,
+        }
     }
 
 

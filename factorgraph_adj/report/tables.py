@@ -1,12 +1,11 @@
-"""The solution as files: solution.json for programs, CSV tables for people and programs.
+"""The solution as files: results.json for programs, CSV tables for people and programs.
 
 The names of the columns, or a column beside the value, state the units of CSV tables.
-solution.json has metres, radians and image units throughout.
+results.json has metres, radians and image units throughout.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from math import isfinite, nan
@@ -33,7 +32,7 @@ from .options import Provenance, ReportOptions
 from .precision import figure, photo_columns, point_columns
 from .rows import exact
 from .shapes import shapes_table
-from .summary import finite, summary
+from .summary import results_text
 from .text import render
 from .unknowns import small_unknowns
 
@@ -54,7 +53,7 @@ def write_solution(
     options: ReportOptions | None = None,
     provenance: Provenance | None = None,
 ) -> None:
-    """Write protocol.txt, solution.json and the CSV tables into a folder; an error writes none.
+    """Write protocol.txt, results.json and the CSV tables into a folder; an error writes none.
 
     The tables have a header line with units in the names of the columns, such as ``sigma_x_mm``:
     coordinates in metres or the unit of the project, angles in its unit of angles. Numbers are
@@ -80,7 +79,7 @@ def write_tables(report: Report, folder: str | Path) -> None:
     """Write the files of a report, see `write_solution`."""
     files: dict[str, str | None] = {
         "protocol.txt": render(report),
-        "solution.json": json.dumps(finite(summary(report)), indent=1, ensure_ascii=False) + "\n",
+        "results.json": results_text(report),
         "observations.csv": observations_table(report),
         "points.csv": None,
         "unknowns.csv": None,

@@ -96,7 +96,7 @@ def overparametrised(report: Report) -> list[str]:
     for sentence in sentences[:SENTENCES]:
         out += paragraph(sentence)
     if len(sentences) > SENTENCES:
-        out.append(f"  … {len(sentences) - SENTENCES} more in {report.where('solution.json')}")
+        out.append(f"  … {len(sentences) - SENTENCES} more in {report.where('results.json')}")
     return out
 
 

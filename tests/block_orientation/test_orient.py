@@ -9,8 +9,17 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
+from factorgraph_adj.models.ray_lens import FisheyeLens
 from factorgraph_adj.rotation import log_rotation
-from tests.networks.image_blocks import CAMERA, KINDS, ImageBlock, aerial, ring, two_parts
+from tests.networks.image_blocks import (
+    CAMERA,
+    KINDS,
+    ImageBlock,
+    aerial,
+    look_at,
+    ring,
+    two_parts,
+)
 
 SAME = 1e-9
 """Relative difference of vᵀPv of two adjustments that end at one minimum."""
@@ -200,6 +209,84 @@ def test_one_wrong_control_point_does_not_bend_the_start():
     assert np.abs(x - true).max() < 0.05
 
 
+def test_control_in_plan_and_control_in_height_place_a_block():
+    block = aerial(4, control=0)
+    chosen = [int(n[1:]) for n in list(block.network.points)[::45]]
+    for network in (block.network, block.truth):
+        network.datum = "given"
+        for p in chosen[:4]:
+            at = tuple(block.points[p, :2])
+            network.add(fga.ControlPoint(f"P{p}", at, axes="xy", sigma=(0.02,) * 2))
+        for p in chosen[4:]:
+            at = (float(block.points[p, 2]),)
+            network.add(fga.ControlPoint(f"P{p}", at, axes="z", sigma=(0.02,)))
+    solution = minimum(block.network)
+    assert "known coordinates of" in solution.begun[0]
+    assert solution.vtpv == pytest.approx(minimum(block.truth).vtpv, rel=SAME)
+
+
+def test_coordinates_of_another_frame_are_told_by_their_misfit():
+    """Control with x and y exchanged is a mirror image: no similarity leads to it."""
+    block = ring(6)
+    swapped = fga.orient(block.network).parts[0].misfit
+    for name, o in block.network.observations.items():
+        x, y, z = o.value
+        block.network.observations[name] = replace(o, value=(y, x, z))
+    assert fga.orient(block.network).parts[0].misfit > 100 * swapped
+
+
+# -- cameras --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("distortion", [0.0, 2e-5])
+def test_a_calibration_for_each_photo(distortion):
+    block = ring(0, control=0, distortion=distortion)
+    for network in (block.network, block.truth):
+        network.cameras[CAMERA] = replace(network.cameras[CAMERA], per_photo=True)
+    solution = minimum(block.network, fga.orient(block.network).start)
+    assert solution.vtpv == pytest.approx(minimum(block.truth).vtpv, rel=SAME)
+
+
+def test_two_cameras_are_calibrated_together():
+    block = ring(2, control=0, distortion=2e-5)
+    for network in (block.network, block.truth):
+        network.cameras["other"] = replace(network.cameras[CAMERA], name="other")
+        for name in list(network.photos)[::2]:
+            network.photos[name] = replace(network.photos[name], camera="other")
+    solution = minimum(block.network, fga.orient(block.network).start)
+    assert solution.vtpv == pytest.approx(minimum(block.truth).vtpv, rel=SAME)
+
+
+def test_fisheye_photos_that_see_behind_themselves():
+    """Rays beyond 79° to the axis orient nothing, and are not doubted for that."""
+    rng = np.random.default_rng(1)
+    x = rng.uniform(-1, 1, (160, 3)) * [1.5, 1.5, 1.0]
+    network = fga.Network("fisheye", datum="free")
+    network.add_camera("fisheye", FisheyeLens(), {"c": 12.0})
+    truth = network.copy()
+    for i, at in enumerate(x):
+        network.add_point(f"P{i}")
+        truth.add_point(f"P{i}", at)
+    for f in range(12):
+        turn = 2 * np.pi * f / 12
+        centre = np.array([2.2 * np.cos(turn), 2.2 * np.sin(turn), 0.3 * (f % 3)])
+        r = look_at(centre, rng.normal(0, 0.3, 3))
+        p = (x - centre) @ r
+        rho = np.hypot(p[:, 0], p[:, 1])
+        angle = np.arctan2(rho, p[:, 2])
+        xy = 12.0 * np.stack([p[:, 0], -p[:, 1]], 1) * (angle / rho)[:, None]
+        seen = np.flatnonzero(angle < np.radians(100))
+        xy = xy[seen] + rng.normal(0, 0.002, (len(seen), 2))
+        network.add_photo(f"F{f}", "fisheye")
+        truth.add_photo(f"F{f}", "fisheye", position=centre, rotation=r)
+        for n in (network, truth):
+            n.add_image_points(f"F{f}", [f"P{i}" for i in seen], xy, sigma=0.002)
+    found = fga.orient(network)
+    assert not found.doubtful and not found.unoriented
+    solution = minimum(network, found.start)
+    assert solution.vtpv == pytest.approx(minimum(truth).vtpv, rel=SAME)
+
+
 # -- what is left out -----------------------------------------------------------------------------
 
 
@@ -227,6 +314,36 @@ def ring_without_control(network: fga.Network) -> fga.Network:
     out.observations = {}
     out.datum = "free"
     return out
+
+
+def test_a_point_with_one_ray_is_named_and_taken_out_with_the_doubtful_ones():
+    block = ring(3)
+    block.network.add_point("lone")
+    block.network.add_image_points("F0", ["lone"], np.array([[1.0, 2.0]]), sigma=0.003)
+    found = fga.orient(block.network)
+    assert found.doubtful == ("F0/lone",) and found.unreached == ("lone",)
+    clean = found.without_doubtful()
+    assert "lone" not in clean.points
+    assert minimum(clean, found.start).vtpv == pytest.approx(minimum(block.truth).vtpv, rel=SAME)
+
+
+@pytest.mark.parametrize("make", [aerial, ring])
+def test_a_fifth_of_mismatches_is_named(make):
+    block = make(7, mismatches=0.2)
+    found = fga.orient(block.network)
+    assert not found.unoriented
+    assert block.mismatched <= set(found.doubtful)
+    wrongly = {n.split("/")[1] for n in set(found.doubtful) - block.mismatched}
+    assert wrongly <= set(found.unreached)
+
+
+@pytest.mark.slow("300 photos and 55 000 image points: local and whole adjustments in turns")
+def test_three_hundred_photos_are_oriented_in_one_part():
+    block = aerial(1, strips=10, photos=30, n_points=12_000, mismatches=0.02)
+    found = fga.orient(block.network)
+    assert [len(p.photos) for p in found.parts] == [300]
+    assert block.mismatched <= set(found.doubtful)
+    assert 0.99 < minimum(found.without_doubtful(), found.start).sigma0 < 1.01
 
 
 def test_all_parts_of_a_block_are_told_in_words():

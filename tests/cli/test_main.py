@@ -59,7 +59,7 @@ def test_a_good_project_ends_with_0_protocol_and_files(block, tmp_path):
     assert set(contents(tmp_path / "out")) == FILES
     assert result.stdout == (tmp_path / "out" / "protocol.txt").read_text(encoding="utf-8")
     assert "global test           accepted" in result.stdout
-    assert json.loads((tmp_path / "out" / "solution.json").read_bytes())["converged"] is True
+    assert json.loads((tmp_path / "out" / "results.json").read_bytes())["converged"] is True
 
 
 def test_without_out_nothing_is_written(block, tmp_path, monkeypatch, here):

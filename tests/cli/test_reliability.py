@@ -88,7 +88,7 @@ def test_snooping_sets_them_aside_and_ends_with_0(wrong, tmp_path, here):
     assert all(r["source"] for r in rows)
     aside = [r for r in rows_of(tmp_path / "observations.csv") if r["set_aside"] == "yes"]
     assert {r["id"] for r in aside} == {r["id"] for r in rows}
-    found = json.loads((tmp_path / "solution.json").read_text(encoding="utf-8"))
+    found = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
     assert len(found["snooping"]["rejected"]) == 2
 
 

@@ -90,8 +90,8 @@ def test_a_project_in_the_grid_adjusts_and_reports_its_grid_coordinates(tmp_path
             1e3 * found.places.sigma[i, 0], rel=1e-3, abs=1e-6
         )
     np.testing.assert_allclose(found.point("A"), [686000, 5319000, 520.5], rtol=0, atol=1e-7)
-    record = json.loads((tmp_path / "out" / "solution.json").read_text())
-    assert record["crs"] == "EPSG:25832"
+    record = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert record["reference_system"]["definition"] == "EPSG:25832"
     np.testing.assert_allclose(record["points"]["C"]["grid"], found.point("C"), atol=1e-9)
 
 

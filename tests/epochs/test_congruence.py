@@ -333,7 +333,7 @@ def test_size_and_power_of_a_few_epochs():
     assert 0.60 <= power <= 0.97
 
 
-@pytest.mark.slow(proves="size 5 % and power 80 % of the tests to one percent, over 1000 seeds")
+@pytest.mark.slow("size 5 % and power 80 % of the tests to one percent, over 1000 seeds")
 def test_size_and_power_over_a_thousand_seeds():
     size, _ = rates(range(10_000, 11_000), (0.0, 0.0))
     assert abs(size - 0.05) < 0.022

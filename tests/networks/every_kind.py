@@ -18,6 +18,7 @@ from factorgraph_adj.frames import Frame, GeocentricFrame, LocalFrame, Topocentr
 from factorgraph_adj.graph.equations import Equations, compile_network
 from factorgraph_adj.models import lens, ray_lens
 from factorgraph_adj.models.affine_normalised import AffineNormalisedLens
+from factorgraph_adj.models.centred_lens import CentredBrownLens
 from factorgraph_adj.models.deformation import DEFORMATIONS
 from factorgraph_adj.models.orthogonal_lens import EbnerLens, GruenLens, OrthogonalLens
 from factorgraph_adj.models.rational_lens import RationalLens
@@ -537,6 +538,9 @@ LENSES_USED: dict[str, Calibrated] = {
         lens.BrownLens(affine="after"), _INTERIOR | _BROWN | _AFFINITY
     ),
     "brown, strong": Calibrated(lens.BrownLens(), _INTERIOR | _STRONG | {"b1": 0.02, "b2": -0.03}),
+    "brown, centred": Calibrated(
+        CentredBrownLens(), _INTERIOR | _BROWN | {"b1": 0.6, "b2": -0.5, "xd": 0.4, "yd": -0.3}
+    ),
     "brown forward": Calibrated(lens.BrownForwardLens(), _INTERIOR | _BROWN),
     "brown forward, strong": Calibrated(lens.BrownForwardLens(), _INTERIOR | _STRONG),
     "normalised": Calibrated(

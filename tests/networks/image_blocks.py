@@ -49,7 +49,9 @@ def look_at(centre: Array, target: Array, kappa: float = 0.0) -> Array:
     return r @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def aerial(seed: int, *, strips: int = 3, photos: int = 6, **options) -> ImageBlock:
+def aerial(
+    seed: int, *, strips: int = 3, photos: int = 6, n_points: int = 600, **options
+) -> ImageBlock:
     """Return strips of photos over hills, 70 % forward and 40 % side overlap."""
     rng = np.random.default_rng(seed)
     height, c = 900.0, 30.0
@@ -61,8 +63,8 @@ def aerial(seed: int, *, strips: int = 3, photos: int = 6, **options) -> ImageBl
             turn = world_R_camera(*rng.normal(0, 0.03, 2), np.pi * (s % 2) + rng.normal(0, 0.05))
             centres.append(at)
             rotations.append(turn)
-    x = rng.uniform([-500, -350, 0], [strips * side + 200, photos * base + 150, 0], (600, 3))
-    x[:, 2] = 40 * np.sin(x[:, 0] / 170) + 30 * np.cos(x[:, 1] / 140) + rng.uniform(0, 12, 600)
+    x = rng.uniform([-500, -350, 0], [strips * side + 200, photos * base + 150, 0], (n_points, 3))
+    x[:, 2] = 40 * np.sin(x[:, 0] / 170) + 30 * np.cos(x[:, 1] / 140) + rng.uniform(0, 12, n_points)
     return _block("aerial", np.array(rotations), np.array(centres), x, c, rng, **options)
 
 

@@ -228,3 +228,42 @@ def opencv(suffix: str, folder: Path) -> dict[str, bytes]:
             text += f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: {kind}\n"
             text += f"   data: [ {numbers} ]\n"
     return {name: text.encode()}
+
+
+MICMAC = """<?xml version="1.0" ?>
+<ExportAPERO><CalibrationInternConique><KnownConv>eConvApero_DistM2C</KnownConv>
+<PP>1003.0 748.5</PP><F>1500.0</F><SzIm>2000 1500</SzIm>
+<CalibDistortion><ModRad><CDist>990.5 751.25</CDist><CoeffDist>-2e-9</CoeffDist></ModRad>
+</CalibDistortion></CalibrationInternConique></ExportAPERO>
+"""
+ORIENTATION = """<?xml version="1.0" ?>
+<ExportAPERO><OrientationConique><TypeProj>eProjStenope</TypeProj>
+<FileInterne>AutoCal.xml</FileInterne>
+<Externe><Centre>{0} 1.5 30.25</Centre><ParamRotation><CodageMatr>
+<L1>1 0 0</L1><L2>0 -1 0</L2><L3>0 0 -1</L3></CodageMatr></ParamRotation></Externe>
+<ConvOri><KnownConv>eConvApero_DistM2C</KnownConv></ConvOri></OrientationConique></ExportAPERO>
+"""
+
+
+def micmac() -> dict[str, bytes]:
+    """Return orientations, a calibration, control and its measurements."""
+    out = {"AutoCal.xml": MICMAC}
+    control, images = [], []
+    for i in range(3):
+        out[f"Orientation-{i}.tif.xml"] = ORIENTATION.format(3.5 * i)
+        seen = "\n".join(
+            f"<OneMesureAF1I><NamePt>G{j}</NamePt><PtIm>{900 + 40 * j - 170 * i} {700 + 30 * j}"
+            "</PtIm></OneMesureAF1I>"
+            for j in range(4)
+        )
+        images.append(
+            f"<MesureAppuiFlottant1Im><NameIm>{i}.tif</NameIm>{seen}</MesureAppuiFlottant1Im>"
+        )
+    for j in range(3):
+        inner = f"<Pt>{j} {2 * j} 0.5</Pt><NamePt>G{j}</NamePt><Incertitude>0.1 0.1 0.2"
+        control.append(f"<OneAppuisDAF>{inner}</Incertitude></OneAppuisDAF>")
+    lines = "\n".join
+    out["control.xml"] = f"<DicoAppuisFlottant>{lines(control)}</DicoAppuisFlottant>"
+    whole = "SetOfMesureAppuisFlottants"
+    out["measures.xml"] = f"<{whole}>{lines(images)}</{whole}>"
+    return {name: text.encode() for name, text in out.items()}

@@ -169,7 +169,7 @@ def test_lines_stand_in_the_protocol_the_table_and_the_file_for_programs(tmp_pat
     assert [(r["from"], r["to"]) for r in rows] == [("A", "C"), ("B", "D")]
     assert float(rows[1]["azimuth_gon"]) == pytest.approx(lines[1].azimuth / (1000 * MGON))
     assert float(rows[1]["ellipse_minor_mm"]) == pytest.approx(lines[1].ellipse.semi_axes[1] / MM)
-    found = json.loads((tmp_path / "solution.json").read_text())["relative"]
+    found = json.loads((tmp_path / "results.json").read_text())["relative"]
     assert found[1]["sigma_azimuth"] == lines[1].sigma_azimuth
     assert found[1]["ellipse"]["confidence"] == 0.95
     write_solution(s, tmp_path)
@@ -230,7 +230,7 @@ def test_the_command_says_file_date_and_options(project, capsys):
     assert "--alpha 0.01; of the project: variance a-posteriori" in text
     out = printed(capsys, "--date", "none", "--out", "out").out
     assert "  date " not in out
-    assert "date" not in json.loads((project / "out" / "solution.json").read_text())["run"]
+    assert "date" not in json.loads((project / "out" / "results.json").read_text())["run"]
     assert "  date           20" in printed(capsys).out
 
 

@@ -114,7 +114,7 @@ def test_rows_of_y_are_among_what_is_compared(both):
 
 
 def test_the_file_for_programs_says_which_way_y_points(both):
-    up, turned = (json.loads(f["solution.json"]) for f in both)
+    up, turned = (json.loads(f["results.json"]) for f in both)
     a, b = (f["calibrations"]["D3"] for f in (up, turned))
     assert (a["y_axis"], b["y_axis"]) == ("up", "down")
     at = a["parameters"].index("y0")

@@ -113,7 +113,7 @@ def test_the_tables_and_the_file_for_programs_have_them(frame, tmp_path):
     s = solution(frame)
     write_solution(s, tmp_path, ReportOptions(Units(geographic="dms")))
     table = s.point_table()
-    found = json.loads((tmp_path / "solution.json").read_text())["points"]
+    found = json.loads((tmp_path / "results.json").read_text())["points"]
     rows = csv.DictReader(io.StringIO((tmp_path / "points.csv").read_text()))
     for i, record in enumerate(rows):
         assert record["geographic_unit"] == "dms"
@@ -149,7 +149,7 @@ def test_a_local_network_has_no_latitudes(tmp_path):
     assert "Latitude" not in protocol(s)
     write_solution(s, tmp_path)
     assert "latitude" not in (tmp_path / "points.csv").read_text()
-    assert "latitude" not in (tmp_path / "solution.json").read_text()
+    assert "latitude" not in (tmp_path / "results.json").read_text()
 
 
 @ON_AN_ELLIPSOID

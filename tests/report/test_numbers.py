@@ -74,7 +74,7 @@ def test_orientations_lie_in_the_first_turn_wherever_they_are_printed(tmp_path):
     write_solution(solution(), tmp_path)
     for record in csv.DictReader(io.StringIO((tmp_path / "unknowns.csv").read_text())):
         assert float(record["value"]) == pytest.approx(TURNED + TURN, abs=1e-4)
-    for found in json.loads((tmp_path / "solution.json").read_text())["orientations"]:
+    for found in json.loads((tmp_path / "results.json").read_text())["orientations"]:
         assert found["value"] == pytest.approx(TURNED + TURN, abs=1e-4)
 
 

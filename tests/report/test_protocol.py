@@ -259,7 +259,7 @@ def test_a_solution_without_a_covariance_is_reported_without_precision(tmp_path,
     assert "Adjusted coordinates" not in text
     write_solution(s, tmp_path)
     assert {f.name for f in tmp_path.iterdir()} == {
-        *("protocol.txt", "solution.json", "observations.csv"),
+        *("protocol.txt", "results.json", "observations.csv"),
     }
 
 
@@ -352,10 +352,10 @@ def test_the_tables_hold_every_figure(tmp_path):
     assert [r["image_points"] for r in photos] == ["12"] * 4
 
 
-def test_solution_json_is_in_metres_and_radians(tmp_path):
+def test_results_json_is_in_metres_and_radians(tmp_path):
     s = solution()
     write_solution(s, tmp_path, ReportOptions(units=Units(length="mm", angle="deg")))
-    found = json.loads((tmp_path / "solution.json").read_text(encoding="utf-8"))
+    found = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
     assert found["points"]["P1"]["xyz"] == s.point("P1").tolist()
     assert found["points"]["P1"]["sigma"] == s.standard_deviations("P1").tolist()
     assert found["sigma0"] == s.sigma0
@@ -364,13 +364,13 @@ def test_solution_json_is_in_metres_and_radians(tmp_path):
     assert found["calibrations"]["D3"]["values"] == s.calibration("D3").values.tolist()
 
 
-def test_solution_json_has_no_nan(tmp_path):
+def test_results_json_has_no_nan(tmp_path):
     network = Network("one distance")
     network.add_point("A", (0, 0, 0), fixed="xyz")
     network.add_point("B", (9, 0, 0), fixed="yz")
     network.add(o.SlopeDistance("A", "B", 10.0, sigma=0.01))
     write_solution(adjust(network), tmp_path)
-    text = (tmp_path / "solution.json").read_text(encoding="utf-8")
+    text = (tmp_path / "results.json").read_text(encoding="utf-8")
     assert json.loads(text)["sigma0"] is None
     assert "NaN" not in text
     assert "Infinity" not in text

@@ -373,7 +373,7 @@ def test_why_there_is_no_reliability_is_said(monkeypatch, tmp_path):
     observations = read(tmp_path / "observations.csv")
     assert len(observations) == solution().n_observations
     assert "redundancy_number" not in observations[0]
-    found = json.loads((tmp_path / "solution.json").read_text(encoding="utf-8"))
+    found = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
     assert found["reliability"] == {
         "reason": "no reliability: the network is too weak to compute them"
     }
@@ -533,7 +533,7 @@ def test_the_solution_as_json_sums_reliability_up(tmp_path):
     s = adjust(blundered())
     rel = fga.reliability(s)
     write_solution(s, tmp_path)
-    found = json.loads((tmp_path / "solution.json").read_text(encoding="utf-8"))["reliability"]
+    found = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))["reliability"]
     assert found["redundancy_number"]["sum"] == pytest.approx(s.redundancy)
     assert found["redundancy_number"]["minimum"] == rel.redundancy_numbers.min()
     assert found["above_critical"] == int(np.sum(np.abs(rel.w) > rel.critical_w))
@@ -636,7 +636,7 @@ def test_snooping_has_a_table_of_its_own(tmp_path):
         assert_column([r], "final_error", [x.final_error / 1e-3])
         assert_column([r], "final_sigma", [x.final_sigma / 1e-3])
         assert r["round"] == str(x.round)
-    found = json.loads((tmp_path / "solution.json").read_text(encoding="utf-8"))["snooping"]
+    found = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))["snooping"]
     assert [r["id"] for r in found["rejected"]] == [r.id for r in k.rejected]
     assert found["reason"] == k.reason
 
@@ -696,7 +696,7 @@ def test_variance_components_stand_with_their_uncertainty(tmp_path):
     assert_column(rows, "factor", [c.factor for c in found.components])
     assert_column(rows, "sigma_factor", [c.sigma for c in found.components])
     assert_column(rows, "redundancy", [c.redundancy for c in found.components])
-    summary = json.loads((tmp_path / "solution.json").read_text(encoding="utf-8"))
+    summary = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
     assert [c["name"] for c in summary["variance_components"]["components"]] == [
         c.name for c in found.components
     ]

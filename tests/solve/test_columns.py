@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -74,3 +76,34 @@ def test_a_table_shows_itself():
     assert "<td>A</td>" in table._repr_html_()
     with pytest.raises(fga.InputError, match="unknown column 'y'; known: name, x"):
         table["y"]
+
+
+def test_a_frame_of_polars_has_the_same_columns(solution):
+    polars = pytest.importorskip("polars")
+    for table in (
+        solution.point_table(),
+        solution.unknown_table(),
+        fga.reliability(solution).table(),
+    ):
+        frame = table.to_polars()
+        assert frame.columns == list(table) and len(frame) == len(table)
+        for name in table:
+            kept = frame[name].to_numpy()
+            if table[name].dtype == object:
+                assert frame[name].dtype == polars.String
+                assert kept.tolist() == table[name].tolist()
+            else:
+                assert np.array_equal(kept, table[name], equal_nan=table[name].dtype == float)
+
+
+def test_an_empty_table_of_polars_keeps_its_types():
+    polars = pytest.importorskip("polars")
+    empty = Columns("points", {"name": np.array([], dtype=object), "x": np.array([], dtype=float)})
+    frame = empty.to_polars()
+    assert frame.schema == {"name": polars.String, "x": polars.Float64}
+
+
+def test_without_polars_the_extra_is_named(solution, monkeypatch):
+    monkeypatch.setitem(sys.modules, "polars", None)
+    with pytest.raises(fga.InputError, match=r"pip install 'factorgraph_adj\[polars\]'"):
+        solution.point_table().to_polars()

@@ -6,7 +6,7 @@ import io
 from pathlib import Path
 
 FILES = {
-    *("protocol.txt", "solution.json", "points.csv", "photos.csv"),
+    *("protocol.txt", "results.json", "points.csv", "photos.csv"),
     *("observations.csv", "unknowns.csv", "given_values.csv"),
 }
 

@@ -55,7 +55,7 @@ def test_a_long_list_stands_once_and_every_name_that_is_meant_stays() -> None:
 
 
 def test_a_report_is_no_solution_and_says_so(tmp_path) -> None:
-    report = tmp_path / "solution.json"
+    report = tmp_path / "results.json"
     report.write_text("{}", encoding="utf-8")
     with pytest.raises(InputError, match=r"is a report; `Solution.save` writes the file"):
         fga.load_solution(report)

@@ -28,7 +28,7 @@ REFRACTION = 0.13
 class Accuracies:
     """Standard deviations of the readings of a field book, and how they are reduced.
 
-    Args of every reader of field books; the file has none of them.
+    They are options of every reader of field books, because the files do not have them.
     """
 
     sigma_direction_mgon: float = DIRECTION_MGON

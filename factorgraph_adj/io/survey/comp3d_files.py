@@ -13,6 +13,8 @@ from ..collected import LinesOfFile
 
 DEEPEST = 8
 """Largest depth of files in files."""
+LONGEST = 200
+"""Largest number of characters of the name of a file."""
 BESIDE = ("", "origin")
 """Folders, from that of a file, in which the files lie that it names."""
 
@@ -82,7 +84,7 @@ class Comp3dFiles:
     def beside(self, line: Line, word: str) -> Path | None:
         """Return the path of a file that a line names; note a problem where there is none."""
         name = word.removeprefix("@")
-        if not name or "\\" in name or Path(name).is_absolute() or ".." in Path(name).parts:
+        if not _plain(name):
             line.wrong(f"must name a file beside this one as @file, not {word[:40]!r}")
             return None
         for folder in BESIDE:
@@ -102,6 +104,12 @@ class Comp3dFiles:
                 problems += error.problems
         if problems:
             raise InputError(problems)
+
+
+def _plain(name: str) -> bool:
+    """Return whether a name is one of a file beside another one."""
+    parts = Path(name).parts
+    return 0 < len(name) <= LONGEST and "\\" not in name and ".." not in parts and parts[0] != "/"
 
 
 @dataclass(frozen=True)
@@ -149,8 +157,8 @@ def read_project(path: Path) -> Comp3dProject:
     names = {}
     for key in ("root_COR_file", "root_OBS_file", "coord_cov_file"):
         name = config.get(key) or ""
-        if not isinstance(name, str) or Path(name).is_absolute() or ".." in Path(name).parts:
-            file.add(0, f"{key} must name a file beside this one, not {name!r}")
+        if not isinstance(name, str) or not (_plain(name) or name == ""):
+            file.add(0, f"{key} must name a file beside this one, not {str(name)[:60]!r}")
         elif key != "coord_cov_file" and not (name and (path.parent / name).is_file()):
             file.add(0, f"{key} names the file {name!r}, which is not beside this one")
         names[key] = str(name)

@@ -229,12 +229,3 @@ class _Reader:
         else:
             what += "; state station, the name of the only one"
         self.book.notes.add(first, what)
-
-
-def recognises_gsi(path: Path) -> bool:
-    """Return whether a file begins as GSI."""
-    try:
-        begin = path.open("rb").read(7).lstrip(b"*")
-    except OSError:
-        return False
-    return begin[:2] in (b"11", b"41")

@@ -18,7 +18,7 @@ from ...units import GON
 from ..xml_tree import Element
 from .accuracies import DIRECTION_MGON, DISTANCE_MM, PPM, REFRACTION, ZENITH_MGON, Accuracies
 from .book import FieldBook
-from .xml_book import attribute, begins_with, first, root_of, walk
+from .xml_book import attribute, begins_with, first, root_of
 
 LENGTHS = {
     "millimeter": 1e-3,
@@ -119,8 +119,8 @@ class _Reader:
         """Read units, points, set-ups and observations."""
         self._units(root)
         extension = first(root, "HexagonLandXML")
-        inside = set() if extension is None else {id(e) for e in walk(extension)}
-        elements = [e for e in walk(root) if id(e) not in inside]
+        inside = set() if extension is None else {id(e) for e in extension.walk()}
+        elements = [e for e in root.walk() if id(e) not in inside]
         for e in elements:
             if e.tag == "CgPoint" and not _deleted(e):
                 self._cg_point(e)
@@ -214,7 +214,7 @@ class _Reader:
                 group = e.attributes.get("id", "")
             if _deleted(e):
                 continue
-            for o in walk(e):
+            for o in e.walk():
                 if o.tag == "ReducedObservation":
                     self.book.notes.add(
                         o.line, "<ReducedObservation> is not read: give the raw one"

@@ -97,10 +97,9 @@ class Lgc2Observations:
             head.wrong(f"scale {name}: ppm {ppm:g}, centring {centring:g}; only zeros are read")
         return sigma * MM, correction
 
-    def _stated(self, row: Row, name: str) -> o.Observation | None:
+    def _stated(self, row: Row, name: str) -> None:
         if name not in self.found.points:
             row.wrong(f"unknown point {name[:40]!r}")
-        return None
 
     def _reading(self, row: Row, *, options: tuple[str, ...] = ()) -> tuple[str, float]:
         """Return target and value of a line."""

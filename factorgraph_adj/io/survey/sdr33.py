@@ -223,13 +223,3 @@ class _Reader:
             target_height=self.target_height,
             face={"F1": 1, "F2": 2}.get(code),
         )
-
-
-def recognises_sdr(path: Path) -> bool:
-    """Return whether a file begins with the header of SDR."""
-    try:
-        with path.open("rb") as stream:
-            begin = stream.read(200)
-    except OSError:
-        return False
-    return re.search(rb"(?m)^\x02?00..SDR\s?(33|2)", begin) is not None

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
+from ..text import beginning
 from ..xml_tree import Element, read_xml
 from .notes import Notes
 
@@ -39,15 +39,6 @@ def attribute(notes: Notes, element: Element, name: str, scale: float = 1.0) -> 
     return notes.number(element.line, text, name, scale) if text else None
 
 
-def walk(element: Element) -> Iterator[Element]:
-    """Iterate over an element and all inside, in the order of the file, however deep."""
-    stack = [element]
-    while stack:
-        at = stack.pop()
-        yield at
-        stack += reversed(at.children)
-
-
 def root_of(path: Path, tag: str) -> Element | None:
     """Return the root of a file if it has a tag; otherwise None."""
     root = read_xml(path)
@@ -56,11 +47,7 @@ def root_of(path: Path, tag: str) -> Element | None:
 
 def begins_with(path: Path, tag: bytes) -> bool:
     """Return whether an element is named at the beginning of an XML file."""
-    try:
-        with path.open("rb") as stream:
-            return b"<" + tag in stream.read(4096)
-    except OSError:
-        return False
+    return b"<" + tag in beginning(path)
 
 
 def known_or_nan(value: float | None) -> float:

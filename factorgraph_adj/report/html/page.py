@@ -1,4 +1,4 @@
-"""The HTML report: its parts in the order in which a reader needs them, and the file."""
+"""The page of the HTML report: its parts in the order in which a reader needs them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,9 @@ from importlib.resources import files as resources
 from pathlib import Path
 from typing import Any
 
-from ...io.atomic import write_files
-from ...solve.solution import Solution
 from ...version import __version__
 from ..context import Report
 from ..layout import listed
-from ..options import Provenance, ReportOptions
 from ..text import render
 from . import inputs, observations, places, snooping, statistics, unknowns
 from .language import Language, Texts
@@ -29,56 +26,6 @@ NAMED = 8
 """Largest number of names in a sentence."""
 
 
-def write_report(
-    solution: Solution,
-    path: str | Path,
-    *,
-    language: Language = "en",
-    options: ReportOptions | None = None,
-    provenance: Provenance | None = None,
-    files: Sequence[str | Path] = (),
-) -> None:
-    """Write the report of an adjustment as one HTML file; the extra ``report`` is required.
-
-    The file opens in a browser by a double click and asks for nothing from the network. It has:
-    the verdict with its reasons; the plan, with error ellipses and with the observations that are
-    in doubt, and a view in three dimensions; groups of observations; the worst observations and
-    those that were set aside; points, control and check points, photos, calibrations and other
-    unknowns; all observations; the distribution of test values and of redundancy; input files,
-    versions, options, and the protocol as text. Tables sort, filter and export CSV.
-
-    The same arguments give the same file: a date stands in it only if ``provenance`` has one.
-
-    Args:
-        solution: the result of `adjust`.
-        path: the file, such as ``report.html``; one that is there is replaced.
-        language: ``en`` or ``de``. Sentences of the adjustment itself, such as the reason why an
-            iteration ended and the name of a likely cause, are English in both.
-        options: units, probabilities, tests, ellipses and lines, as for `protocol`. Without a
-            confidence, the plan shows ellipses of 95 % and the tables none.
-        provenance: data snooping or variance components that the solution comes from, and the run.
-        files: input files and folders, which the report lists with their SHA-256.
-
-    Raises:
-        InputError: the extra is not installed, the language is unknown, an input file cannot be
-            read, or the file cannot be written; an earlier one has not changed then.
-    """
-    report = Report(solution, options or ReportOptions(), provenance or Provenance())
-    write_html(report, path, language=language, files=files)
-
-
-def write_html(
-    report: Report,
-    path: str | Path,
-    *,
-    language: Language = "en",
-    files: Sequence[str | Path] = (),
-) -> None:
-    """Write a report as an HTML file, see `write_report`."""
-    target = Path(path)
-    write_files(target.parent, {target.name: html(report, language=language, files=files)})
-
-
 def html(report: Report, *, language: Language = "en", files: Sequence[str | Path] = ()) -> str:
     """Return the page of a report.
 
@@ -89,7 +36,7 @@ def html(report: Report, *, language: Language = "en", files: Sequence[str | Pat
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     def text_of(name: str) -> str:
-        return (resources(__package__) / "page" / name).read_text(encoding="utf-8")
+        return (resources(__package__) / "template" / name).read_text(encoding="utf-8")
 
     environment = Environment(
         loader=FunctionLoader(text_of),
@@ -158,6 +105,9 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
         ),
         "observations": _section("observations", t, observations.observations, report=report),
     }
+    anchors = {ident for ident, section in sections.items() if section.sheets}
+    anchors |= {f"table-{s.id}" for section in sections.values() for s in section.sheets}
+    anchors |= {"inputs", *(("cameras",) if calibrations else ())}
     listed_files = inputs.files(files, t)
     every = [s for section in sections.values() for s in section.sheets]
     every += [c.sheet for c in calibrations]
@@ -180,6 +130,7 @@ def contents(report: Report, t: Texts, files: Sequence[str | Path]) -> dict[str,
         "has_r": report.reliability is not None,
         "scene_text": None if view is None else _scene_text(plan, view, t),
         "sections": sections,
+        "anchors": anchors,
         "calibrations": calibrations,
         "more_calibrations": max(n_calibrations - len(calibrations), 0),
         "means": [{"camera": m["camera"], "text": m["text"]} for m in means],

@@ -142,9 +142,11 @@ def _snooping(report: Report, t: Texts) -> list[Light]:
     left = len(found.unresolved)
     if left:
         text = t.number("light.unresolved", left) + " " + t.number("light.aside.some", n)
-        return [Light("red", title, text, found.reason, "unresolved")]
+        return [Light("red", title, text, found.reason, "table-unresolved")]
     if n:
-        return [Light("amber", title, t.number("light.aside.some", n), found.reason, "rejected")]
+        return [
+            Light("amber", title, t.number("light.aside.some", n), found.reason, "table-rejected")
+        ]
     return [Light("green", title, t("light.aside.none"))]
 
 
@@ -154,7 +156,7 @@ def _cause(report: Report, t: Texts) -> list[Light]:
         return []
     c = found.likelier[0]
     text = t.number("light.cause.text", len(found.likelier))
-    return [Light("red", t("light.cause"), text, f"{c.cause} {c.where}", "causes")]
+    return [Light("red", t("light.cause"), text, f"{c.cause} {c.where}", "table-causes")]
 
 
 def _controlled(report: Report, t: Texts) -> Light:
@@ -196,7 +198,7 @@ def _parameters(report: Report, t: Texts) -> list[Light]:
         return [Light("green", title, t("light.parameters.fine", limit=f"{found.limit:g}"))]
     told = "; ".join(found.overparametrised[:3])
     text = t.number("light.parameters.some", n, limit=f"{found.limit:g}")
-    return [Light("amber", title, text, told, "unknowns")]
+    return [Light("amber", title, text, told, "cameras" if report.network.photos else "unknowns")]
 
 
 def _check(report: Report, t: Texts) -> list[Light]:
@@ -211,7 +213,7 @@ def _check(report: Report, t: Texts) -> list[Light]:
     )
     figures = {"rms": rms, "expected": expected, "unit": report.units.sigma_length}
     text = t.number("light.check.text", len(found.names), **figures)
-    return [Light("none", t("light.check"), text, link="check")]
+    return [Light("none", t("light.check"), text, link="table-check")]
 
 
 def _figures(report: Report, t: Texts) -> list[tuple[str, str]]:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import norm
 
 from ...io.numbers import Units
 from ...quality.reliability import Reliability
@@ -67,7 +66,7 @@ def plot_w(rel: Reliability, *, aside: SetAside | None = None) -> Figure:
     if beyond:
         axes.fill_between([], [], color=VERMILLION, label=f"suspects ({beyond})")
     x = np.linspace(-limit, limit, 401)
-    expected = n * width * norm.pdf(x)
+    expected = n * width * np.exp(-x * x / 2.0) / np.sqrt(2.0 * np.pi)
     axes.plot(x, expected, color=BLACK, lw=1.5, label="standard normal")
     critical_lines(axes.axvline, rel)
     lines = [

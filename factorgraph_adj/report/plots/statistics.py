@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import beta, norm
+from scipy.special import betaincinv, ndtri
 
 from ...quality.reliability import Reliability
 from ...types import Array, Index
@@ -69,13 +69,13 @@ def plot_qq(rel: Reliability, *, most: int = 8, aside: SetAside | None = None) -
     rows = rows[np.argsort(every[rows], kind="stable")]
     w, crit = every[rows], rel.critical_w
     i = np.arange(1, n + 1)
-    x = norm.ppf((i - 0.5) / n)
+    x = ndtri((i - 0.5) / n)
     figure = new_figure(8.0, 6.0)
     axes = figure.add_subplot()
     ends = np.arange(1, min(n, 100) + 1)
     middle = np.linspace(1, n, 300).round().astype(np.intp)
     at = np.unique(np.concatenate([ends, middle, n + 1 - ends]))
-    low, high = (norm.ppf(beta.ppf(p, at, n + 1 - at)) for p in (0.025, 0.975))
+    low, high = (ndtri(betaincinv(at, n + 1 - at, p)) for p in (0.025, 0.975))
     axes.fill_between(x[at - 1], low, high, color=PALE, lw=0, label="95 %, independent values")
     reach = float(max(np.abs(x[-1]), 1.0)) * 1.05
     axes.plot([-reach, reach], [-reach, reach], color=BLACK, lw=1.0, label="standard normal")

@@ -25,6 +25,12 @@ class Case:
     files: Callable[[Path], dict[str, bytes]]
     read: str
     format: str
+    beside: tuple[str, ...] = ()
+    """Options that name another file: name and suffix .xml are theirs."""
+
+    def options(self, folder: Path) -> dict[str, Path]:
+        """Return the options that name other files."""
+        return {name: folder / f"{name}.xml" for name in self.beside}
 
 
 CASES = {
@@ -36,6 +42,12 @@ CASES = {
     "opensfm": Case(lambda _: photo_files.opensfm(), "reconstruction.json", "opensfm"),
     "opencv yaml": Case(lambda f: photo_files.opencv(".yml", f), "calibration.yml", "opencv"),
     "opencv xml": Case(lambda f: photo_files.opencv(".xml", f), "calibration.xml", "opencv"),
+    "micmac": Case(
+        lambda _: photo_files.micmac(),
+        "Orientation-0.tif.xml",
+        "micmac",
+        ("control", "measures"),
+    ),
     "bundler": Case(lambda _: {"b.out": photo_files.BUNDLER.encode()}, "b.out", "bundler"),
 }
 
@@ -47,7 +59,7 @@ def test_undamaged_files_are_read_and_told_by_their_content(name: str, tmp_path:
     files = case.files(tmp_path / "made")
     for file, content in files.items():
         (tmp_path / file).write_bytes(content)
-    network = fga.read(tmp_path / case.read)
+    network = fga.read(tmp_path / case.read, **case.options(tmp_path))
     assert network.n_image_points and network.photos and network.points
 
 
@@ -63,7 +75,7 @@ def test_damaged_files_are_refused_by_place_or_read(name: str, tmp_path: Path) -
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             try:
-                network = fga.read(folder / case.read, format=case.format)
+                network = fga.read(folder / case.read, format=case.format, **case.options(folder))
             except InputError as error:
                 refused += 1
                 for problem in error.problems:

@@ -169,7 +169,7 @@ function traces(div) {
     out.push({
       type: "scatter", mode: "markers", x: d.photos.xy[0], y: d.photos.xy[1], text: d.photos.names.map(plain),
       customdata: d.photos.names, hoverinfo: "text", meta: "photos", legendgroup: "photos", showlegend: false,
-      marker: { color: colour("photo"), symbol: "square", size: 6 },
+      marker: { color: colour("photo"), symbol: "square", size: d.photos.names.length > 200 ? 3 : 6 },
     });
   }
   out.push(...doubtTraces());

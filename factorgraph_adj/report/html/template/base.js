@@ -48,7 +48,12 @@ const colour = (name) => getComputedStyle(document.documentElement).getPropertyV
 const figures = [];
 const redraw = () => figures.forEach((draw) => draw());
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-matchMedia("print").addEventListener("change", redraw);
+const paper = (on) => () => {
+  document.documentElement.toggleAttribute("data-paper", on);
+  redraw();
+};
+addEventListener("beforeprint", paper(true));
+addEventListener("afterprint", paper(false));
 
 const layoutOf = (more) => ({
   paper_bgcolor: "rgba(0,0,0,0)",

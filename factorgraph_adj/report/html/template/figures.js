@@ -14,7 +14,7 @@ async function drawScene(Plotly) {
       {
         type: "scatter3d", mode: "markers", showlegend: false, legendgroup: "p", x: d.photos.xyz[0],
         y: d.photos.xyz[1], z: d.photos.xyz[2], text: d.photos.names.map(plain), hoverinfo: "text",
-        customdata: d.photos.names, meta: "photos", marker: { size: 3, color: colour("photo"), symbol: "square" },
+        customdata: d.photos.names, meta: "photos", marker: { size: d.photos.names.length > 200 ? 1.5 : 3, color: colour("photo"), symbol: "square" },
       },
     ] : []),
     {
@@ -51,7 +51,7 @@ const PALETTE = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9
 async function drawStatistics(Plotly) {
   const d = await dataOf("statistics");
   const bars = (counts, x) => Object.entries(counts).map(([name, y], i) => ({
-    type: "bar", name, x, y, marker: { color: PALETTE[i % PALETTE.length] },
+    type: "bar", name: plain(name), x, y, marker: { color: PALETTE[i % PALETTE.length] },
   }));
   const limits = d.critical === null ? [] : [-d.critical, d.critical];
   const upright = (at) => ({
@@ -114,5 +114,4 @@ async function start() {
   if (byId("data-mean-photos")) await drawMeanPhotos(Plotly);
   document.documentElement.dataset.all = "yes";
 }
-addEventListener("beforeprint", () => { byId("protocol").open = false; });
 start().catch(failed);

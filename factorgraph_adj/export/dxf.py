@@ -1,0 +1,243 @@
+"""DXF: the layers of a solution as a drawing for CAD programs; the extra ``dxf`` is required."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.util import find_spec
+from io import StringIO
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError
+from ..io.atomic import write_files
+from ..network.network import Network
+from ..quality.levels import CONFIDENCE
+from ..report.context import Report
+from ..solve.solution import Solution
+from ..types import Array
+from .layers import Drawn, Layer, Map, map_of, report_of
+from .placing import drawing_placing
+from .points import VERTICES
+
+MISSING = "a drawing needs ezdxf: pip install 'factorgraph_adj[dxf]'"
+RELEASE = "R2010"
+"""Version of the format: the first years whose files every CAD program of today reads, in UTF-8."""
+METRES = 6
+"""Code of the unit of the drawing."""
+THIN = 1e-6
+"""Smallest ratio of the axes that DXF allows for an ellipse; a thinner one is a line."""
+TEXT = 1 / 120
+"""Height of texts, in the larger side of the drawing."""
+CROSS = 2
+"""Display of points: a cross."""
+LAYERS: dict[str, tuple[str, int]] = {
+    "points": ("POINTS", 7),
+    "names": ("POINT_NAMES", 7),
+    "ellipses": ("ELLIPSES", 5),
+    "observations": ("OBSERVATIONS", 8),
+    "suspects": ("SUSPECTS", 1),
+    "image_points": ("IMAGE_RAYS", 9),
+    "photos": ("PHOTOS", 4),
+    "photo_names": ("PHOTO_NAMES", 4),
+    "footprints": ("FOOTPRINTS", 3),
+    "vectors": ("VECTORS", 30),
+    "notes": ("NOTES", 7),
+}
+"""Layer of the drawing and its colour (AutoCAD colour index) for each layer of a map."""
+
+
+def write_dxf(
+    result: Solution | Report,
+    path: str | Path,
+    *,
+    confidence: float | None = CONFIDENCE,
+    exaggeration: float | None = None,
+    vector_exaggeration: float | None = None,
+    text_height: float | None = None,
+    rays: bool = False,
+) -> None:
+    """Write a solution as a drawing: DXF of AutoCAD 2010, in metres.
+
+    Layers are POINTS (POINT entities with heights), POINT_NAMES (TEXT), ELLIPSES (ELLIPSE entities;
+    a LINE where the ellipse is one), OBSERVATIONS and SUSPECTS (LINE, once for each pair of
+    places; suspects have a test value above the critical one), VECTORS (adjusted − given of check
+    points and control), PHOTOS, PHOTO_NAMES and FOOTPRINTS, and NOTES with σ̂0, exaggerations and
+    what the coordinates are. Coordinates are easting, northing, height of the reference system, or
+    east, north, up of the frame.
+
+    Args:
+        result: the result of `adjust`, or its report with data snooping.
+        path: the file, such as ``network.dxf``.
+        confidence: as in `write_geopackage`.
+        exaggeration: as in `write_geopackage`.
+        vector_exaggeration: as in `write_geopackage`.
+        text_height: height of texts, metres; None: in proportion to the drawing.
+        rays: whether to draw image rays, on the layer IMAGE_RAYS.
+
+    Raises:
+        InputError: ezdxf is missing; the network is geocentric and its reference system has no
+            grid; an option is out of range; or the file cannot be written.
+    """
+    report = report_of(result)
+    refuse_drawing(report.network)
+    placing = drawing_placing(report.network, "DXF")
+    if text_height is not None and not text_height > 0:
+        raise InputError(f"text_height must be greater than zero, not {text_height!r}")
+    found = map_of(report, placing, Drawn(confidence, exaggeration, vector_exaggeration))
+    file = Path(path)
+    write_files(file.parent, {file.name: drawing(found, text_height, rays=rays)})
+
+
+def refuse_drawing(network: Network) -> None:
+    """Raise what forbids a drawing of a network.
+
+    Raises:
+        InputError: ezdxf is missing; the network is geocentric and has no grid.
+    """
+    if find_spec("ezdxf") is None:
+        raise InputError(MISSING)
+    drawing_placing(network, "DXF")
+
+
+def drawing(found: Map, text_height: float | None = None, *, rays: bool = False) -> str:
+    """Return layers in metres as the text of a DXF file."""
+    import ezdxf
+
+    # No dates and no random identifiers: the same solution gives the same file.
+    before = ezdxf.options.write_fixed_meta_data_for_testing
+    ezdxf.options.write_fixed_meta_data_for_testing = True
+    try:
+        return _drawn(ezdxf.new(RELEASE), found, text_height, rays=rays)
+    finally:
+        ezdxf.options.write_fixed_meta_data_for_testing = before
+
+
+def _drawn(document: Any, found: Map, text_height: float | None, *, rays: bool) -> str:
+    document.units = METRES
+    pen = _Pen(document, _box(found), text_height)
+    for layer in found.layers:
+        if layer.name == "image_points" and not rays:
+            continue
+        _DRAW[layer.name](pen, layer)
+    pen.notes([f"{n}: {v}" for n, v in found.facts.items()])
+    stream = StringIO()
+    document.write(stream)
+    return stream.getvalue()
+
+
+class _Pen:
+    """Draws into a document of ezdxf."""
+
+    def __init__(self, document: Any, box: tuple[Array, Array], text_height: float | None) -> None:
+        """Prepare the layers; ``box`` has the corners of the drawing, metres."""
+        self.space = document.modelspace()
+        self.document, self.box = document, box
+        extent = float(np.max((box[1] - box[0])[:2]))
+        self.height = text_height or (TEXT * extent if extent > 0 else 1.0)
+        document.header["$PDMODE"] = CROSS
+        document.header["$PDSIZE"] = 0.6 * self.height
+        for name, colour in LAYERS.values():
+            document.layers.add(name, color=colour)
+
+    def line(self, layer: str, a: Array, b: Array) -> None:
+        """Draw a line."""
+        self.space.add_line(a.tolist(), b.tolist(), dxfattribs=_on(layer))
+
+    def text(self, layer: str, text: str, at: Array) -> None:
+        """Write a text right of a place."""
+        shift = at + 0.6 * self.height * np.array([1.0, 1.0, 0.0])
+        attributes = _on(layer) | {"height": self.height, "insert": tuple(shift.tolist())}
+        self.space.add_text(" ".join(text.split()), dxfattribs=attributes)
+
+    def notes(self, lines: list[str]) -> None:
+        """Write lines below the drawing."""
+        low, _ = self.box
+        for i, text in enumerate(lines):
+            at = np.array([low[0], low[1] - (4.0 + 1.8 * i) * self.height, 0.0])
+            self.text("notes", text, at)
+
+
+def _on(layer: str) -> dict[str, Any]:
+    return {"layer": LAYERS[layer][0]}
+
+
+def _points(pen: _Pen, layer: Layer) -> None:
+    names = {"points": "names", "photos": "photo_names"}
+    for shape, name in zip(layer.shapes, layer.columns["name"], strict=True):
+        if shape is not None:
+            pen.space.add_point(shape[0].tolist(), dxfattribs=_on(layer.name))
+            pen.text(names[layer.name], str(name), shape[0])
+
+
+def _ellipses(pen: _Pen, layer: Layer) -> None:
+    for ring in layer.shapes:
+        if ring is None:
+            continue
+        # The axes end at the first vertex, and at those a quarter and a half of the ring later.
+        centre = (ring[0] + ring[VERTICES // 2]) / 2.0
+        major = ring[0] - centre
+        minor = ring[VERTICES // 4] - centre
+        major[2] = 0.0
+        size = float(np.hypot(*major[:2]))
+        ratio = float(np.hypot(*minor[:2])) / size if size > 0 else 0.0
+        if ratio < THIN:
+            pen.line("ellipses", ring[0], ring[VERTICES // 2])
+            continue
+        pen.space.add_ellipse(
+            centre.tolist(), major.tolist(), min(ratio, 1.0), dxfattribs=_on("ellipses")
+        )
+
+
+def _observations(pen: _Pen, layer: Layer) -> None:
+    """Draw each line once; a suspect on it decides on its layer."""
+    suspects = layer.columns.get("suspect", [False] * len(layer))
+    lines: dict[tuple[Any, ...], tuple[Array, bool]] = {}
+    for shape, suspect in zip(layer.shapes, suspects, strict=True):
+        if shape is None:
+            continue
+        for a, b in pairwise(shape):
+            key = tuple(sorted((tuple(a.tolist()), tuple(b.tolist()))))
+            known = lines.get(key)
+            lines[key] = (np.array([a, b]), bool(suspect) or (known is not None and known[1]))
+    own = "image_points" if layer.name == "image_points" else "observations"
+    for ends, suspect in lines.values():
+        pen.line("suspects" if suspect else own, *ends)
+
+
+def _lines(pen: _Pen, layer: Layer) -> None:
+    for shape in layer.shapes:
+        if shape is not None:
+            pen.line(layer.name, shape[0], shape[1])
+
+
+def _rings(pen: _Pen, layer: Layer) -> None:
+    for ring in layer.shapes:
+        if ring is not None:
+            pen.space.add_polyline3d(ring[:-1].tolist(), close=True, dxfattribs=_on(layer.name))
+
+
+def _nothing(pen: _Pen, layer: Layer) -> None:
+    """Leave out observations of one place: the drawing has the point already."""
+
+
+_DRAW: dict[str, Callable[[_Pen, Layer], None]] = {
+    "points": _points,
+    "photos": _points,
+    "ellipses": _ellipses,
+    "observations": _observations,
+    "image_points": _observations,
+    "observations_at_points": _nothing,
+    "vectors": _lines,
+    "footprints": _rings,
+}
+
+
+def _box(found: Map) -> tuple[Array, Array]:
+    """Return the corners of what is drawn around the points and ellipses, metres."""
+    near = [x for x in found.layers if x.name in ("points", "ellipses", "photos")]
+    places = [s for x in near for s in x.shapes if s is not None]
+    every = np.concatenate(places) if places else np.zeros((1, 3))
+    return every.min(axis=0), every.max(axis=0)

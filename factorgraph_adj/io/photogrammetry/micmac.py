@@ -1,0 +1,313 @@
+"""Reader of MicMac: a folder of orientations, its calibrations, and ground control measurements.
+
+A folder ``Ori-NAME`` has ``Orientation-IMAGE.xml`` for each image and ``AutoCal….xml`` for each
+camera. The distortion corrects measured pixels (convention DistM2C), y down, about a centre C:
+
+    ideal = m + (m − C) (c1 r² + c2 r⁴ + c3 r⁶) + (P1 (r² + 2x²) + 2 P2 x y + b1 x + b2 y,
+            P2 (r² + 2y²) + 2 P1 x y),  (x, y) = m − C,    ideal = PP + F (X/Z, Y/Z)
+
+Rotations are those from the camera (x right, y down, z ahead) to the object. Pixels count from the
+centre of the first one, so that half a pixel is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError, Problem
+from ...models.centred_lens import CentredBrownLens
+from ...network.network import Network
+from ...observations import ControlPoint
+from ...types import Array
+from ..xml_tree import Element, read_xml
+from .pixel import add_pixel_camera
+from .reading import ImagePoints, Reading, rotation_of
+
+CONVENTION = "eConvApero_DistM2C"
+"""The convention that is read; it is MicMac's own."""
+PREFIX = "Orientation-"
+
+
+def read_micmac(
+    path: str | Path,
+    *,
+    control: str | Path | None = None,
+    measures: str | Path | None = None,
+    calibration: Sequence[str] = (),
+    sigma_px: float = 1.0,
+    sigma_control: float = 1.0,
+) -> Network:
+    """Read orientations of MicMac with ground control.
+
+    Tie points of MicMac lie in binary files of pairs, which are not read: the network has the
+    points of the files of ground control. Measured points without coordinates are points of
+    unknown place.
+
+    Args:
+        path: the folder Ori-NAME, or one Orientation-….xml in it.
+        control: file of coordinates (DicoAppuisFlottant), metres.
+        measures: file of image measurements (SetOfMesureAppuisFlottants).
+        calibration: unknown parameters of the cameras, of c, x0, y0, k1, k2, k3, p1, p2, b1, b2,
+            xd, yd; the files do not say what is unknown.
+        sigma_px: standard deviation of image measurements, pixels; the files have none.
+        sigma_control: factor of the Incertitude of control points, which gives metres.
+
+    Raises:
+        InputError: a file is missing or has problems, each with file and line.
+    """
+    for name, value in (("sigma_px", sigma_px), ("sigma_control", sigma_control)):
+        if not value > 0:
+            raise InputError(f"{name} must be greater than zero, not {value}")
+    source = Path(path)
+    folder = source if source.is_dir() else source.parent
+    reading = Reading()
+    network = Network(folder.name)
+    images = ImagePoints(reading)
+    _Orientations(folder, network, reading, tuple(calibration)).read()
+    if control is not None:
+        _control(Path(control), network, reading, sigma_control)
+    if measures is not None:
+        _measures(Path(measures), network, images, reading, sigma_px)
+    images.into(network)
+    reading.finish()
+    if not network.observations:
+        network.datum = "free"
+    return network
+
+
+def is_micmac(path: Path) -> bool:
+    """Tell whether a path is a folder of orientations of MicMac, or one of its files."""
+    if path.is_dir():
+        return any(path.glob(PREFIX + "*.xml"))
+    return path.name.startswith(PREFIX)
+
+
+def _words(element: Element | None) -> list[str]:
+    return [] if element is None else element.text.split()
+
+
+def _inner(root: Element, tag: str) -> Element | None:
+    """Return the element of a name: the root, or a child of the root."""
+    return root if root.tag == tag else root.first(tag)
+
+
+@dataclass
+class _Orientations:
+    """The orientations of a folder while they are read."""
+
+    folder: Path
+    network: Network
+    reading: Reading
+    free: tuple[str, ...]
+    cameras: dict[str, str] = field(default_factory=dict)
+    """Names of cameras by the names of their files."""
+
+    def read(self) -> None:
+        """Add all photos and their cameras."""
+        files = sorted(self.folder.glob(PREFIX + "*.xml"))
+        if not files:
+            what = f"has no file {PREFIX}….xml; name a folder of orientations, Ori-…"
+            raise InputError(Problem(what, str(self.folder)))
+        for file in files:
+            with self.reading.at(file.name):
+                self._photo(file)
+
+    def _photo(self, file: Path) -> None:
+        root = read_xml(file)
+        element = _inner(root, "OrientationConique")
+        where = f"{file.name}:{root.line}"
+        if element is None:
+            raise InputError(Problem("has no <OrientationConique>", where))
+        projection = element.first("TypeProj")
+        if projection is not None and projection.text.strip() != "eProjStenope":
+            said = projection.text.strip()
+            raise InputError(Problem(f"projection {said!r} cannot be read; valid: eProjStenope"))
+        affine = element.first("OrIntImaM2C")
+        if affine is not None:
+            texts = [t for c in affine.children for t in c.text.split()]
+            if self.reading.numbers(texts, 6, "<OrIntImaM2C>", where) != (0, 0, 1, 0, 0, 1):
+                raise InputError("an interior orientation OrIntImaM2C of each image cannot be read")
+        parts = ("ConvOri", "Externe")
+        conventions = [c for part in parts for c in self._conventions(element, part)]
+        if any(c != CONVENTION for c in conventions):
+            said = ", ".join(conventions)
+            raise InputError(f"convention {said} cannot be read; valid: {CONVENTION}")
+        camera = self._camera(element, file)
+        outer = element.first("Externe")
+        if outer is None:
+            raise InputError("has no <Externe>")
+        centre = self.reading.numbers(_words(outer.first("Centre")), 3, "<Centre>", file.name)
+        offset = outer.first("OffsetCentre")
+        shift = (0.0, 0.0, 0.0)
+        if offset is not None:
+            found = self.reading.numbers(_words(offset), 3, "<OffsetCentre>", file.name)
+            shift = shift if found is None else (found[0], found[1], found[2])
+        matrix = self._rotation(outer, file)
+        if camera is None or centre is None or matrix is None:
+            return
+        at = [a + b for a, b in zip(centre, shift, strict=True)]
+        name = file.name.removeprefix(PREFIX).removesuffix(".xml")
+        self.network.add_photo(name, camera, position=at, rotation=matrix)
+
+    def _conventions(self, element: Element, part: str) -> list[str]:
+        inner = element.first(part)
+        found = None if inner is None else inner.first("KnownConv")
+        return [] if found is None else [found.text.strip()]
+
+    def _rotation(self, outer: Element, file: Path) -> Array | None:
+        coded = outer.first("ParamRotation")
+        matrix = None if coded is None else coded.first("CodageMatr")
+        if matrix is None:
+            raise InputError("has no rotation matrix <CodageMatr>")
+        rows = [
+            self.reading.numbers(_words(matrix.first(tag)), 3, f"<{tag}>", file.name)
+            for tag in ("L1", "L2", "L3")
+        ]
+        if any(r is None for r in rows):
+            return None
+        split = rotation_of(np.array(rows))
+        if split is None or abs(split[1] - 1) > 1e-3:
+            raise InputError("<CodageMatr> is no rotation matrix")
+        return np.asarray(split[0])
+
+    def _camera(self, element: Element, file: Path) -> str | None:
+        """Return the name of the camera of an image, None if it has problems."""
+        inner = element.first("Interne")
+        if inner is not None:
+            key, where, calibrated = file.name, file.name, inner
+        else:
+            link = element.first("FileInterne")
+            if link is None or not link.text.strip():
+                raise InputError("has neither <Interne> nor <FileInterne>")
+            key = link.text.strip().replace("\\", "/").rsplit("/", 1)[-1]
+            if key in self.cameras:
+                return self.cameras[key] if self.cameras[key] in self.network.cameras else None
+            where = key
+            found = _inner(read_xml(self.folder / key), "CalibrationInternConique")
+            if found is None:
+                raise InputError(Problem("has no <CalibrationInternConique>", key))
+            calibrated = found
+        stem = key.removesuffix(".xml")
+        name = stem.removeprefix("AutoCal_").removeprefix("AutoCal") or stem or "camera"
+        self.cameras[key] = name
+        self._calibration(name, calibrated, where)
+        return name if name in self.network.cameras else None
+
+    def _calibration(self, name: str, element: Element, where: str) -> None:
+        convention = element.first("KnownConv")
+        if convention is not None and convention.text.strip() != CONVENTION:
+            said = convention.text.strip()
+            what = f"convention {said!r} cannot be read; valid: {CONVENTION}"
+            raise InputError(Problem(what, where))
+        for tag in ("OrIntGlob", "CorrectionRefractionAPosteriori", "ParamAF"):
+            if element.first(tag) is not None:
+                raise InputError(Problem(f"<{tag}> cannot be read", where))
+        reading = self.reading
+        pp = reading.numbers(_words(element.first("PP")), 2, "<PP>", where)
+        size = reading.numbers(_words(element.first("SzIm")), 2, "<SzIm>", where)
+        focal = element.first("F")
+        text = None if focal is None else focal.text.strip()
+        c = reading.number(text, "<F>", where, positive=True)
+        distortion = _distortion(element, reading, where)
+        if pp is None or size is None or c is None or distortion is None:
+            return
+        values, centre = distortion
+        values |= {"c": c, "x0": pp[0] + 0.5, "y0": -pp[1] - 0.5}
+        if centre is not None:
+            values |= {"xd": centre[0] - pp[0], "yd": -(centre[1] - pp[1])}
+        sides = (size[0], size[1])
+        lens = CentredBrownLens()
+        add_pixel_camera(self.network, name, lens, values, size=sides, free=self.free)
+
+
+def _distortion(
+    element: Element, reading: Reading, where: str
+) -> tuple[dict[str, float], tuple[float, ...] | None] | None:
+    """Return parameters, y up, and the centre, y down; None after a problem."""
+    models = [m for d in element.all("CalibDistortion") for m in d.children]
+    if len(models) != 1:
+        reading.wrong(f"has {len(models)} distortions; valid: one", where)
+        return None
+    model = models[0]
+    if model.tag == "ModNoDist":
+        return {}, None
+    radial = model if model.tag == "ModRad" else model.first("RadialePart")
+    if model.tag not in ("ModRad", "ModPhgrStd") or radial is None:
+        what = f"distortion <{model.tag}> cannot be read; valid: ModNoDist, ModRad, ModPhgrStd"
+        reading.wrong(what, where)
+        return None
+    centre = reading.numbers(_words(radial.first("CDist")), 2, "<CDist>", where)
+    texts = [c.text.strip() for c in radial.all("CoeffDist")]
+    found = reading.numbers(texts, len(texts), "<CoeffDist>", where)
+    if centre is None or found is None:
+        return None
+    if any(found[3:]):
+        reading.wrong("has more than three radial coefficients; valid: k1, k2, k3", where)
+        return None
+    values = dict(zip(("k1", "k2", "k3"), found, strict=False))
+    for tag, ours, sign in (("P1", "p1", 1), ("P2", "p2", -1), ("b1", "b1", 1), ("b2", "b2", -1)):
+        child = model.first(tag) if model is not radial else None
+        if child is not None:
+            value = reading.number(child.text.strip(), f"<{tag}>", where)
+            values[ours] = sign * (value or 0.0)
+    return values, centre
+
+
+def _control(path: Path, network: Network, reading: Reading, factor: float) -> None:
+    """Add control points with their uncertainties; those of zero or less are check points."""
+    root = read_xml(path)
+    dictionary = _inner(root, "DicoAppuisFlottant")
+    if dictionary is None:
+        reading.wrong("has no <DicoAppuisFlottant>", f"{path.name}:{root.line}")
+        return
+    for entry in dictionary.all("OneAppuisDAF"):
+        where = f"{path.name}:{entry.line}"
+        named = entry.first("NamePt")
+        name = "" if named is None else named.text.strip()
+        at = reading.numbers(_words(entry.first("Pt")), 3, "<Pt>", where)
+        given = entry.first("Incertitude")
+        texts = ["1", "1", "1"] if given is None else _words(given)
+        sigma = reading.numbers(texts, 3, "<Incertitude>", where)
+        if at is None or sigma is None:
+            continue
+        with reading.at(where):
+            if min(sigma) <= 0:
+                network.add_point(name, check=at)
+                continue
+            network.add_point(name, at)
+            scaled = tuple(factor * s for s in sigma)
+            network.add(ControlPoint(name, at, sigma=scaled, source=where))
+
+
+def _measures(
+    path: Path, network: Network, images: ImagePoints, reading: Reading, sigma: float
+) -> None:
+    """Gather image measurements, and add the points among them that are new."""
+    root = read_xml(path)
+    whole = _inner(root, "SetOfMesureAppuisFlottants")
+    if whole is None:
+        reading.wrong("has no <SetOfMesureAppuisFlottants>", f"{path.name}:{root.line}")
+        return
+    for image in whole.all("MesureAppuiFlottant1Im"):
+        named = image.first("NameIm")
+        photo = "" if named is None else named.text.strip()
+        if photo not in network.photos:
+            if not reading.problems:
+                what = f"image {photo!r} has no orientation; its measurements need one"
+                reading.wrong(what, f"{path.name}:{image.line}")
+            continue
+        for entry in image.all("OneMesureAF1I"):
+            where = f"{path.name}:{entry.line}"
+            point = entry.first("NamePt")
+            name = "" if point is None else point.text.strip()
+            xy = reading.numbers(_words(entry.first("PtIm")), 2, "<PtIm>", where)
+            if xy is None:
+                continue
+            if name not in network.points:
+                with reading.at(where):
+                    network.add_point(name)
+            images.add(photo, name, (xy[0] + 0.5, -xy[1] - 0.5), (sigma,), where)

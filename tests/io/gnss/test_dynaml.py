@@ -1,0 +1,266 @@
+"""DynaML: every type of measurement, reference frames, scales, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.io.gnss.reference_frames import between
+from factorgraph_adj.io.gnss.write_dynaml import packed
+from factorgraph_adj.units import ARCSEC
+from tests.hostile.readers import judge
+from tests.support.places import data_dir
+from tests.support.same import assert_same_network
+
+
+def station(name: str, latitude: str, longitude: str, height: float, held: str = "FFF") -> str:
+    return (
+        f"<DnaStation><Name>{name}</Name><Constraints>{held}</Constraints><Type>LLh</Type>"
+        f"<StationCoord><Name>{name}</Name><XAxis>{latitude}</XAxis><YAxis>{longitude}</YAxis>"
+        f"<Height>{height}</Height></StationCoord><Description/></DnaStation>\n"
+    )
+
+
+def measurement(kind: str, inside: str) -> str:
+    return f"<DnaMeasurement><Type>{kind}</Type><Ignore/>{inside}</DnaMeasurement>\n"
+
+
+def sight(kind: str, first: str, second: str, value: str, sigma: float, more: str = "") -> str:
+    return measurement(
+        kind,
+        f"<First>{first}</First><Second>{second}</Second>{more}<Value>{value}</Value>"
+        f"<StdDev>{sigma}</StdDev><InstHeight>1.5</InstHeight><TargHeight>1.6</TargHeight>",
+    )
+
+
+def of_station(kind: str, name: str, value: str, sigma: float) -> str:
+    return measurement(kind, f"<First>{name}</First><Value>{value}</Value><StdDev>{sigma}</StdDev>")
+
+
+VECTOR = (
+    "<X>1.5</X><Y>2.5</Y><Z>3.5</Z><SigmaXX>4e-6</SigmaXX><SigmaXY>1e-6</SigmaXY>"
+    "<SigmaXZ>0</SigmaXZ><SigmaYY>4e-6</SigmaYY><SigmaYZ>0</SigmaYZ><SigmaZZ>9e-6</SigmaZZ>"
+)
+HEAD = '<?xml version="1.0"?>\n<DnaXmlFormat type="Combined File" referenceframe="GDA2020">\n'
+STATIONS = (
+    station("A", "-36.3000", "145.5700", 100.0, "CCC")
+    + station("B", "-36.2959", "145.5730", 110.0, "CCF")
+    + station("C", "-36.3030", "145.5745", 120.0)
+)
+MEASUREMENTS = "".join(
+    [
+        measurement("G", f"<First>A</First><Second>B</Second><Vscale>2</Vscale>"
+                         f"<GPSBaseline>{VECTOR}</GPSBaseline>"),
+        sight("S", "A", "C", "1000.125", 0.003),
+        sight("V", "A", "C", "91.1530123", 2.0),
+        sight("Z", "A", "C", "-1.1530123", 2.0),
+        sight("B", "A", "C", "123.30305", 1.0),
+        sight("A", "A", "B", "30.1500", 1.0, "<Third>C</Third>"),
+        measurement("D", "<First>A</First><Second>B</Second><Value>0.0000</Value>"
+                         "<StdDev>1.0</StdDev><Total>2</Total>"
+                         "<Directions><Ignore/><Target>C</Target><Value>30.1500</Value>"
+                         "<StdDev>1.5</StdDev></Directions>"
+                         "<Directions><Ignore>*</Ignore><Target>B</Target><Value>1</Value>"
+                         "<StdDev>1.5</StdDev></Directions>"),
+        of_station("R", "C", "120.25", 0.01),
+        of_station("P", "C", "-36.3030", 0.5),
+        of_station("Q", "C", "145.5745", 0.5),
+        of_station("I", "C", "-36.3031", 0.5),
+        of_station("J", "C", "145.5746", 0.5),
+        measurement("S", "<First>A</First>").replace("<Ignore/>", "<Ignore>*</Ignore>"),
+    ]
+)  # fmt: skip
+TAIL = "</DnaXmlFormat>\n"
+
+
+def read(folder: Path, text: str, **options: object) -> fga.Network:
+    path = folder / "combined.xml"
+    path.write_text(text, encoding="utf-8")
+    return fga.read_dynaml(path, **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def network(tmp_path: Path) -> fga.Network:
+    return read(tmp_path, HEAD + STATIONS + MEASUREMENTS + TAIL)
+
+
+def test_every_type_is_read(network: fga.Network) -> None:
+    kinds = [o.kind for o in network.observations.values()]
+    assert kinds == [
+        *("control", "gnss_vector", "slope_distance", "zenith_angle", "vertical_angle", "azimuth"),
+        *("horizontal_angle", "direction", "direction", "control", "control", "control"),
+        *("astronomic_latitude", "astronomic_longitude"),
+    ]
+    by_kind = {o.kind: o for o in network.observations.values()}
+    assert by_kind["zenith_angle"].value == pytest.approx(
+        math.radians(91 + 15 / 60 + 30.123 / 3600)
+    )  # type: ignore[attr-defined]
+    assert by_kind["azimuth"].value == pytest.approx(math.radians(123 + 30 / 60 + 30.5 / 3600))  # type: ignore[attr-defined]
+    assert by_kind["direction"].sigma == pytest.approx(1.5 * ARCSEC)  # type: ignore[attr-defined]
+    assert by_kind["slope_distance"].instrument_height == 1.5  # type: ignore[attr-defined]
+    assert by_kind["slope_distance"].source.startswith("combined.xml:")  # type: ignore[attr-defined]
+    assert all(network.points["A"].fixed) and not any(network.points["B"].fixed)
+
+
+def test_components_of_stations_are_observed_in_their_horizon(network: fga.Network) -> None:
+    """CCF holds B in plan to 1 µm; P, Q, R are latitude, longitude and height of C."""
+    controls = [o for o in network.observations.values() if isinstance(o, fga.ControlPoint)]
+    assert [(o.point, o.axes) for o in controls] == [
+        ("B", "ne"),
+        ("C", "u"),
+        ("C", "n"),
+        ("C", "e"),
+    ]
+    height, latitude, longitude = controls[1:]
+    frame = network.frame
+    assert isinstance(frame, fga.GeocentricFrame)
+    assert frame.ellipsoid.to_geodetic(np.array(height.value))[2] == pytest.approx(120.25, abs=1e-8)
+    m, n = frame.ellipsoid.radii(np.array(math.radians(-36.508333)))
+    assert latitude.sigma == pytest.approx([0.5 * ARCSEC * (m + 120.0)], rel=1e-6)
+    across = (n + 120.0) * math.cos(math.radians(36.508333))
+    assert longitude.sigma == pytest.approx([0.5 * ARCSEC * across], rel=1e-6)
+
+
+def test_scales_multiply_the_covariance_as_a_whole_and_in_north_east_up(tmp_path: Path) -> None:
+    text = HEAD + STATIONS + MEASUREMENTS + TAIL
+    plain = np.array([[4e-6, 1e-6, 0], [1e-6, 4e-6, 0], [0, 0, 9e-6]])
+    (whole,) = (o for o in read(tmp_path, text).observations.values() if o.kind == "gnss_vector")
+    np.testing.assert_allclose(whole.covariance, 2 * plain, rtol=1e-12)  # type: ignore[attr-defined]
+    scales = "<Vscale>2</Vscale><Pscale>4</Pscale><Lscale>9</Lscale><Hscale>25</Hscale>"
+    network = read(tmp_path, text.replace("<Vscale>2</Vscale>", scales))
+    (local,) = (o for o in network.observations.values() if o.kind == "gnss_vector")
+    at = np.array(network.points["A"].coordinates)[None]
+    enu = network.frame.basis(at, np.zeros((1, 2))).enu[0]
+    by = np.diag([3.0, 2.0, 5.0])  # roots of L (east), P (north), H (up)
+    expected = by @ (enu @ (2 * plain) @ enu.T) @ by
+    np.testing.assert_allclose(enu @ local.covariance @ enu.T, expected, rtol=1e-9)  # type: ignore[attr-defined]
+
+
+def test_orthometric_heights_are_an_option(tmp_path: Path) -> None:
+    text = (
+        HEAD + STATIONS + sight("L", "A", "C", "20.5", 0.002) + of_station("H", "C", "120.5", 0.1)
+    )
+    with pytest.raises(fga.InputError, match="orthometric height, and the file has no geoid"):
+        read(tmp_path, text + TAIL)
+    network = read(tmp_path, text + TAIL, heights="ellipsoidal")
+    assert [o.kind for o in network.observations.values()][1:] == ["height_difference", "control"]
+
+
+def test_itrf2014_moves_with_the_plate_and_gda2020_does_not() -> None:
+    """GDA2020 Technical Manual 1.8, section 3.3.1: Alice Springs (ALIC) at epoch 2018.0."""
+    matrix, shift = between("ITRF2014", "GDA2020", 2018.0)
+    itrf = np.array([-4052052.6588, 4212835.9938, -2545104.6946])
+    gda = np.array([-4052052.7373, 4212835.9835, -2545104.5867])
+    np.testing.assert_allclose(matrix @ itrf + shift, gda, rtol=0, atol=1e-4)
+
+
+def test_gda94_to_gda2020_is_that_of_the_manual() -> None:
+    """GDA2020 Technical Manual 1.8, section 3.1.1: Alice Springs."""
+    matrix, shift = between("GDA94", "GDA2020", 2000.0)
+    gda94 = np.array([-4052051.7643, 4212836.2017, -2545106.0245])
+    gda2020 = np.array([-4052052.7379, 4212835.9897, -2545104.5898])
+    np.testing.assert_allclose(matrix @ gda94 + shift, gda2020, rtol=0, atol=1e-4)
+
+
+def test_there_and_back_between_frames() -> None:
+    for by_gda94 in (False, True):
+        a, s = between("ITRF2008", "ITRF2020", 2016.5, by_gda94=by_gda94)
+        b, t = between("ITRF2020", "ITRF2008", 2016.5, by_gda94=by_gda94)
+        np.testing.assert_allclose(a @ b, np.eye(3), atol=1e-15)
+        np.testing.assert_allclose(a @ t + s, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("<Type>S</Type>", "<Type>E</Type>", "type E is an arc along the ellipsoid"),
+        ("<Type>S</Type>", "<Type>W</Type>", "unknown type 'W'; valid: G, X, Y, A, D, S"),
+        ("<Second>C</Second>", "<Second>X</Second>", "unknown point 'X'"),
+        ("91.1530123", "91.6530123", "must be degrees, minutes, seconds as ddd.mmssss"),
+        ("CCF", "CXF", "constraints must be three of C and F"),
+        ("<Type>LLh</Type>", "<Type>UTM</Type>", "type 'UTM' of a station is not read"),
+        ("<SigmaZZ>9e-6", "<SigmaZZ>-9e-6", "must have positive variances"),
+        ("<Value>1000.125</Value>", "", "needs <Value>, a number"),
+        ("<Description/>", "<Colour/>", "<Colour> cannot stand in <DnaStation>"),
+        ("<GPSBaseline>", "<ReferenceFrame>WGS84</ReferenceFrame><GPSBaseline>",
+         "reference frame 'WGS84' is not known; known: ITRF2014"),
+        ("<GPSBaseline>", "<ReferenceFrame>ITRF2014</ReferenceFrame><Epoch>2018</Epoch>"
+         "<GPSBaseline>", "<Epoch> must be dd.mm.yyyy"),
+        ("DnaXmlFormat", "gama-local", "the root element must be <DnaXmlFormat>"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_told_with_its_line(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    text = HEAD + STATIONS + MEASUREMENTS + TAIL
+    assert old in text
+    count = -1 if old == "DnaXmlFormat" else 1
+    with pytest.raises(fga.InputError) as caught:
+        read(tmp_path, text.replace(old, new, count))
+    assert message in str(caught.value)
+    assert "combined.xml:" in str(caught.value)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 1e-12, 59.999999999999, 145.5, -36.56347, 359.99999])
+def test_packed_angles_carry_no_sixty(degrees: float) -> None:
+    text = packed(math.radians(degrees))
+    whole, _, rest = text.lstrip("-").partition(".")
+    minutes, seconds = int(rest[:2]), float(f"{rest[2:4]}.{rest[4:] or 0}")
+    assert minutes < 60 and seconds < 60
+    assert int(whole) + minutes / 60 + seconds / 3600 == pytest.approx(abs(degrees), abs=1e-12)
+
+
+@pytest.mark.published
+def test_the_network_of_dynadjust_there_and_back_to_the_bit(tmp_path: Path) -> None:
+    path = data_dir("dynadjust_gnss") / "gnss-networkstn.xml"
+    network = fga.read_dynaml(path, reference_frames="as is")
+    fga.write_dynaml(network, tmp_path / "gnss-networkstn.xml")
+    assert_same_network(fga.read(tmp_path / "gnss-networkstn.xml"), network)
+
+
+def test_terrestrial_observations_there_and_back(tmp_path: Path) -> None:
+    text = HEAD + STATIONS.replace("CCF", "FFF") + MEASUREMENTS + TAIL
+    for kind in "PQR":
+        text = text.replace(of_station(kind, "C", {"P": "-36.3030", "Q": "145.5745",
+                                                   "R": "120.25"}[kind],
+                                       0.01 if kind == "R" else 0.5), "")  # fmt: skip
+    network = read(tmp_path, text)
+    fga.write_dynaml(network, tmp_path / "again.xml")
+    again = fga.read_dynaml(tmp_path / "again.xml")
+
+    def of(n: fga.Network) -> dict[str, list]:
+        found: dict[str, list] = {}
+        for o in n.observations.values():
+            found.setdefault(o.kind, []).append(o)
+        return found
+
+    a, b = of(network), of(again)
+    assert sorted(a) == sorted(b)
+    for kind in a:
+        for x, y in zip(a[kind], b[kind], strict=True):
+            assert x.names() == y.names()
+            np.testing.assert_allclose(x.value, y.value, rtol=1e-15, atol=5e-15)
+            if x.sigma is not None:
+                np.testing.assert_allclose(x.sigma, y.sigma, rtol=1e-14)
+
+
+def test_what_dynaml_cannot_express_is_refused_all_at_once(tmp_path: Path) -> None:
+    network = fga.Network("x", frame=fga.GeocentricFrame(), datum="free")
+    network.add_point("A", (4e6, 1e6, 4.8e6), fixed="x")
+    network.add_point("B")
+    network.set_refraction(value=0.13)
+    network.add(fga.SlopeDistance("A", "B", 10.0, sigma=fga.StandardDeviation(0.001, ppm=1)))
+    with pytest.raises(fga.InputError) as caught:
+        fga.write_dynaml(network, tmp_path / "no.xml")
+    for part in ("free datum", "kind refraction", "cannot hold x", "approximate", "one part only"):
+        assert part in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_200_damaged_files(tmp_path: Path) -> None:
+    files = {"combined.xml": (HEAD + STATIONS + MEASUREMENTS + TAIL).encode()}
+    judge(fga.read_dynaml, files, "combined.xml", tmp_path, seed=22)

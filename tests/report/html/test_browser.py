@@ -1,0 +1,334 @@
+"""The report in a browser without a network: clicks, sorting, filters, zoom, 3-D, keyboard, CSV."""
+
+import csv
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import factorgraph_adj as fga
+from factorgraph_adj.report.context import Report
+from factorgraph_adj.report.html.page import html
+from factorgraph_adj.report.html.write import write_report
+from tests.networks.adjusted import ADJUSTED
+from tests.networks.reported import (
+    NASTY,
+    heights_alone,
+    levelled_field,
+    nasty_names,
+    three_points,
+)
+from tests.support.pages import Opened, chromium, opened
+from tests.support.places import EXAMPLES
+
+PLACE = """(div, [meta, number]) => {
+  const trace = div.data.find(t => t.meta === meta && t.customdata.includes(number)
+    && (meta !== "points" || t.mode === "lines"));
+  const i = trace.customdata.indexOf(number) + 4;
+  const {xaxis, yaxis} = div._fullLayout, box = div.getBoundingClientRect();
+  return [box.x + xaxis._offset + xaxis.l2p(trace.x[i]),
+    box.y + yaxis._offset + yaxis.l2p(trace.y[i])];
+}"""
+"""Where a place of a line of the plan is on the screen: of an ellipse, or of an observation."""
+RANGE = "div => [...div._fullLayout.xaxis.range, ...div._fullLayout.yaxis.range].map(Number)"
+DRAWN = (
+    "div => div.data.filter(t => t.meta === 'points' && t.mode === 'markers').map(t => t.x.length)"
+)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Reports by name; the block has a gross error."""
+    at = tmp_path_factory.mktemp("reports")
+    network = fga.read_project(EXAMPLES / "industry_block")
+    network.images.columns()[2][7] += 0.05
+    solution = fga.adjust(network)
+    options = fga.ReportOptions(confidence=0.95, relative="observed")
+    write_report(solution, at / "block.html", options=options)
+    write_report(fga.adjust(three_points()), at / "three.html", language="de")
+    write_report(fga.adjust(heights_alone()), at / "heights.html")
+    write_report(fga.adjust(nasty_names()), at / "nasty.html")
+    write_report(fga.adjust(levelled_field()), at / "field.html")
+    return at
+
+
+@pytest.fixture(scope="module")
+def block():
+    network = fga.read_project(EXAMPLES / "industry_block")
+    network.images.columns()[2][7] += 0.05
+    return Report(fga.adjust(network))
+
+
+def _click(found: Opened, what: str, number: int) -> None:
+    """Click on an ellipse or a marked observation of the plan."""
+    found.page.evaluate("document.getElementById('plan').scrollIntoView({behavior: 'instant'})")
+    x, y = found.page.eval_on_selector("#plan", PLACE, [what, number])
+    found.page.mouse.move(x - 3, y)
+    found.page.mouse.move(x, y)
+    found.page.mouse.click(x, y)
+
+
+@pytest.mark.parametrize("name", ["three", "heights", "nasty", "block"])
+def test_a_page_says_nothing_and_asks_for_its_own_file_only(browser, folder, name):
+    file = folder / f"{name}.html"
+    with opened(browser, file) as found:
+        found.ready()
+        for table in found.page.locator("table.sheet").all():
+            found.alive(table.get_attribute("data-sheet"))
+        assert found.said == []
+        assert found.requests[0] == file.as_uri()
+        others = [r for r in found.requests[1:] if not r.startswith(("blob:", "data:"))]
+        assert others == []
+        assert found.page.locator("#failed").is_hidden()
+
+
+def test_a_click_on_an_ellipse_shows_its_row(browser, folder, block):
+    names = list(block.network.points)
+    number = names.index("P52")  # on the third page of the table
+    with opened(browser, folder / "block.html") as found:
+        found.ready()
+        _click(found, "points", number)
+        assert found.chosen()[0] == "P52"
+        assert found.page.evaluate("document.activeElement.closest('table').id") == "table-points"
+
+
+def test_a_click_finds_its_row_behind_a_filter(browser, folder, block):
+    number = list(block.network.points).index("P52")
+    with opened(browser, folder / "block.html") as found:
+        found.ready()
+        table = found.alive("points")
+        table.locator(".filters input").first.fill("P01")
+        assert [r[0] for r in found.rows("points")] == ["P01"]
+        _click(found, "points", number)
+        assert found.chosen()[0] == "P52"
+        assert table.locator(".filters input").first.input_value() == ""
+
+
+def test_a_click_on_a_marked_observation_shows_its_row(browser, folder, block):
+    rel = fga.reliability(block.solution)
+    worst = int(np.argmax(np.abs(rel.w)))
+    with opened(browser, folder / "block.html") as found:
+        found.ready()
+        _click(found, "js.doubts", worst)
+        row = found.chosen()
+    assert row[1] in {r.what for r in block.rows.all() if abs(rel.w[r.number]) > rel.critical_w}
+
+
+def test_a_table_sorts_and_filters(browser, folder, block):
+    sigma = 1e3 * np.array([block.solution.standard_deviations(n)[0] for n in block.network.points])
+    with opened(browser, folder / "block.html") as found:
+        found.ready()
+        table = found.alive("points")
+        heads = table.locator("thead tr").first.locator("th")
+        titles = [t.split("[")[0].strip() for t in heads.all_text_contents()]
+        column = titles.index("σx")
+        heads.nth(column).click()
+        shown = [float(r[column]) for r in found.rows("points")]
+        assert shown == sorted(shown, reverse=True)
+        assert shown[0] == pytest.approx(sigma.max(), abs=0.005)
+        limit = float(np.median(sigma)) + 0.0005
+        table.locator(".filters input").nth(column).fill(f"> {limit}")
+        status = found.page.locator("#points [role=status]").text_content()
+        assert f"of {int(np.sum(sigma.round(2) > limit))}, filtered from {len(sigma)}" in status
+
+
+def test_a_filtered_table_goes_into_a_file(browser, folder):
+    with opened(browser, folder / "nasty.html", accept_downloads=True) as found:
+        found.ready()
+        found.alive("points")
+        with found.page.expect_download() as download:
+            found.page.locator("#points .sheetbar button").first.click()
+        text = Path(download.value.path()).read_bytes().decode("utf-8-sig")
+        rows = list(csv.reader(io.StringIO(text, newline="")))
+        assert [r[0] for r in rows[1:]] == ["BM", *NASTY]
+        assert download.value.suggested_filename == "points.csv"
+        found.page.locator("#points .sheetbar input").first.fill("script")
+        with found.page.expect_download() as download:
+            found.page.locator("#points .sheetbar button").first.click()
+        text = Path(download.value.path()).read_text(encoding="utf-8-sig")
+        assert len(list(csv.reader(io.StringIO(text)))) == 1 + 2
+
+
+def test_names_stay_text_in_plans_and_tables(browser, folder):
+    with opened(browser, folder / "nasty.html") as found:
+        found.page.on("dialog", lambda d: found.said.append(f"dialog {d.message}"))
+        found.ready()
+        assert [r[0] for r in found.rows("points")] == ["BM", *NASTY]
+        drawn = found.page.locator("#plan text").all_text_contents()
+        assert "<script>alert(1)</script>" in drawn and "Größe Ω 点 🚩" in drawn
+        assert found.said == []
+
+
+def test_the_plan_zooms_by_buttons_and_finds_points(browser, folder):
+    with opened(browser, folder / "block.html") as found:
+        found.ready()
+        first = found.page.eval_on_selector("#plan", RANGE)
+        key = found.page.locator("#plan .annotation-text").first.text_content()
+        for _ in range(3):
+            found.page.locator("#plan-in").click()
+        found.page.wait_for_timeout(400)
+        second = found.page.eval_on_selector("#plan", RANGE)
+        assert second[1] - second[0] == pytest.approx((first[1] - first[0]) / 8, rel=0.02)
+        assert found.page.locator("#plan .annotation-text").first.text_content() != key
+        found.page.get_by_label("Find point").fill("p52")
+        found.page.keyboard.press("Enter")
+        status = found.page.get_by_text("Point P52 is marked.")
+        status.wait_for()
+        found.page.locator("#plan-all").click()
+        found.page.wait_for_timeout(400)
+        np.testing.assert_allclose(found.page.eval_on_selector("#plan", RANGE), first, rtol=0.02)
+
+
+def test_points_are_coloured_by_their_tests_and_redundancy(browser, folder):
+    with opened(browser, folder / "block.html") as found:
+        found.ready()
+        for value, least, most in (("test", 0.0, 20.0), ("r", 0.0, 1.0)):
+            found.page.get_by_label("Colour by").select_option(value)
+            found.page.wait_for_timeout(300)
+            script = "d => d.data.find(t => t.marker?.showscale).marker.color"
+            colours = [c for c in found.page.eval_on_selector("#plan", script) if c is not None]
+            assert len(colours) == 70 and min(colours) >= least and max(colours) <= most
+            assert len(set(colours)) > 10
+
+
+def test_of_many_points_some_are_drawn_and_all_in_a_smaller_window(browser, folder):
+    with opened(browser, folder / "field.html") as found:
+        found.ready()
+        assert sum(found.page.eval_on_selector("#plan", DRAWN)) in range(1400, 1501)
+        assert "of 2025 points in the window are drawn" in found.page.text_content("#plan-told")
+        for _ in range(2):
+            found.page.locator("#plan-in").click()
+        found.page.wait_for_timeout(400)
+        x0, x1, y0, y1 = found.page.eval_on_selector("#plan", RANGE)
+        side = 100.0 * np.arange(45)
+        inside = np.sum((side >= x0) & (side <= x1)) * np.sum((side >= y0) & (side <= y1))
+        assert sum(found.page.eval_on_selector("#plan", DRAWN)) == inside
+        assert found.page.text_content("#plan-told") == ""
+
+
+def test_the_view_in_three_dimensions_is_drawn_when_asked_for(browser, folder):
+    with opened(browser, folder / "block.html") as found:
+        found.ready()
+        assert found.page.locator("#scene").is_hidden()
+        found.page.get_by_role("button", name="Show the 3-D view").click()
+        found.page.wait_for_selector("#scene[data-made]", timeout=60_000)
+        points = "d => d.data.filter(t => t.meta === 'points').map(t => t.z.length)"
+        assert found.page.eval_on_selector("#scene", points) == [70]
+        pixels = """d => { const c = d.querySelector('canvas'), g = c.getContext('webgl');
+          return g !== null && c.width > 300; }"""
+        assert found.page.eval_on_selector("#scene", pixels)
+        assert not [s for s in found.said if s.startswith("error")]
+
+
+def test_a_keyboard_is_enough(browser, folder):
+    with opened(browser, folder / "block.html") as found:
+        found.ready()
+        found.page.keyboard.press("Tab")
+        assert found.page.evaluate("document.activeElement.className") == "skip"
+        style = "getComputedStyle(document.activeElement).outlineStyle"
+        assert found.page.evaluate(style) == "solid"
+        found.page.keyboard.press("Enter")
+        assert found.page.evaluate("document.activeElement.id") == "main"
+        table = found.alive("points")
+        table.locator("thead [role=button]").first.focus()
+        assert found.page.evaluate("document.activeElement.closest('th') !== null")
+        found.page.keyboard.press("Enter")
+        found.page.keyboard.press("Enter")
+        assert [r[0] for r in found.rows("points")][:2] == ["P70", "P69"]
+        unnamed = """[...document.querySelectorAll('input, select, button')].filter(e =>
+          !e.textContent.trim() && !e.labels?.length && !e.getAttribute('aria-label')).length"""
+        assert found.page.evaluate(unnamed) == 0
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_tables_and_plans_take_the_colours_of_the_scheme(browser, folder, scheme):
+    with opened(browser, folder / "three.html", color_scheme=scheme) as found:
+        found.ready()
+        found.alive("points")
+        script = """s => { const e = document.querySelector(s), c = getComputedStyle(e);
+          return [c.color, c.backgroundColor]; }"""
+        for cell in (
+            "#table-points tbody tr:nth-child(1)",
+            "#table-points tbody tr:nth-child(2) td",
+        ):
+            ink, back = (_grey(c) for c in found.page.evaluate(script, cell))
+            assert abs(ink - back) > 150 and (ink > back) == (scheme == "dark")
+        axis = found.page.eval_on_selector("#plan", "d => d.layout.font.color")
+        assert (int(axis[1:3], 16) > 128) == (scheme == "dark")
+
+
+def _grey(colour: str) -> float:
+    return float(np.mean([float(v) for v in colour[colour.index("(") + 1 : -1].split(",")[:3]]))
+
+
+def test_paper_has_the_plan_and_the_first_rows_and_no_tools(browser, folder):
+    with opened(browser, folder / "block.html", color_scheme="dark") as found:
+        found.ready()
+        found.page.emulate_media(media="print", color_scheme="dark")
+        found.page.wait_for_timeout(300)
+        for hidden in ("nav", ".tools", "#scene-part"):
+            assert found.page.locator(hidden).first.is_hidden()
+        assert found.page.locator("#plan .main-svg").first.is_visible()
+        assert _grey(found.page.evaluate("getComputedStyle(document.body).backgroundColor")) == 255
+        ink = "d => d.layout.font.color"
+        found.page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        assert found.page.eval_on_selector("#plan", ink) == "#000000"
+        found.page.emulate_media(media="screen", color_scheme="dark")
+        found.page.evaluate("dispatchEvent(new Event('afterprint'))")
+        assert found.page.eval_on_selector("#plan", ink) == "#e8eaed"
+        printed = "addEventListener('beforeprint', () => (document.title = 'printed'))"
+        found.page.evaluate(printed)
+        paper = found.page.pdf(format="A4")
+        assert found.page.title() == "printed"
+        assert len(re.findall(rb"/Type\s*/Page\b", paper)) > 3
+
+
+def test_without_a_script_the_page_still_has_its_words(browser, folder):
+    with opened(browser, folder / "block.html", java_script_enabled=False) as found:
+        assert found.page.locator("noscript").text_content().startswith("The script of this page")
+        rows = found.page.locator("#table-points tbody tr")
+        assert rows.count() == 25
+
+
+def test_a_browser_that_cannot_unpack_says_so(browser, folder, tmp_path):
+    text = (folder / "three.html").read_text(encoding="utf-8")
+    broken = tmp_path / "broken.html"
+    broken.write_text(text.replace('id="data-plan">', 'id="data-plan">A'), encoding="utf-8")
+    with opened(browser, broken) as found:
+        found.page.wait_for_selector("#failed:not([hidden])", timeout=30_000)
+        words = found.page.text_content("#failed")
+        assert words.startswith("Diese Seite konnte nicht gezeichnet werden:")
+
+
+@pytest.mark.slow("that a report of 26 321 points and 181 122 rows is small and soon ready")
+def test_the_report_of_roma_is_small_and_soon_ready(browser, tmp_path):
+    solution = fga.adjust(ADJUSTED["Roma"]())
+    file = tmp_path / "roma.html"
+    write_report(solution, file)
+    assert file.stat().st_size < 30e6
+    with opened(browser, file) as found:
+        found.page.wait_for_selector("html[data-ready]", state="attached", timeout=60_000)
+        assert found.seconds() < 5.0  # CPU seconds, so that other work does not count
+        found.page.get_by_label("Find point").fill("11806")
+        found.page.keyboard.press("Enter")
+        found.page.get_by_text("Point 11806 is marked.").wait_for()
+        found.alive("observations")
+        before = found.seconds()
+        found.page.locator("#observations .filters input").nth(1).fill("/11806")
+        status = found.page.locator("#observations [role=status]").text_content()
+        assert "filtered from 181122" in status
+        assert found.seconds() - before < 5.0
+        assert found.said == []
+
+
+def test_the_text_of_a_page_is_the_same_as_the_file(folder):
+    report = Report(fga.adjust(three_points()))
+    assert (folder / "three.html").read_text(encoding="utf-8") == html(report, language="de")
