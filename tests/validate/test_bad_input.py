@@ -203,8 +203,8 @@ READING = {
     "an unknown lens model": (
         *("project", 'model = "harmonic"', 'model = "stereographic"'),
         "project.toml: [[camera]] 'cam' lens: unknown model 'stereographic'; valid: none, "
-        "harmonic, brown, brown_forward, normalised, balanced, affine, ebner, gruen, rational, "
-        "fisheye, fov, division, eucm, equirectangular",
+        "harmonic, brown, brown_forward, normalised, normalised_affine, balanced, affine, ebner, "
+        "gruen, rational, fisheye, fov, division, eucm, equirectangular",
     ),
     "an unknown calibration parameter": (
         *("project", "c = 100.0", "c = 100.0\nk1 = 0.0"),
@@ -247,8 +247,8 @@ READING = {
     ),
     "an unknown key": (
         *("project", 'name = "yard"', 'name = "yard"\nnote = "old"'),
-        "project.toml: unknown key 'note'; known: name, datum, dimension, frame, units, files, "
-        "camera, sigma, readings, adjust",
+        "project.toml: unknown key 'note'; known: name, datum, dimension, frame, crs, units, "
+        "files, camera, sigma, readings, adjust",
     ),
     "an unknown frame": (
         *("project", 'name = "yard"', 'name = "yard"\n[frame]\nkind = "flat"'),
