@@ -109,6 +109,16 @@ class ReferenceSystem:
         return str(self.plan.to_wkt())
 
     @property
+    def wkt1(self) -> str:
+        """Definition of the plan system as WKT 1 of GDAL, or as WKT 2 if it has no WKT 1."""
+        from pyproj.exceptions import CRSError
+
+        try:
+            return str(self.plan.to_wkt("WKT1_GDAL"))
+        except CRSError:
+            return self.wkt
+
+    @property
     def vertical(self) -> str:
         """What the heights are above, in words."""
         if self.crs.is_compound:

@@ -163,20 +163,9 @@ def _add_systems(connection: sqlite3.Connection, placing: Placing) -> int:
         srs = OWN if code is None else code
         owner = ("NONE", OWN) if code is None else ("EPSG", code)
         words = f"easting, northing; heights: {placing.heights}"
-        rows.append((placing.system.plan.name, srs, *owner, _wkt(placing), words))
+        rows.append((placing.system.plan.name, srs, *owner, placing.system.wkt1, words))
     connection.executemany("INSERT INTO gpkg_spatial_ref_sys VALUES (?, ?, ?, ?, ?, ?)", rows)
     return srs
-
-
-def _wkt(placing: Placing) -> str:
-    """Return the plan system as WKT 1, which the column asks for, or WKT 2 if it has no WKT 1."""
-    from pyproj.exceptions import CRSError
-
-    assert placing.system is not None
-    try:
-        return str(placing.system.plan.to_wkt("WKT1_GDAL"))
-    except CRSError:
-        return placing.system.wkt
 
 
 # -- layers ---------------------------------------------------------------------------------------
