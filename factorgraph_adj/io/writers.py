@@ -118,7 +118,6 @@ WRITERS = Writers(
         Writer("sinex", (".snx", ".SNX"), "SINEX", write_sinex),
         Writer("dynaml", (), "DynaML of DynAdjust", write_dynaml),
         Writer("gvx", (".gvx",), "GNSS Vector Exchange", write_gvx),
-        Writer("colmap", (), "COLMAP", write_colmap),
         Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),
         Writer("star-net", (".dat",), "STAR*NET", write_star_net),
         Writer("landxml", (".xml",), "points in LandXML", write_landxml),

@@ -11,6 +11,7 @@ from factorgraph_adj.errors import InputError, known
 from factorgraph_adj.frames import GeocentricFrame
 from factorgraph_adj.io.project import load_project, read_project
 from factorgraph_adj.io.records import observation
+from factorgraph_adj.models.registry import LENSES
 from factorgraph_adj.network.network import Network
 from factorgraph_adj.observations import KINDS as REGISTERED
 from factorgraph_adj.observations import Direction, GnssVector, SlopeDistance
@@ -202,9 +203,8 @@ READING = {
     ),
     "an unknown lens model": (
         *("project", 'model = "harmonic"', 'model = "stereographic"'),
-        "project.toml: [[camera]] 'cam' lens: unknown model 'stereographic'; valid: none, "
-        "harmonic, brown, brown_forward, normalised, balanced, affine, ebner, gruen, rational, "
-        "fisheye, fov, division, eucm, equirectangular",
+        "project.toml: [[camera]] 'cam' lens: unknown model 'stereographic'; valid: "
+        + ", ".join(LENSES),
     ),
     "an unknown calibration parameter": (
         *("project", "c = 100.0", "c = 100.0\nk1 = 0.0"),
@@ -247,8 +247,8 @@ READING = {
     ),
     "an unknown key": (
         *("project", 'name = "yard"', 'name = "yard"\nnote = "old"'),
-        "project.toml: unknown key 'note'; known: name, datum, dimension, frame, units, files, "
-        "camera, sigma, readings, adjust",
+        "project.toml: unknown key 'note'; known: name, datum, dimension, frame, crs, units, "
+        "files, camera, sigma, readings, adjust",
     ),
     "an unknown frame": (
         *("project", 'name = "yard"', 'name = "yard"\n[frame]\nkind = "flat"'),

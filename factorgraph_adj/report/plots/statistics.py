@@ -75,8 +75,8 @@ def plot_qq(rel: Reliability, *, most: int = 8, aside: SetAside | None = None) -
     ends = np.arange(1, min(n, 100) + 1)
     middle = np.linspace(1, n, 300).round().astype(np.intp)
     at = np.unique(np.concatenate([ends, middle, n + 1 - ends]))
-    lower, upper = (ndtri(betaincinv(at, n + 1 - at, p)) for p in (0.025, 0.975))
-    axes.fill_between(x[at - 1], lower, upper, color=PALE, lw=0, label="95 %, independent values")
+    below, above = (np.asarray(ndtri(betaincinv(at, n + 1 - at, p))) for p in (0.025, 0.975))
+    axes.fill_between(x[at - 1], below, above, color=PALE, lw=0, label="95 %, independent values")
     reach = float(max(np.abs(x[-1]), 1.0)) * 1.05
     axes.plot([-reach, reach], [-reach, reach], color=BLACK, lw=1.0, label="standard normal")
     critical_lines(axes.axhline, rel)
