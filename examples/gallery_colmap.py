@@ -18,8 +18,7 @@ from factorgraph_adj.observations import ImagePoint
 from factorgraph_adj.rotation import TURN_ABOUT_X, exp_rotation
 from factorgraph_adj.simulation.simulate import measure
 
-rng = np.random.default_rng(7)
-folder = Path(tempfile.mkdtemp())
+rng, folder = np.random.default_rng(7), Path(tempfile.mkdtemp())
 HALL, CORNER = np.array([24.0, 14.0, 6.0]), np.array([2500.0, 4800.0, 310.0])
 LENS = {"c": 610.0, "x0": 960.0, "y0": -960.0, "k1": 0.03, "k2": -0.01}
 PIXELS = {"unit": "px", "format": (1920, 1920), "origin": "upper left", "y_down_in_files": True}
@@ -71,9 +70,8 @@ print(f"n {solution.n_observations}, u {solution.n_unknowns}, σ̂0 {solution.si
 # How well everything is known, and how far it is from the truth, in mm; the adjusted model.
 sigmas = np.array([1e3 * solution.standard_deviations(p) for p in plan.points])
 off = np.array([1e3 * (solution.point(p) - plan.points[p].coordinates) for p in plan.points])
-print(
-    f"points: median σ {np.median(sigmas):.2f} mm, rms of off/σ {np.sqrt(np.mean((off / sigmas) ** 2)):.2f}"
-)
+rms = np.sqrt(np.mean((off / sigmas) ** 2))
+print(f"points: median σ {np.median(sigmas):.2f} mm, rms of off/σ {rms:.2f}")
 mount = solution.unknown("mount", "rig 1 camera 2")
 for i, name in enumerate("xyz", start=3):
     value, sigma = 1e3 * mount.values[i], 1e3 * mount.sigmas[i]
