@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError, Problem, known
-from ..frames import Frame
 from ..rotation import exp_rotation
 from ..solve.solution import Solution
 from ..types import Array, Index, Mask
@@ -30,8 +29,6 @@ class Differences:
 
     names: tuple[str, ...]
     """Names of the points in the first epoch."""
-    second_names: tuple[str, ...]
-    """Their names in the second epoch."""
     axes: str
     """The coordinates that are compared: those of ``xyz`` that are free in both epochs."""
     places: Array
@@ -46,8 +43,6 @@ class Differences:
     """vᵀPv of each adjustment: of two epochs, or of both in one."""
     redundancy: tuple[int, ...]
     """Redundancy of each adjustment."""
-    frame: Frame
-    """The frame of the network."""
 
     def rows(self, names: Sequence[str]) -> Index:
         """Return the rows of d of some points, in the order of the names."""
@@ -81,7 +76,6 @@ def between(first: Solution, second: Solution, pairs: Mapping[str, str]) -> Diff
     turns = np.kron(np.eye(len(one.names)), turn[np.ix_(free, free)])
     return Differences(
         tuple(pairs),
-        tuple(pairs.values()),
         axes,
         one.coordinates,
         (moved - one.coordinates)[:, free].ravel(),
@@ -89,7 +83,6 @@ def between(first: Solution, second: Solution, pairs: Mapping[str, str]) -> Diff
         _basis(_seven(one.coordinates)[:, free].reshape(-1, 7) @ mixture),
         (first.vtpv, second.vtpv),
         (first.redundancy, second.redundancy),
-        first.network.frame,
     )
 
 
@@ -116,7 +109,6 @@ def within(solution: Solution, pairs: Mapping[str, str]) -> Differences:
     open_ones = g[:, np.linalg.norm(g, axis=0) > 1e-2 * size] if g.size else g
     return Differences(
         tuple(pairs),
-        tuple(pairs.values()),
         axes,
         one.coordinates,
         d,
@@ -124,7 +116,6 @@ def within(solution: Solution, pairs: Mapping[str, str]) -> Differences:
         _basis(open_ones),
         (solution.vtpv,),
         (solution.redundancy,),
-        solution.network.frame,
     )
 
 

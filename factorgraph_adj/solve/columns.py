@@ -7,44 +7,18 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..columns import Columns
-from ..graph.equations import Equations
-from ..graph.variables import State
 from ..models.variables import UNKNOWNS, VariableKind
-from ..network.network import Network
 from ..rotation import omega_phi_kappa
 from ..types import Array
+from .estimated import EstimatedPhotos
 from .geographic import geographic
 
 
-class Adjusted(Protocol):
+class Adjusted(EstimatedPhotos, Protocol):
     """What the columns are taken from."""
-
-    @property
-    def network(self) -> Network:
-        """The network."""
-        ...
-
-    @property
-    def equations(self) -> Equations:
-        """Its observation equations."""
-        ...
-
-    @property
-    def state(self) -> State:
-        """Values of all variables."""
-        ...
-
-    @property
-    def point_covariances(self) -> Array:
-        """Covariances of all points, (n, 3, 3)."""
-        ...
 
     def number(self, kind: VariableKind, name: str) -> int:
         """Return the number of a variable."""
-        ...
-
-    def pose_covariance(self, photo: str) -> Array:
-        """Return the covariance of a photo, (6, 6)."""
         ...
 
     def variable_covariance(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -12,50 +12,17 @@ from ..crs.places import GridPlaces, Wgs84Places, grid_places, wgs84_places
 from ..crs.system import ReferenceSystem
 from ..errors import InputError
 from ..frames import LocalFrame
-from ..graph.equations import Equations
-from ..graph.variables import State
 from ..network.network import Network
 from ..rotation import angles_by_rotation, omega_phi_kappa
 from ..shown import FIRST, Rows, Shown
 from ..types import Array
+from .estimated import Estimated, EstimatedPhotos
 
 ENH = ("easting", "northing", "height")
 NO_SYSTEM = (
     "the network has no reference system: state one, such as Network(crs='EPSG:25832+7837'), or "
     "[crs] in project.toml"
 )
-
-
-class Adjusted(Protocol):
-    """What grid coordinates are taken from."""
-
-    @property
-    def network(self) -> Network:
-        """The network."""
-        ...
-
-    @property
-    def equations(self) -> Equations:
-        """Its observation equations."""
-        ...
-
-    @property
-    def state(self) -> State:
-        """Values of all variables."""
-        ...
-
-    @property
-    def point_covariances(self) -> Array:
-        """Covariances of all points, (n, 3, 3)."""
-        ...
-
-
-class AdjustedPhotos(Adjusted, Protocol):
-    """What photos in a grid are taken from."""
-
-    def pose_covariance(self, photo: str) -> Array:
-        """Return the covariance of a photo, (6, 6)."""
-        ...
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,7 +80,7 @@ def system_of(network: Network) -> ReferenceSystem:
     return network.crs
 
 
-def grid_coordinates(solution: Adjusted) -> GridCoordinates:
+def grid_coordinates(solution: Estimated) -> GridCoordinates:
     """Return the adjusted points in the grid of the network's reference system.
 
     The covariance of E, N, H is J Σ Jᵀ with the partials J of the projection and of the height
@@ -138,7 +105,7 @@ def grid_coordinates(solution: Adjusted) -> GridCoordinates:
     return GridCoordinates(system, names, places)
 
 
-def wgs84_coordinates(solution: Adjusted) -> Wgs84Places:
+def wgs84_coordinates(solution: Estimated) -> Wgs84Places:
     """Return the adjusted points in WGS 84, in the order of the network's points, for maps.
 
     Raises:
@@ -188,7 +155,7 @@ class GridPhotos(Shown):
         return Rows(("photo", *ENH), rows, len(self.names))
 
 
-def grid_photos(solution: AdjustedPhotos) -> GridPhotos:
+def grid_photos(solution: EstimatedPhotos) -> GridPhotos:
     """Return the adjusted photos in the grid: centres, and ω, φ, κ from the axes of the grid.
 
     R_grid = Cᵀ E R with the rows E east, north, up at the photo and the turn C by the convergence.

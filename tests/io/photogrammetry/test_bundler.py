@@ -9,33 +9,9 @@ import pytest
 
 import factorgraph_adj as fga
 from factorgraph_adj.errors import InputError
+from tests.networks.photo_files import BUNDLER
 from tests.networks.pixel_block import projected
 from tests.support.places import data_dir
-
-SMALL = """# Bundle file v0.3
-3 2
-500 -0.1 0.01
-1 0 0
-0 1 0
-0 0 1
-0 0 -5
-500 0 0
-1 0 0
-0 1 0
-0 0 1
--1 0 -5
-0 0 0
-0 0 0
-0 0 0
-0 0 0
-0 0 0
-0.5 0.25 0.1
-1 2 3
-2 0 7 50 25 1 8 -51 25
--0.5 -0.25 0
-1 2 3
-3 0 1 -49 -25 1 2 -148 -24 2 0 3 4
-"""
 
 
 def write(tmp_path: Path, text: str) -> Path:
@@ -73,7 +49,7 @@ def test_a_real_file_is_adjusted() -> None:
 
 
 def test_cameras_that_were_not_registered_are_left_out(tmp_path: Path) -> None:
-    network = fga.read(write(tmp_path, SMALL))
+    network = fga.read(write(tmp_path, BUNDLER))
     assert list(network.photos) == ["0", "1"] and network.n_image_points == 4
     assert {o.source for o in network.image_points()} == {"bundle.out:20", "bundle.out:23"}
     names = tmp_path / "list.txt"
@@ -97,4 +73,4 @@ def test_cameras_that_were_not_registered_are_left_out(tmp_path: Path) -> None:
 )
 def test_wrong_files_are_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        fga.read(write(tmp_path, SMALL.replace(old, new, 1)), format="bundler")
+        fga.read(write(tmp_path, BUNDLER.replace(old, new, 1)), format="bundler")
