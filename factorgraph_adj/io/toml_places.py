@@ -17,6 +17,8 @@ _PART = re.compile(r"\"([^\"]*)\"|'([^']*)'|([\w-]+)")
 _TABLE = re.compile(r"\[\[?([^\[\]]+?)\]\]?|^: (\w+)")
 _NAMED = re.compile(r"\s'([^']*)'|\s(\d+)\b")
 _WORD = re.compile(r"[\w-]+")
+_INLINE = re.compile(r"[{,]\s*([\w-]+)\s*=")
+"""Keys of a table that is written in one line."""
 
 
 @dataclass
@@ -48,7 +50,7 @@ class TomlPlaces:
             elif key is not None:
                 here, name = self.sections[-1], _plain(key[1])
                 here.texts.setdefault(name, line[key.end() :])
-                for part in (name, *_WORD.findall(line)):
+                for part in (name, *_INLINE.findall(line, key.end())):
                     here.keys.setdefault(part, number)
 
     def placed(self, problem: Problem) -> Problem:
@@ -64,10 +66,11 @@ class TomlPlaces:
 
     def _line(self, rest: str, what: str) -> int:
         """Return the line of the key that a message is about, or of its table."""
-        words = list(dict.fromkeys(_WORD.findall(f"{what.split(';')[0]} {rest}")))
+        own = _NAMED.sub(" ", _TABLE.sub(" ", rest))
+        words = list(dict.fromkeys(_WORD.findall(f"{what.split(';')[0]} {own}")))
         sections = self._sections(rest)
-        for section in sections:
-            for word in words:
+        for word in words:
+            for section in sections:
                 if word in section.keys:
                     return section.keys[word]
         if sections and sections[0].name:
