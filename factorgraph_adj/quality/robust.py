@@ -34,14 +34,16 @@ from typing import Literal
 
 import numpy as np
 
+from ..block_orientation.begin import start_of
 from ..errors import InputError, known
 from ..graph.equations import compile_network
 from ..network.network import DatumChoice, Network
 from ..shown import Shown
-from ..solve.batch import MOST_ITERATIONS, adjust
+from ..solve.batch import adjust
+from ..solve.minimum import MOST_ITERATIONS
 from ..solve.solution import Solution
 from ..solve.standing import standing
-from ..solve.start import Start, start_of
+from ..solve.start import Start
 from ..types import Array, Mask
 from .reliability import Reliability, reliability
 

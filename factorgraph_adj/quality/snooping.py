@@ -16,8 +16,9 @@ from typing import Any, Literal
 
 from ..errors import AdjustmentError, InputError, Problem, known
 from ..network.network import DatumChoice, Network
-from ..solve.batch import MOST_ITERATIONS, adjust
+from ..solve.batch import adjust
 from ..solve.extra import Extra, ExtraFactors
+from ..solve.minimum import MOST_ITERATIONS
 from ..solve.solution import Solution
 from ..solve.start import Start
 from ..types import Array

@@ -47,7 +47,9 @@ class Start:
         return Start(unknowns, state, origin, self.words)
 
 
-def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start | None) -> Start:
+def approximate_start(
+    equations: Equations, datum: DatumChoice, given: Solution | Start | None
+) -> Start:
     """Return the start of an adjustment: the given values, otherwise approximate values.
 
     Raises:
