@@ -57,12 +57,14 @@ if TYPE_CHECKING:
     from .io.survey.columns import read_columns
     from .io.survey.comp3d import read_comp3d
     from .io.survey.gsi import read_gsi
+    from .io.survey.jag3d import read_jag3d
     from .io.survey.jobxml import read_jobxml
     from .io.survey.landxml import read_landxml
     from .io.survey.lgc2 import read_lgc2
     from .io.survey.sdr33 import read_sdr33
     from .io.survey.star_net import read_star_net
     from .io.survey.star_net_options import StarNetOptions
+    from .io.survey.write_jag3d import write_jag3d
     from .io.survey.write_landxml import write_landxml
     from .io.survey.write_star_net import write_star_net
     from .io.write_project import write_project
@@ -250,6 +252,7 @@ __all__ = [
     "read_gama",
     "read_gsi",
     "read_gvx",
+    "read_jag3d",
     "read_jobxml",
     "read_landxml",
     "read_lgc2",
@@ -283,6 +286,7 @@ __all__ = [
     "write_geojson",
     "write_geopackage",
     "write_gvx",
+    "write_jag3d",
     "write_kml",
     "write_landxml",
     "write_metashape",
@@ -429,6 +433,7 @@ _MODULES = {
     "covariance_array": "export.arrays",
     "read_columns": "io.survey.columns",
     "read_gsi": "io.survey.gsi",
+    "read_jag3d": "io.survey.jag3d",
     "read_jobxml": "io.survey.jobxml",
     "read_landxml": "io.survey.landxml",
     "read_sdr33": "io.survey.sdr33",
@@ -440,6 +445,7 @@ _MODULES = {
     "write_dxf": "export.dxf",
     "write_geojson": "export.geojson",
     "write_geopackage": "export.geopackage",
+    "write_jag3d": "io.survey.write_jag3d",
     "write_kml": "export.kml",
     "write_landxml": "io.survey.write_landxml",
     "write_ply": "export.ply",

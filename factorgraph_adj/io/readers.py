@@ -31,6 +31,7 @@ from .project import Project, load_project
 from .survey.columns import read_columns
 from .survey.comp3d import read_comp3d
 from .survey.gsi import read_gsi
+from .survey.jag3d import is_jag3d, read_jag3d
 from .survey.jobxml import read_jobxml, recognises_jobxml
 from .survey.landxml import read_landxml, recognises_landxml
 from .survey.lgc2 import read_lgc2
@@ -317,6 +318,14 @@ READERS = Readers(
             "survey in LandXML or HeXML",
             NetworkAlone(read_landxml),
             recognises=recognises_landxml,
+        ),
+        Reader(
+            "jag3d",
+            (".script",),
+            "JAG3D",
+            NetworkAlone(read_jag3d),
+            folders=True,
+            recognises=is_jag3d,
         ),
         Reader("columns", (".csv",), "table with a mapping", NetworkAlone(read_columns)),
     )
