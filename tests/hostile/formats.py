@@ -129,9 +129,7 @@ FORMATS: dict[str, Format] = {
     "sinex": Format("sinex", _text("small.snx", survey_files.SINEX), "small.snx"),
     "dynaml": Format("dynaml", lambda _: survey_files.dynaml(), "combined.xml"),
     "gvx": Format("gvx", survey_files.gvx, "n.gvx"),
-    "comp3d": Format(
-        "comp3d", _texts(**survey_files.COMP3D), "net.obs", {"latitude": 48.8}
-    ),
+    "comp3d": Format("comp3d", _texts(**survey_files.COMP3D), "net.obs", {"latitude": 48.8}),
     "lgc2": Format("lgc2", _text("net.lgc2", survey_files.LGC2), "net.lgc2"),
 }
 """One set of files at least for each row of the table of formats."""
