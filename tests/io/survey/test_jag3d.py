@@ -402,7 +402,7 @@ def test_flat_files_give_the_network_of_the_project(tmp_path):
     assert names == sorted(
         f"{n}.txt" for n in (
             "directions", "gnss_1d", "gnss_2d", "gnss_3d", "horizontal_distances", "levelling",
-            "new_points_1d", "new_points_2d", "new_points_3d", "reference_points_1d",
+            "new_points_1d", "new_points_2d", "new_points_3d",
             "reference_points_3d", "slope_distances", "stochastic_points_3d", "zenith_angles",
         )
     )  # fmt: skip
