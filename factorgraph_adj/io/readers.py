@@ -25,6 +25,7 @@ from .photogrammetry.dbat import is_dbat, read_dbat
 from .photogrammetry.metashape import is_metashape_xml, read_metashape
 from .photogrammetry.micmac import is_micmac, read_micmac
 from .photogrammetry.opencv import is_opencv, read_opencv
+from .photogrammetry.openmvg import is_openmvg, read_openmvg
 from .photogrammetry.opensfm import is_opensfm, read_opensfm
 from .photogrammetry.opf import read_opf
 from .project import Project, load_project
@@ -295,6 +296,13 @@ READERS = Readers(
             "reconstruction of OpenSfM or ODM",
             NetworkAlone(read_opensfm),
             recognises=is_opensfm,
+        ),
+        Reader(
+            "openmvg",
+            (".json",),
+            "reconstruction of OpenMVG",
+            NetworkAlone(read_openmvg),
+            recognises=is_openmvg,
         ),
         Reader(
             "aicon",
