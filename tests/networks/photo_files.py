@@ -268,6 +268,7 @@ def micmac() -> dict[str, bytes]:
     out["measures.xml"] = f"<{whole}>{lines(images)}</{whole}>"
     return {name: text.encode() for name, text in out.items()}
 
+
 COLMAP = {
     "cameras.txt": """# a comment
 1 OPENCV 100 80 100 100 50 40 0.1 0.01 0.001 0.002
