@@ -92,8 +92,9 @@ def in_space(*, geocentric=False):
     return fga.congruence(first, second, objects=["P", "Q"], variance="a-priori")
 
 
-def with_system(*, crs="EPSG:25832"):
-    """Return a comparison in plan whose first network has a reference system."""
+def with_system(*, known=True):
+    """Return a comparison in plan with coordinates of UTM, of a known system or not."""
+    crs = fga.ReferenceSystem("EPSG:25832", heights="ellipsoidal") if known else None
     networks = []
     for seed, shifts in ((20, {}), (21, SHIFTS)):
         plain = epoch(seed, shifts)
