@@ -475,6 +475,17 @@ def test_units_of_flat_files_are_options(tmp_path):
     assert "distance_mm" in refused(tmp_path, distance_mm=0)[0]
 
 
+def test_additional_parameters_of_flat_files_are_estimated_where_asked(tmp_path):
+    folder = flat(tmp_path, FLAT)
+    network = fga.read_jag3d(folder, estimate="zero,refraction")
+    meters = network.parameters["edm"]
+    assert set(meters) == {"Schrägstrecken", "horizontal_distances"}
+    assert meters["Schrägstrecken"].fixed == (True, False)
+    assert not network.refractions["zenith"].fixed[0]
+    assert fga.adjust(network).redundancy == 20 - 3
+    assert "unknown parameter 'tilt'" in refused(folder, estimate=["tilt"])[0]
+
+
 def test_names_that_do_not_tell_the_kind_are_stated(tmp_path):
     flat(tmp_path, {"a.txt": "A 0 0 0\nB 50 0 1\n", "b.txt": "A B 50.01\n"})
     assert len(refused(tmp_path)) == 2
