@@ -131,6 +131,7 @@ if TYPE_CHECKING:
     from .report.html.write import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
+    from .solve.batch import memory_needed
     from .solve.grid import (
         GridCoordinates,
         GridPhotos,
@@ -138,7 +139,6 @@ if TYPE_CHECKING:
         grid_photos,
         wgs84_coordinates,
     )
-    from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
     from .triangulation.models import as_models
@@ -387,7 +387,7 @@ _MODULES = {
     "grid_coordinates": "solve.grid",
     "grid_photos": "solve.grid",
     "load_solution": "io.solution_file",
-    "memory_needed": "solve.memory",
+    "memory_needed": "solve.batch",
     "orient": "block_orientation.orient",
     "plan": "planning.plan",
     "predict": "quality.prediction",

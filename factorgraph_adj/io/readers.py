@@ -310,7 +310,7 @@ READERS = Readers(
             "AICON 3D Studio",
             NetworkAlone(read_aicon),
         ),
-        Reader("star-net", (".dat",), "STAR*NET", NetworkAlone(read_star_net)),
+        Reader("star-net", (".dat", ".gps", ".GPS"), "STAR*NET", NetworkAlone(read_star_net)),
         Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkAlone(read_gsi)),
         Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkAlone(read_sdr33)),
         Reader(

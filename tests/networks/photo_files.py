@@ -350,3 +350,39 @@ def micmac() -> dict[str, bytes]:
     whole = "SetOfMesureAppuisFlottants"
     out["measures.xml"] = f"<{whole}>{lines(images)}</{whole}>"
     return {name: text.encode() for name, text in out.items()}
+
+
+COLMAP = {
+    "cameras.txt": """# a comment
+1 OPENCV 100 80 100 100 50 40 0.1 0.01 0.001 0.002
+2 SIMPLE_PINHOLE 100 80 100 50 40
+""",
+    "images.txt": """# two lines each
+7 1 0 0 0 0 0 0 1 first image.jpg
+50 40 3 60.5 40 4 10 10 -1
+9 1 0 0 0 0.5 0 0 2 b.jpg
+60 40 3
+2 0 1 0 0 0 0 10 1 c.jpg
+50 40 3 40 40.5 4
+""",
+    "points3D.txt": """3 0 0 5 255 0 0 0.1 7 0 9 0 2 0
+4 0.5 0 5 0 0 0 0.2 7 1 2 1
+""",
+    "rigs.txt": "1 2 CAMERA 1 CAMERA 2 1 1 0 0 0 0.5 0 0\n",
+    "frames.txt": "1 1 1 0 0 0 0 0 0 2 CAMERA 1 7 CAMERA 2 9\n2 1 0 1 0 0 0 0 10 1 CAMERA 1 2\n",
+}
+
+
+def colmap() -> dict[str, bytes]:
+    """Return a model with a rig of two cameras in text."""
+    return {name: text.encode() for name, text in COLMAP.items()}
+
+
+def colmap_binary(folder: Path) -> dict[str, bytes]:
+    """Return the same model in binary files."""
+    from factorgraph_adj.io.photogrammetry.colmap import read_sparse_model
+    from factorgraph_adj.io.photogrammetry.colmap_binary import binary_files
+
+    for name, text in COLMAP.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return dict(binary_files(read_sparse_model(folder)))
