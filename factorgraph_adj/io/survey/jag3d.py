@@ -40,8 +40,9 @@ def read_jag3d(
     the statement ``SCRIPT 'name.script'`` of HSQLDB writes. Everything that takes part in its
     adjustment is read: points, observations, σ, additional parameters, deflections of the vertical,
     reductions for the curvature of the Earth and for height. Groups, points and observations that
-    are switched off are left out, as are results, point pairs of the congruence analysis, settings
-    of tests and of display; the options on σ and units have no effect.
+    are switched off are left out, as are results, point pairs of the congruence analysis (see
+    `factorgraph_adj.io.survey.jag3d_project.point_pairs`), settings of tests and of display; the
+    options on σ and units have no effect.
 
     Flat files have one group each. Names tell what they hold: the kinds are
     ``reference_points_3d`` (also ``stochastic_``, ``datum_``, ``new_``; ``_1d``, ``_2d``),
