@@ -36,6 +36,7 @@ from .survey.jag3d import is_jag3d, read_jag3d
 from .survey.jobxml import read_jobxml, recognises_jobxml
 from .survey.landxml import read_landxml, recognises_landxml
 from .survey.lgc2 import read_lgc2
+from .survey.mmvii import is_mmvii, read_mmvii
 from .survey.sdr33 import read_sdr33
 from .survey.star_net import read_star_net
 from .text import beginning
@@ -255,6 +256,14 @@ READERS = Readers(
             recognises=has(b"<GVX"),
         ),
         Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d), own_grid=True),
+        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d)),
+        Reader(
+            "mmvii",
+            (".obs",),
+            "survey of MMVII",
+            NetworkAlone(read_mmvii),
+            recognises=is_mmvii,
+        ),
         Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkAlone(read_lgc2)),
         Reader(
             "colmap", (), "COLMAP", NetworkAlone(read_colmap), folders=True, recognises=is_colmap
