@@ -14,7 +14,7 @@ from ..graph.dependence import Variable
 from ..models.variables import VariableKind
 from ..network.network import Network
 from ..solve.anywhere import anywhere
-from ..solve.batch import adjust_from
+from ..solve.minimum import adjust_from
 from ..solve.solution import Solution
 from ..types import Index
 from .anew import better_of

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.sparse import csr_array
 
+from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError, DatumError
 from ..graph.dependence import Variable, components
 from ..graph.equations import Equations, compile_network
@@ -16,16 +17,16 @@ from ..models.variables import UNKNOWNS, VariableKind
 from ..network.network import DatumChoice, Network
 from ..network.selection import filtered
 from ..solve.anywhere import anywhere, narrow
-from ..solve.batch import OFF_DATUM, adjust_from
 from ..solve.datum import generators, middle
 from ..solve.extra import NOTHING_MORE, Extra
 from ..solve.linear import LinearSystem
+from ..solve.minimum import OFF_DATUM, adjust_from
 from ..solve.normal import NormalEquations, Solver
 from ..solve.run import Looked
 from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..solve.standing import standing
-from ..solve.start import Start, start_of
+from ..solve.start import Start
 from ..types import Array, Index
 from .cutting import section_of
 from .ledger import Ledger

@@ -41,7 +41,7 @@ def checked_point(
 ) -> Point:
     """Return a point; arguments and errors are those of `Network.add_point`."""
     where = f"point {name!r}"
-    if not set(fixed) <= set("xyz"):
+    if not isinstance(fixed, str) or not set(fixed) <= set("xyz"):
         raise InputError(Problem(f"fixed must be some of x, y, z, not {fixed!r}", where))
     unknown = (np.nan, np.nan, np.nan)
     xyz = unknown if coordinates is None else triple(coordinates, "coordinates", where)
@@ -74,6 +74,9 @@ def checked_camera(
 ) -> Camera:
     """Return a camera; arguments and errors are those of `Network.add_camera`."""
     where = f"camera {name!r}"
+    if not isinstance(lens, Lens):
+        what = f"lens must be a lens model such as BrownLens(), not {lens!r}"
+        raise InputError(Problem(what, where))
     names = lens.names
     weights = dict(sigma or {})
     unknown = [
@@ -89,10 +92,11 @@ def checked_camera(
                 where,
             )
         )
-    if isinstance(values, Mapping):
-        numbers = [float(values.get(n, 0.0)) for n in names]
-    else:
-        numbers = [float(v) for v in values]
+    given = [values.get(n, 0.0) for n in names] if isinstance(values, Mapping) else values
+    try:
+        numbers = [float(v) for v in given]
+    except (TypeError, ValueError):
+        numbers = []
     if len(numbers) != len(names) or not np.all(np.isfinite(numbers)):
         raise InputError(
             Problem(f"values must be {len(names)} finite numbers ({', '.join(names)})", where)

@@ -67,6 +67,8 @@ def from_grid(
     - ω, φ, κ count from grid axes and the vertical at the photo; so do observed attitudes.
     - Levelled height differences get the difference of the undulations.
     - Readings of statoscopes, heights above water and hydrostatic readings get the undulation.
+    - A coefficient of refraction below −0.5 is κ = k − 1 of a flat frame, as the readers of field
+      books state it for the curvature of the Earth; the new frame is curved, and gets κ = k.
 
     Args:
         network: the network in the grid, with a flat local frame.
