@@ -98,8 +98,8 @@ def _frames(networks: Sequence[Network], labels: Sequence[str]) -> Iterable[Prob
 def _idle(network: Network) -> tuple[bool, ...]:
     """Return the components that a network holds of every point because it has no use for them."""
     flags = np.array([p.fixed for p in network.points.values()]).reshape(-1, 3)
-    every = flags.all(axis=0) & bool(len(flags))
-    return (False,) * 3 if every.all() else tuple(every.tolist())
+    every = flags.all(axis=0)
+    return (False,) * 3 if every.all() else tuple(bool(held) for held in every)
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,8 @@ def _renamed(key: Key, new: Mapping[SetUp, str]) -> Key:
     if isinstance(key, str):
         station, _, number = key.rpartition("/")
         return f"{station}/{new[station, number]}" if (station, number) in new else key
-    return (key[0], new[key]) if key in new else key
+    station, number = key[0], key[-1]
+    return (station, new[station, number]) if (station, number) in new else key
 
 
 def _photos(out: Network, network: Network, label: str, problems: list[Problem]) -> None:
@@ -239,11 +240,11 @@ def _photos(out: Network, network: Network, label: str, problems: list[Problem])
         out.photos[name] = photo
     if not network.n_image_points:
         return
-    photo, point, xy, sigma = network.images.columns()
+    photos, points, xy, sigma = network.images.columns()
     of_photo = np.array([out.photo_number[n] for n in network.photos], dtype=np.intp)
     of_point = np.array([out.point_number[n] for n in network.points], dtype=np.intp)
     begin = out.images.size
-    out.images.append(of_photo[photo], of_point[point], xy, sigma)
+    out.images.append(of_photo[photos], of_point[points], xy, sigma)
     out.images.ids |= {begin + row: i for row, i in network.images.ids.items()}
     out.images.sources |= {begin + row: s for row, s in network.images.sources.items()}
 
@@ -305,7 +306,7 @@ def _as_named(o: Observation, out: Network, label: str, new: Mapping[SetUp, str]
         if renamed != key:
             told = UNKNOWNS[kind].absent == "found"
             changes[attribute] = renamed[1] if told else str(renamed)
-    return replace(o, **changes) if changes else o  # type: ignore[arg-type]
+    return replace(o, **changes) if changes else o
 
 
 def _defaults(

@@ -168,7 +168,7 @@ def test_photos_join_with_their_image_points(photos: Network) -> None:
     assert {(p.photo, p.point, p.x, p.y) for p in found.image_points()} == {
         (p.photo, p.point, p.x, p.y) for p in photos.image_points()
     }
-    with pytest.raises(fga.InputError, match="photo '1': is in 'photos .2.' and in a network"):
+    with pytest.raises(fga.InputError, match=r"photo '1': is in 'photos .2.' and in a network"):
         fga.join([photos, photos])
 
 
