@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from .io.photogrammetry.metashape_write import write_metashape
     from .io.photogrammetry.micmac import read_micmac
     from .io.photogrammetry.opencv import read_opencv, write_opencv
+    from .io.photogrammetry.openmvg import read_openmvg
     from .io.photogrammetry.opensfm import read_opensfm
     from .io.photogrammetry.opf import read_opf
     from .io.photogrammetry.opf_write import write_opf
@@ -57,12 +58,14 @@ if TYPE_CHECKING:
     from .io.survey.columns import read_columns
     from .io.survey.comp3d import read_comp3d
     from .io.survey.gsi import read_gsi
+    from .io.survey.jag3d import read_jag3d
     from .io.survey.jobxml import read_jobxml
     from .io.survey.landxml import read_landxml
     from .io.survey.lgc2 import read_lgc2
     from .io.survey.sdr33 import read_sdr33
     from .io.survey.star_net import read_star_net
     from .io.survey.star_net_options import StarNetOptions
+    from .io.survey.write_jag3d import write_jag3d
     from .io.survey.write_landxml import write_landxml
     from .io.survey.write_star_net import write_star_net
     from .io.write_project import write_project
@@ -129,6 +132,7 @@ if TYPE_CHECKING:
     from .report.html.write import write_report
     from .report.options import Provenance, ReportOptions
     from .report.text import protocol
+    from .solve.batch import memory_needed
     from .solve.grid import (
         GridCoordinates,
         GridPhotos,
@@ -136,7 +140,6 @@ if TYPE_CHECKING:
         grid_photos,
         wgs84_coordinates,
     )
-    from .solve.memory import memory_needed
     from .solve.solution import Solution
     from .stochastic import StandardDeviation
     from .triangulation.models import as_models
@@ -252,12 +255,14 @@ __all__ = [
     "read_gama",
     "read_gsi",
     "read_gvx",
+    "read_jag3d",
     "read_jobxml",
     "read_landxml",
     "read_lgc2",
     "read_metashape",
     "read_micmac",
     "read_opencv",
+    "read_openmvg",
     "read_opensfm",
     "read_opf",
     "read_project",
@@ -285,6 +290,7 @@ __all__ = [
     "write_geojson",
     "write_geopackage",
     "write_gvx",
+    "write_jag3d",
     "write_kml",
     "write_landxml",
     "write_metashape",
@@ -384,7 +390,7 @@ _MODULES = {
     "grid_photos": "solve.grid",
     "join": "network.join",
     "load_solution": "io.solution_file",
-    "memory_needed": "solve.memory",
+    "memory_needed": "solve.batch",
     "orient": "block_orientation.orient",
     "plan": "planning.plan",
     "predict": "quality.prediction",
@@ -409,6 +415,7 @@ _MODULES = {
     "read_aicon": "io.photogrammetry.aicon",
     "read_opf": "io.photogrammetry.opf",
     "write_opf": "io.photogrammetry.opf_write",
+    "read_openmvg": "io.photogrammetry.openmvg",
     "read_opensfm": "io.photogrammetry.opensfm",
     "read_opencv": "io.photogrammetry.opencv",
     "write_opencv": "io.photogrammetry.opencv",
@@ -432,6 +439,7 @@ _MODULES = {
     "covariance_array": "export.arrays",
     "read_columns": "io.survey.columns",
     "read_gsi": "io.survey.gsi",
+    "read_jag3d": "io.survey.jag3d",
     "read_jobxml": "io.survey.jobxml",
     "read_landxml": "io.survey.landxml",
     "read_sdr33": "io.survey.sdr33",
@@ -443,6 +451,7 @@ _MODULES = {
     "write_dxf": "export.dxf",
     "write_geojson": "export.geojson",
     "write_geopackage": "export.geopackage",
+    "write_jag3d": "io.survey.write_jag3d",
     "write_kml": "export.kml",
     "write_landxml": "io.survey.write_landxml",
     "write_ply": "export.ply",

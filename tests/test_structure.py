@@ -49,14 +49,16 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     # What an adjustment says of itself takes the global test.
     ("quality.distributions", "quality.levels"),
     ("quality.unit_weight",),
+    # The minimum of vᵀPv from start values.
     ("solve",),
+    # Poses and points from image points alone; the start of every adjustment.
+    ("block_orientation",),
+    ("solve.batch",),
     ("quality",),
     ("validate",),
     ("triangulation",),
     # Two epochs: what moved.
     ("epochs",),
-    # Poses and points from image points alone.
-    ("block_orientation",),
     ("io",),
     ("parts",),
     ("incremental",),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..frames import GeocentricFrame
 from ..graph.blocks import Block
 from ..graph.equations import Equations
 from ..models.base import wrap
@@ -156,6 +157,8 @@ class Survey:
     """Levelled height differences."""
     vectors: Sighted
     """GNSS vectors."""
+    plan_steps: Sighted
+    """Differences of the two plan coordinates alone, as vectors (n, 3) with any height."""
     edges: Edges
     """Lengths and height differences by pairs of points."""
     above: AboveSurfaces
@@ -225,6 +228,7 @@ def read_survey(equations: Equations, curvature: float) -> Survey:
             by_kind.get("coordinate_difference", []),
             equations,
         ),
+        _plan_differences(by_kind.get("coordinate_difference", []), equations),
         _edges(n, slopes, levels, zeniths, steps, curvature),
         read_surfaces(equations),
     )
@@ -260,6 +264,36 @@ def _with_differences(vectors: Sighted, blocks: Sequence[Block], equations: Equa
         np.concatenate([vectors.rise, nothing]),
         np.concatenate([vectors.third, nothing.astype(np.intp)]),
     )
+
+
+def _plan_differences(blocks: Sequence[Block], equations: Equations) -> Sighted:
+    """Return differences of x and y of which that of z is not observed, together or apart.
+
+    Those in axes of a geocentric frame are no differences in plan.
+    """
+    frame = equations.network.frame
+    given = equations.unknowns["point"].values
+    known: Mask = np.all(np.isfinite(given), axis=1)
+    found: dict[tuple[int, int, bool], Array] = {}
+    for block in blocks:
+        if block.dimension == 3 or not known.any():
+            continue
+        level = block.constants["horizon"] > 0
+        for row in np.flatnonzero(level | (not isinstance(frame, GeocentricFrame))).tolist():
+            ends = (int(block.variables[0][1][row]), int(block.variables[2][1][row]))
+            d = found.setdefault((*ends, bool(level[row])), np.full(3, np.nan))
+            for axis, value in zip(block.components, block.observed[row], strict=True):
+                d["xyz".index(axis)] = value
+    whole = {k: d for k, d in found.items() if np.isfinite(d[:2]).all()}
+    if not whole:
+        return _join([], value=_vector)
+    station, target, level = (np.array(column) for column in zip(*whole, strict=True))
+    middle = given[known].mean(axis=0)
+    at = np.where(known[station, None], given[station], middle)
+    e = horizons(frame.basis(at, np.zeros((len(at), 2))), level.astype(float))
+    value = np.einsum("nji,nj->ni", e, np.nan_to_num(list(whole.values())))
+    zero = np.zeros(len(station))
+    return Sighted(station, target, value, zero, zero.astype(np.intp))
 
 
 def _with_gyros(directions: Sighted, gyros: Sighted, sets: int) -> tuple[Sighted, Index]:

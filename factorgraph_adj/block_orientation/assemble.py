@@ -11,7 +11,7 @@ from ..approximate.rounds import approximate, reach
 from ..errors import ApproximationError
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import State
-from ..network.network import Network
+from ..network.network import DatumChoice, Network
 from ..solve.start import Start
 from ..types import Array, Mask
 from .block_start import BlockStart, OrientedPart
@@ -39,6 +39,8 @@ class Assembly:
     """Its image points."""
     parts: list[Part]
     """The parts, in axes of their own."""
+    datum: DatumChoice | None = None
+    """Given or free; none: the datum of the network."""
 
     def start(self, distances: Distances) -> BlockStart:
         """Return the start of the adjustment."""
@@ -75,7 +77,10 @@ class Assembly:
         )
         if state is None:
             return found
-        return replace(found, start=replace(state, words=found.sentences()))
+        begun = replace(
+            state, words=found.sentences(), doubtful=found.doubtful, unreached=unreached
+        )
+        return replace(found, start=begun)
 
     def _placed(self, equations: Equations) -> list[Placed]:
         """Return the place of each part, the best known one first; later ones may join it."""
@@ -83,7 +88,7 @@ class Assembly:
         measured = list(lengths(equations))
         places = np.isfinite(np.concatenate([there.point, there.pose[:, 9:]])).all(axis=1)
         if places.sum() < ALL_OF_IT and len(self.equations.network.observations):
-            state, _ = reach(equations)
+            state, _ = reach(equations, datum=self.datum)
             there = there.filled(state)
         joined = np.zeros(len(there.point), dtype=bool)
         out: list[Placed | None] = [None] * len(self.parts)
@@ -209,7 +214,7 @@ class Assembly:
             state[kind] = np.where(take | np.isnan(values), own[kind], values)
         filled = _with_poses_and_points(self.equations.network, state)
         try:
-            found = approximate(compile_network(filled))
+            found = approximate(compile_network(filled), datum=self.datum)
         except ApproximationError as error:
             return None, tuple(str(p) for p in error.problems)
         found = {**found, "calibration": state["calibration"]}

@@ -1,56 +1,63 @@
-"""Start of an adjustment from image points where no other approximate values are found."""
+"""The start of every adjustment: given and approximate values, or image points alone.
+
+Batch and robust adjustments, snooping, variance components, parts, plans and the arrival of
+observations all begin with `start_of`.
+"""
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from ..errors import ApproximationError, DatumError, InputError, Problem
-from ..graph.equations import compile_network
-from ..network.network import Network
-from ..solve.start import Start, start_of
-from .orient import orient
+from ..graph.equations import Equations, compile_network
+from ..network.network import DatumChoice, Network
+from ..solve.solution import Solution
+from ..solve.start import Start, approximate_start
+from .block_start import BlockStart
+from .orient import orient_equations
 
 
-def problems_of_start(network: Network) -> tuple[Problem, ...]:
-    """Return the unknowns that `adjust` finds no start values for, from image points either."""
-    try:
-        start_of(compile_network(network), network.datum, None)
-    except ApproximationError as error:
-        try:
-            start_from_images(network, error)
-        except ApproximationError as other:
-            return other.problems
-    except DatumError as error:
-        return (Problem(str(error)),)
-    return ()
+def start_of(equations: Equations, datum: DatumChoice, given: Solution | Start | None) -> Start:
+    """Return the start of an adjustment.
 
-
-def leaving_out(start: Start, error: InputError) -> InputError:
-    """Return an error of an adjustment that began from image points, with what it may come from."""
-    if not start.words:
-        return error
-    what = (
-        "the adjustment began from image points alone, and uses those too that do not agree: "
-        "found = fga.orient(network) names them, and found.without_doubtful() has none of them"
-    )
-    return InputError([*error.problems, Problem(what)])
-
-
-def start_from_images(network: Network, error: ApproximationError) -> Start:
-    """Return a start from image points, or say why there is none.
+    The given values come first, then approximate values, which the observations lead to from what
+    is known. Where these leave photos without a pose, the block is oriented from image points
+    alone; the start says so (``words``).
 
     Args:
-        network: the network.
+        equations: the network in arrays.
+        datum: given or free.
+        given: a solution or a start of this or a similar network; none: there is none.
+
+    Raises:
+        ApproximationError: the unknowns that it names have no start values.
+    """
+    try:
+        return approximate_start(equations, datum, given)
+    except ApproximationError as error:
+        found = block_of(equations, datum, error)
+    assert found.start is not None
+    return found.start
+
+
+def block_of(equations: Equations, datum: DatumChoice, error: ApproximationError) -> BlockStart:
+    """Return the block that was oriented from image points, with a start of all unknowns.
+
+    Args:
+        equations: the network in arrays.
+        datum: given or free.
         error: what the search for approximate values has missed.
 
     Raises:
         ApproximationError: photos are not what was missed; PoseLib is not installed; or photos and
             points remain without values, which the error names.
     """
-    if not network.n_image_points or not error.photos:
+    if not equations.network.n_image_points or not error.photos:
         raise error
     try:
-        found = orient(network)
+        found = orient_equations(equations, datum=datum)
     except (InputError, ApproximationError) as other:
-        raise ApproximationError([*error.problems, *other.problems]) from None
+        raise ApproximationError([*error.problems, *other.problems], photos=error.photos) from None
     if found.start is None:
         lost = [Problem(why, f"photo {name!r}") for name, why in found.unoriented.items()]
         first = " ".join(found.sentences()[: len(found.parts)])
@@ -59,6 +66,64 @@ def start_from_images(network: Network, error: ApproximationError) -> Start:
                 Problem(f"not all photos and points were found from image points: {first}"),
                 *lost,
                 *(Problem(p) for p in found.problems),
-            ]
+            ],
+            photos=found.unoriented,
         )
-    return found.start
+    return found
+
+
+def problems_of_start(network: Network) -> tuple[Problem, ...]:
+    """Return the unknowns that `adjust` finds no start values for, from image points either."""
+    try:
+        start_of(compile_network(network), network.datum, None)
+    except ApproximationError as error:
+        return error.problems
+    except DatumError as error:
+        return (Problem(str(error)),)
+    return ()
+
+
+def without_poses(network: Network) -> bool:
+    """Return whether photos have no pose, so that an adjustment may begin from image points."""
+    return any(f.rotation is None for f in network.photos.values()) and network.n_image_points > 0
+
+
+def begun(
+    network: Network, datum: DatumChoice | None, given: Solution | Start | None
+) -> Solution | Start | None:
+    """Return the given start; for photos without poses the start that `start_of` finds.
+
+    Raises:
+        ApproximationError: photos or points have no start values.
+    """
+    if given is not None or not without_poses(network):
+        return given
+    return start_of(compile_network(network), network.datum if datum is None else datum, None)
+
+
+def begun_anew(network: Network, datum: DatumChoice | None) -> Start | None:
+    """Return a start from image points where approximate values led to no minimum; none: no start.
+
+    A resection from few known points, one of them a mismatch, gives a wrong pose.
+    """
+    if not without_poses(network):
+        return None
+    with suppress(InputError, ApproximationError):
+        return orient_equations(compile_network(network), datum=datum).start
+    return None
+
+
+def leaving_out(start: Start, error: InputError | DatumError) -> InputError | DatumError:
+    """Return an error of an adjustment that began from image points, with what it may come from."""
+    if not start.doubtful:
+        return error
+    what = (
+        f"the adjustment began from image points alone, and uses the {len(start.doubtful)} too "
+        "that do not agree; fga.snoop, or adjust --snoop, begins without them, "
+        "found = fga.orient(network) names them, and found.without_doubtful() has none of them"
+    )
+    if isinstance(error, InputError):
+        return InputError([*error.problems, Problem(what)])
+    return DatumError(
+        f"{error}\n{what}", defect=error.defect, names=error.names, unknowns=error.unknowns
+    )

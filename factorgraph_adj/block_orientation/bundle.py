@@ -16,7 +16,7 @@ from ..errors import AdjustmentError, DatumError
 from ..graph.equations import compile_network
 from ..network.entities import Camera
 from ..network.network import Network
-from ..solve.batch import adjust_from
+from ..solve.minimum import adjust_from
 from ..solve.start import Start
 from ..types import Array, Index, Mask
 from .growth import RULES, Growth

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..errors import ApproximationError, InputError, Problem, known
-from ..graph.equations import compile_network
-from ..network.network import Network
+from ..graph.equations import Equations, compile_network
+from ..network.network import DatumChoice, Network
 from .assemble import Assembly
 from .block_start import BlockStart
 from .build import build_parts
@@ -50,7 +50,26 @@ def orient(
             camera is unknown.
         ApproximationError: no two photos have enough common points that fit.
     """
+    if not network.n_image_points:
+        raise InputError("the network has no image points to orient photos from")
+    return orient_equations(compile_network(network), principal_distances=principal_distances)
+
+
+def orient_equations(
+    equations: Equations,
+    *,
+    datum: DatumChoice | None = None,
+    principal_distances: Mapping[str, Sequence[float]] | None = None,
+) -> BlockStart:
+    """Orient the photos of a network in arrays, see `orient`.
+
+    Args:
+        equations: the network in arrays.
+        datum: given or free; none: the datum of the network.
+        principal_distances: as for `orient`.
+    """
     solvers()
+    network = equations.network
     views = Views.of(network)
     problems = [
         Problem(f"unknown camera {name!r}; known: {known(network.cameras, meant=name)}")
@@ -62,16 +81,13 @@ def orient(
         for name, values in (principal_distances or {}).items()
         if not len(values) or not all(np.isfinite(v) and v > 0 for v in values)
     ]
-    if not views.n:
-        problems.append(Problem("the network has no image points to orient photos from"))
     if problems:
         raise InputError(problems)
-    equations = compile_network(network)
     distances = Distances(views, principal_distances or {}, given(equations).point)
     parts = build_parts(views, distances)
     if not parts:
         raise ApproximationError([Problem(*_why_none(views))])
-    return Assembly(equations, views, parts).start(distances)
+    return Assembly(equations, views, parts, datum).start(distances)
 
 
 def _why_none(views: Views) -> tuple[str, str]:

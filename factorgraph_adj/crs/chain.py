@@ -161,6 +161,11 @@ class Chain:
         """Return λ, φ (degrees) and h (m) of the system of the grid."""
         what = f"reference system {self.name}"
         out = proj.run(self.projection, grid, what=what, names=names)
+        proj.refuse(
+            np.abs(out[:, 1]) > 90.0,
+            lambda i: f"is no place on the Earth in {self.name}: {proj.told(grid[i])}",
+            names,
+        )
         if self.area is not None:
             west, south, east, north = self.area
             x = np.remainder(out[:, 0] - west, 360.0)
@@ -228,6 +233,11 @@ def _dynamic(crs: Any) -> bool:
 def _geographic(crs: Any) -> Any:
     """Return the geographic system with ellipsoidal heights of a system."""
     plan = crs.sub_crs_list[0] if crs.is_compound else crs
+    if plan.geodetic_crs is None:
+        raise InputError(
+            f"reference system {crs.name} is not tied to the Earth ({plan.type_name}); valid: "
+            "projected, geographic and geocentric systems"
+        )
     return plan.geodetic_crs.to_3d() if not plan.is_geocentric else _of_geocentric(plan)
 
 

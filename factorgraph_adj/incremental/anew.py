@@ -15,9 +15,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError
 from ..network.network import DatumChoice
-from ..solve.start import Start, start_of
+from ..solve.start import Start
 from .rebasing import Draft
 from .system import System
 

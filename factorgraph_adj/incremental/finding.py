@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..approximate import reach
+from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError, DatumError, InputError, Problem
 from ..graph.dependence import Variable
 from ..graph.equations import Equations, compile_network, compile_rows
@@ -27,11 +28,10 @@ from ..network.network import DatumChoice, Network
 from ..observations import ControlPoint, PhotoPosition
 from ..quality.snooping import snoop
 from ..solve.anywhere import anywhere
-from ..solve.batch import adjust_from
 from ..solve.linear import LinearSystem
+from ..solve.minimum import adjust_from
 from ..solve.rank import UNDETERMINED, loose
 from ..solve.solution import Solution
-from ..solve.start import start_of
 from ..types import NO_ROWS, Index
 from .candidates import Candidates, Nothing
 from .excerpt import excerpt

@@ -36,6 +36,7 @@ from .read_readings import read_readings
 from .read_unknowns import Dimension, UnknownsReader
 from .tables import Row, Table, read_table
 from .text import parse_toml, read_text
+from .toml_places import TomlPlaces
 
 
 def tables() -> tuple[str, ...]:
@@ -133,7 +134,8 @@ def load_project(
     if path.is_dir():
         path = path / "project.toml"
     problems: list[Problem] = []
-    document = parse_toml(read_text(path), path.name)
+    text = read_text(path)
+    document, places = parse_toml(text, path.name), TomlPlaces(text, path.name)
     top = Row(document, path.name, problems)
     for key in document:
         if key not in KEYS:
@@ -199,9 +201,13 @@ def load_project(
         # The structure can be checked in the same run only if every name is known.
         whole = reader.complete and observations.complete and None not in found_tables.values()
         found = check(network, sources=reader.sources) if whole else ()
-        raise InputError([*warnings, *problems, *found])
+        raise InputError([*warnings, *map(places.placed, problems), *found])
     if section.grid:
-        network = section.moved(network, frame if "frame" in document else None, reader.sources)
+        stated_frame = frame if "frame" in document else None
+        try:
+            network = section.moved(network, stated_frame, reader.sources)
+        except InputError as error:
+            raise InputError(map(places.placed, error.problems)) from None
     return Project(network, path, context, options, reader.sources, warnings)
 
 

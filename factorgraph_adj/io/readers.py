@@ -25,12 +25,14 @@ from .photogrammetry.dbat import is_dbat, read_dbat
 from .photogrammetry.metashape import is_metashape_xml, read_metashape
 from .photogrammetry.micmac import is_micmac, read_micmac
 from .photogrammetry.opencv import is_opencv, read_opencv
+from .photogrammetry.openmvg import is_openmvg, read_openmvg
 from .photogrammetry.opensfm import is_opensfm, read_opensfm
 from .photogrammetry.opf import read_opf
 from .project import Project, load_project
 from .survey.columns import read_columns
 from .survey.comp3d import read_comp3d
 from .survey.gsi import read_gsi
+from .survey.jag3d import is_jag3d, read_jag3d
 from .survey.jobxml import read_jobxml, recognises_jobxml
 from .survey.landxml import read_landxml, recognises_landxml
 from .survey.lgc2 import read_lgc2
@@ -296,12 +298,19 @@ READERS = Readers(
             recognises=is_opensfm,
         ),
         Reader(
+            "openmvg",
+            (".json",),
+            "reconstruction of OpenMVG",
+            NetworkAlone(read_openmvg),
+            recognises=is_openmvg,
+        ),
+        Reader(
             "aicon",
             (".obc", ".phc", ".eor", ".ior"),
             "AICON 3D Studio",
             NetworkAlone(read_aicon),
         ),
-        Reader("star-net", (".dat",), "STAR*NET", NetworkAlone(read_star_net)),
+        Reader("star-net", (".dat", ".gps", ".GPS"), "STAR*NET", NetworkAlone(read_star_net)),
         Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkAlone(read_gsi)),
         Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkAlone(read_sdr33)),
         Reader(
@@ -317,6 +326,14 @@ READERS = Readers(
             "survey in LandXML or HeXML",
             NetworkAlone(read_landxml),
             recognises=recognises_landxml,
+        ),
+        Reader(
+            "jag3d",
+            (".script",),
+            "JAG3D",
+            NetworkAlone(read_jag3d),
+            folders=True,
+            recognises=is_jag3d,
         ),
         Reader("columns", (".csv",), "table with a mapping", NetworkAlone(read_columns)),
     )

@@ -20,6 +20,7 @@ from .photogrammetry.colmap_write import write_colmap
 from .photogrammetry.metashape_write import write_metashape
 from .photogrammetry.opencv import write_opencv
 from .photogrammetry.opf_write import write_opf
+from .survey.write_jag3d import write_jag3d
 from .survey.write_landxml import write_landxml
 from .survey.write_star_net import write_star_net
 from .write_project import write_project
@@ -120,6 +121,7 @@ WRITERS = Writers(
         Writer("gvx", (".gvx",), "GNSS Vector Exchange", write_gvx),
         Writer("metashape", (), "cameras and markers of Metashape (.xml)", write_metashape),
         Writer("star-net", (".dat",), "STAR*NET", write_star_net),
+        Writer("jag3d", (), "flat files of JAG3D", write_jag3d),
         Writer("landxml", (".xml",), "points in LandXML", write_landxml),
     )
 )

@@ -26,6 +26,7 @@ class XmlSource(Collected):
         """
         super().__init__(Path(path))
         self.root = read_xml(self.path)
+        self.last = self.root.end
         if self.root.tag != root:
             self.add(self.root.line, f"the root element must be <{root}>, not <{self.root.tag}>")
             self.raise_all()

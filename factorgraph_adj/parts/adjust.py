@@ -12,10 +12,11 @@ from uuid import uuid4
 import numpy as np
 
 from ..errors import AdjustmentError, ApproximationError, InputError, Problem, known
-from ..solve.batch import MOST_WEIGHINGS, VARIANCES
+from ..solve.batch import VARIANCES
 from ..solve.both_ways import BETWEEN, TIMES
 from ..solve.damping import Damping
 from ..solve.iterate import Ended, Progress
+from ..solve.minimum import MOST_WEIGHINGS
 from ..solve.normal import POOR
 from ..solve.singular import SingularError
 from ..types import Array, Keys

@@ -14,6 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from ..block_orientation.begin import start_of
 from ..errors import InputError, Problem, known
 from ..graph.equations import Equations, compile_network
 from ..graph.image_blocks import ImageIds
@@ -25,7 +26,7 @@ from ..solve.dissection import Pattern, cut
 from ..solve.elimination import layers_of
 from ..solve.factor import Plan
 from ..solve.nodes import Nodes
-from ..solve.start import Start, start_of
+from ..solve.start import Start
 from ..types import Index, Mask
 from .folder import Folder
 from .part import Part, StoredPart

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..block_orientation.begin import start_of
 from ..errors import AdjustmentError, ApproximationError, InputError
 from ..graph.equations import Equations, compile_network
 from ..graph.variables import DEFAULT, State, Unknowns, calibration_name, camera_of_calibration
@@ -18,7 +19,7 @@ from ..network.network import Network
 from ..solve.elimination import layers_of
 from ..solve.factor import Factor, Plan
 from ..solve.normal import NormalEquations, Solver
-from ..solve.start import Start, start_of
+from ..solve.start import Start
 from ..types import Array, Index, Keys, Mask
 from .folder import Folder
 from .messages import At, Begun, Setup, Shared, Surveyed, Variable

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, overload
 
-from ..block_orientation.begin import leaving_out, start_from_images
-from ..errors import ApproximationError, InputError
+from ..errors import InputError
 from ..network.network import DatumChoice, Network
 from ..solve import batch
 from ..solve.extra import ExtraFactors
@@ -120,25 +118,17 @@ def adjust(
     if client is None:
         if regions is not None or folder is not None:
             raise InputError("regions and folder belong to client: give a client too")
-        whole = partial(
-            batch.adjust,
+        return batch.adjust(
             network,
             datum=datum,
             variance=variance,
+            start=start,
             weights=weights,
             tolerance=tolerance,
             max_iterations=max_iterations,
             extra_factors=extra_factors,
             progress=progress,
         )
-        try:
-            return whole(start=start)
-        except ApproximationError as error:
-            begun = start_from_images(network, error)
-        try:
-            return whole(start=begun)
-        except InputError as error:
-            raise leaving_out(begun, error) from None
     check_client(client)
     given = {"start": start, "weights": weights, "extra_factors": extra_factors or None}
     if refused := [name for name, value in given.items() if value is not None]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import AdjustmentError
 from ..network.network import DatumChoice
-from ..solve.batch import readjust
+from ..solve.minimum import readjust
 from ..solve.solution import Solution
 from ..types import Array, Index
 from .candidates import Choice, Outlier, Units, choose

@@ -20,8 +20,9 @@ import numpy as np
 from ..errors import InputError, known
 from ..network.network import DatumChoice, Network
 from ..shown import Rows, Shown
-from ..solve.batch import adjust, readjust
+from ..solve.batch import adjust
 from ..solve.extra import ExtraFactors
+from ..solve.minimum import readjust
 from ..solve.reweigh import stepped
 from ..solve.solution import Solution
 from ..solve.start import Start

@@ -8,12 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..graph.equations import Equations, compile_network
+from ..graph.equations import Equations
 from ..graph.variables import State
-from ..network.network import Network
 from .factor import Plan
-from .normal import Solver
-from .start import start_of
 
 NUMBER = 8
 """Bytes of a number."""
@@ -108,23 +105,6 @@ def memory_of(plan: Plan, equations: Equations, state: State) -> Memory:
         + 6 * points * side * NUMBER
         + rows * ROW_OF_RELIABILITY,
     )
-
-
-def memory_needed(network: Network) -> Memory:
-    """Estimate the memory that `adjust` and `reliability` take beside the network itself.
-
-    Simulated blocks of 300 000 and a million image points took 0.7 to 0.8 of the estimate.
-
-    Args:
-        network: the network; `adjust` refuses one that takes more memory than is free.
-
-    Raises:
-        InputError: there is nothing to adjust.
-        ApproximationError: the points, photos or sets that it names have no approximate values.
-    """
-    equations = compile_network(network)
-    state = start_of(equations, network.datum, None).state
-    return memory_of(Solver.of(equations).plan, equations, state)
 
 
 def available() -> float:

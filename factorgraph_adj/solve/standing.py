@@ -8,10 +8,10 @@ from ..errors import DatumError
 from ..graph.equations import Equations
 from ..graph.variables import State
 from ..types import Array
-from .batch import OFF_DATUM
 from .datum import Defect, FreeDatum, find_defects
 from .free_network import MOTION, datum_columns, is_nothing, moved_from, onto_constraints
 from .linear import LinearSystem
+from .minimum import OFF_DATUM
 from .normal import Solver
 from .solution import Solution
 from .start import Start

@@ -40,7 +40,8 @@ from factorgraph_adj.quality.variance_components import (
 )
 from factorgraph_adj.simulation.industry_block import MICROMETRE, simulate_industry_block
 from factorgraph_adj.simulation.simulate import measure
-from factorgraph_adj.solve.batch import adjust, readjust
+from factorgraph_adj.solve.batch import adjust
+from factorgraph_adj.solve.minimum import readjust
 from factorgraph_adj.solve.observation_table import ObservationRecord
 from factorgraph_adj.solve.solution import Solution
 from factorgraph_adj.types import Array

@@ -20,7 +20,7 @@ from factorgraph_adj.solve.determine import drifting, name_overflow, refuse_unno
 from factorgraph_adj.solve.iterate import iterate, step_from
 from factorgraph_adj.solve.run import Run
 from factorgraph_adj.solve.sides import before_the_cameras, behind, refuse_points_behind
-from factorgraph_adj.solve.start import start_of
+from factorgraph_adj.solve.start import approximate_start
 from factorgraph_adj.solve.step import Attempt, Step
 from factorgraph_adj.solve.stopping import (
     STOPPING,
@@ -350,7 +350,7 @@ def test_points_behind_their_camera_are_refused_by_name() -> None:
 
 def begun(network: fga.Network) -> Run:
     equations = compile_network(network)
-    start = start_of(equations, network.datum, None)
+    start = approximate_start(equations, network.datum, None)
     weighted = equations.weighted_at(start.state)
     return Run.at(weighted, start.state, start.origin, free=network.datum == "free")
 

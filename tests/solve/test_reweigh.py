@@ -9,8 +9,9 @@ import pytest
 from factorgraph_adj.errors import InputError
 from factorgraph_adj.graph.build import build_graph
 from factorgraph_adj.solve import elimination
-from factorgraph_adj.solve.batch import adjust, readjust
+from factorgraph_adj.solve.batch import adjust
 from factorgraph_adj.solve.factor import Plan
+from factorgraph_adj.solve.minimum import readjust
 from factorgraph_adj.solve.reweigh import stepped
 from factorgraph_adj.solve.step import Step
 from factorgraph_adj.types import Array

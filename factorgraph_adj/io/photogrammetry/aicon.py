@@ -162,7 +162,7 @@ def _cameras(
                 format=size[:2] or None,
             )
     if not rows:
-        reading.wrong("has no camera", path.name)
+        reading.wrong("has no camera", f"{path.name}:1")
     return names
 
 

@@ -67,7 +67,7 @@ def read_bundler(
     rows = [(f"{source.name}:{n}", line.split()) for n, line in lines[1:]]
     counts = rows[0][1] if rows else []
     if len(counts) != 2 or not all(c.isascii() and c.isdigit() and len(c) < 10 for c in counts):
-        where = rows[0][0] if rows else source.name
+        where = rows[0][0] if rows else f"{source.name}:{lines[0][0]}"
         raise InputError(Problem("the second line has the numbers of cameras and points", where))
     n_cameras, n_points = int(counts[0]), int(counts[1])
     size = 1 + PER_CAMERA * n_cameras + PER_POINT * n_points
@@ -111,7 +111,7 @@ def _names(path: str | Path | None, count: int) -> list[str]:
     found = [line.split()[0].rsplit("/", 1)[-1] for _, line in lines_of(read_text(given))]
     if len(found) != count or len(set(found)) < count:
         what = f"must have {count} different names, not {len(set(found))}"
-        raise InputError(Problem(what, given.name))
+        raise InputError(Problem(what, f"{given.name}:1"))
     return found
 
 

@@ -78,19 +78,20 @@ def read_opencv(
     if not sigma_px > 0:
         raise InputError(f"sigma_px must be greater than zero, not {sigma_px}")
     reading = Reading()
-    found = _named(read_storage(source))
+    stored, last = read_storage(source)
+    found = _named(stored)
     network = Network(source.stem)
     views = _views(found, reading)
     size = [image_width, image_height]
     for i, name in enumerate(("width", "height")):
         if size[i] is None and name in found:
             size[i] = found[name].number(reading, name, positive=True)
-    camera = _camera(found, reading, model, source.name)
+    camera = _camera(found, reading, model, f"{source.name}:{last}")
     if camera is not None:
         lens, values, estimated = camera
         sides = None if size[0] is None or size[1] is None else (size[0], size[1])
         free = estimated if views is not None else ()
-        with reading.at(source.name):
+        with reading.at(found["camera_matrix"].where):
             add_pixel_camera(network, "camera", lens, values, size=sides, free=free)
     if views is not None and not reading.problems:
         _add_views(network, views, reading, sigma_px)
@@ -115,11 +116,11 @@ def _named(values: Mapping[str, Value]) -> dict[str, Value]:
 
 
 def _camera(
-    found: Mapping[str, Value], reading: Reading, model: str, file: str
+    found: Mapping[str, Value], reading: Reading, model: str, end: str
 ) -> tuple[Lens, dict[str, float], list[str]] | None:
     """Return lens, values and what a calibration estimates; None after a problem."""
     if "camera_matrix" not in found:
-        reading.wrong("has no camera_matrix", file)
+        reading.wrong("has no camera_matrix", end)
         return None
     given = found["camera_matrix"]
     matrix = given.matrix(reading, "camera_matrix")

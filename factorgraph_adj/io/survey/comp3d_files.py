@@ -121,20 +121,25 @@ class Comp3dProject:
     observations: Path
     """File of observations."""
     latitude: float
-    """Latitude of the centre, degrees."""
-    centre: tuple[float, float]
-    """X and Y of the centre, metres."""
+    """Latitude of the centre, degrees; that of a project in a grid follows from its centre."""
+    centre: tuple[float, float] | None
+    """X and Y of the centre, metres; of a project in a grid easting and northing; None: not
+    stated."""
     refraction: float
     """Refraction coefficient."""
     covariance: Path | None
     """File of the covariance of weighted coordinates."""
+    projection: str | None = None
+    """Reference system of its grid, a definition of PROJ; None: a local project."""
+    ellipsoidal: bool = True
+    """Whether heights are above the ellipsoid."""
 
 
 def read_project(path: Path) -> Comp3dProject:
     """Read a project file: JSON behind ``data=``.
 
     Raises:
-        InputError: the file is no such file, has a map projection, or lacks something.
+        InputError: the file is no such file, or lacks something.
     """
     file = LinesOfFile(path, latin=True)
     text = "\n".join(file.lines)
@@ -146,12 +151,9 @@ def read_project(path: Path) -> Comp3dProject:
         raise InputError(Problem(f"is not a project of Comp3D: {error}", path.name)) from None
     if not isinstance(config, dict):
         raise InputError(Problem("is not a project of Comp3D: it has no config", path.name))
-    if config.get("use_proj"):
-        what = (
-            f"the project is in the projection {config.get('proj_def')!r}; only local projects "
-            "are read: transform the points to east, north, up first"
-        )
-        file.add(0, what)
+    projection = config.get("proj_def") if config.get("use_proj") else None
+    if config.get("use_proj") and not (isinstance(projection, str) and projection.strip()):
+        file.add(0, "the project is in a grid, and proj_def does not name its projection")
     if config.get("internal_constraints"):
         file.add(0, "internal constraints are not read: give datum='free' to the network")
     names = {}
@@ -162,7 +164,8 @@ def read_project(path: Path) -> Comp3dProject:
         elif key != "coord_cov_file" and not (name and (path.parent / name).is_file()):
             file.add(0, f"{key} names the file {name!r}, which is not beside this one")
         names[key] = str(name)
-    numbers = [file.number(0, k, str(config.get(k))) for k in ("center_latitude", "refraction")]
+    wanted = dict(config) if projection is None else {**config, "center_latitude": 0.0}
+    numbers = [file.number(0, k, str(wanted.get(k))) for k in ("center_latitude", "refraction")]
     centre = config.get("local_center") or [0.0, 0.0]
     if not isinstance(centre, list) or len(centre) < 2:
         file.add(0, "local_center must be two numbers")
@@ -177,4 +180,6 @@ def read_project(path: Path) -> Comp3dProject:
         (x, y),
         numbers[1],
         path.parent / covariance if covariance else None,
+        projection,
+        config.get("use_ellips_height", True) is not False,
     )

@@ -7,11 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeAlias
 
-from ...approximate.rounds import reach
 from ...errors import InputError, Problem
 from ...frames import LocalFrame
-from ...graph.equations import compile_rows
-from ...graph.weights import weighed_where_known
 from ...models.variables import UNKNOWNS
 from ...network.entities import Point
 from ...network.network import Network
@@ -27,6 +24,7 @@ from ...observations import (
 )
 from ..atomic import write_files
 from ..numbers import write
+from .sigmas import sigmas_of
 
 SEPARATORS = "-:|~+"
 """Characters that may join names, in the order of preference."""
@@ -150,18 +148,6 @@ class _Writer:
 
     # -- observations -----------------------------------------------------------------------------
 
-    def _sigmas(self) -> dict[str, float]:
-        """Return σ by id of observation at the coordinates of the network; NaN where unknown."""
-        equations = compile_rows(self.network)
-        state, _ = reach(equations)
-        out: dict[str, float] = {}
-        for block in equations.blocks:
-            if block.prior or block.lens is not None:
-                continue
-            found = weighed_where_known(self.network, block, state)
-            out |= dict(zip(found.ids, found.sigma[:, 0].tolist(), strict=True))
-        return out
-
     def _observations(self) -> list[str]:
         sets: Lines = {}
         lines: list[str] = []
@@ -176,7 +162,7 @@ class _Writer:
                 self.refuse("directions of the second face", o.label())
         if self.problems or not kinds:
             return []
-        sigmas = self._sigmas()
+        sigmas = sigmas_of(self.network)
         for ident, o in self.network.observations.items():
             sigma = sigmas[ident]
             if math.isnan(sigma):

@@ -1,0 +1,253 @@
+"""The minimum of vᵀPv from start values: iterations, weights, datum, solution."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from ..graph.equations import Equations
+from ..network.network import DatumChoice
+from ..types import Array
+from .both_ways import MOST_THERE, look_both_ways
+from .datum import FreeDatum
+from .determine import refuse_unnoticed
+from .extra import NOTHING_MORE, Extra
+from .extrapolation import NONE_TAKEN
+from .free_network import carry
+from .iterate import ITERATION, Ended, Progress, iterate, step_from
+from .memory import refuse_too_large
+from .normal import Solver
+from .run import Looked, Run
+from .shapes_anew import look_at_shapes
+from .sides import refuse_points_behind
+from .solution import Solution
+from .start import Start
+from .stopping import at_rest, no_worse
+
+OFF_DATUM = "not at rest on the inner constraints of the free network"
+"""Reason that a solution gives when a free network at its minimum misses its inner constraints."""
+TOLERANCE = 1e-5
+"""Bound on the last step of every unknown relative to its own σ, if nothing else is asked for."""
+MOST_ITERATIONS = 100
+"""Largest number of iterations, if nothing else is asked for."""
+MOST_WEIGHINGS = 10
+"""Largest number of times that weights are computed: they depend on the lengths of sights, which
+hardly change with the unknowns."""
+
+
+def readjust(
+    solution: Solution, weights: Array | None, *, datum: DatumChoice | None = None
+) -> Solution:
+    """Adjust a network again with other weights, starting from its solution.
+
+    The result is that of ``adjust(network, start=solution, weights=weights)``. Equations and plan
+    of the elimination are those of the solution: weights do not change them. The network must not
+    have changed since.
+
+    Args:
+        solution: an adjustment of the network with any weights, or a step of one (`stepped`).
+        weights: factor on the weight of each scalar observation, as for `adjust`.
+        datum: as for `adjust`.
+
+    Raises:
+        InputError: an observation cannot be computed, or a weight is not a number > 0; or factors
+            that the user added were lost in pickling.
+        DatumError: as `adjust`.
+    """
+    equations = solution.equations
+    if solution.weights is not None:
+        equations = equations.reweighted(1.0 / solution.weights)
+    return adjust_from(
+        equations,
+        Start(equations.unknowns, solution.state, solution.start, solution.begun),
+        free=(solution.network.datum if datum is None else datum) == "free",
+        variance=solution.variance,
+        weights=weights,
+        extra=solution.extra,
+        solver=solution.solver,
+        astray=True,
+    )
+
+
+def adjust_from(
+    equations: Equations,
+    start: Start,
+    *,
+    free: bool,
+    variance: Literal["a-priori", "a-posteriori"] = "a-priori",
+    weights: Array | None = None,
+    tolerance: float = TOLERANCE,
+    max_iterations: int = MOST_ITERATIONS,
+    extra: Extra = NOTHING_MORE,
+    progress: Progress | None = None,
+    solver: Solver | None = None,
+    astray: bool = False,
+    looked: Mapping[str, Looked] | None = None,
+) -> Solution:
+    """Adjust compiled equations from start values; see `adjust`.
+
+    ``extra`` are rows beside the observations. ``solver`` is that of the same network and rows with
+    other weights; none: it is made. With ``astray`` an iteration that ends where something is not
+    determined that was at the start is returned as not converged; otherwise it is a `DatumError`,
+    by which an incremental adjustment knows what to let wait. ``looked`` are shapes that an
+    adjustment before has fitted anew in vain, which is not repeated where nothing has changed.
+    """
+    run, ended = _minimise(
+        equations,
+        start,
+        free=free,
+        weights=weights,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+        extra=extra,
+        progress=progress,
+        solver=solver,
+        astray=astray,
+        looked={} if looked is None else looked,
+    )
+    if ended.converged and run.smallest_pivot < ITERATION.poor:
+        run.at_solution = run.normal_at(run.state)
+        refuse_unnoticed(run, run.at_solution)
+    if run.datum is not None:
+        ended = _carry_to_datum_points(run, ended, tolerance)
+    refuse_points_behind(run.equations, run.state)
+    return Solution(
+        network=equations.network,
+        equations=run.equations,
+        state=run.state,
+        start=run.start,
+        converged=ended.converged,
+        reason=ended.reason,
+        iterations=ended.iterations,
+        within=ended.left,
+        second_places=ended.second_places,
+        begun=start.words,
+        vtpv=ended.vtpv,
+        solver=run.solver,
+        constraint=run.constraint,
+        datum=run.datum,
+        defects=run.defects,
+        variance=variance,
+        weights=None if weights is None else np.array(weights, dtype=float),
+        extra=run.extra.at(run.equations, run.state),
+        drifting=run.drifting,
+        extrapolated=run.extrapolated,
+        looked=run.looked,
+        linearised=run.at_solution,
+    )
+
+
+def _minimise(
+    equations: Equations,
+    start: Start,
+    *,
+    free: bool,
+    weights: Array | None,
+    tolerance: float,
+    max_iterations: int,
+    extra: Extra,
+    progress: Progress | None,
+    solver: Solver | None,
+    astray: bool,
+    looked: Mapping[str, Looked],
+) -> tuple[Run, Ended]:
+    """Iterate to the minimum of vᵀPv; repeat with the weights that follow from the new lengths."""
+    state, iterations, extrapolated = start.state, 0, NONE_TAKEN
+    told: tuple[str, ...] = ()
+    weighed = equations.weighted_at(state)
+    examine = _Iteration(tolerance, MOST_THERE)
+    for _ in range(MOST_WEIGHINGS):
+        equations = weighed if weights is None else weighed.reweighted(weights)
+        run = Run.at(equations, state, start.origin, free=free, extra=extra, solver=solver)
+        solver, run.may_go_astray = run.solver, astray
+        run.extrapolated, run.looked = extrapolated, looked
+        if not iterations:
+            refuse_too_large(run.solver.plan, equations, state)
+        go_on = _Iteration(tolerance, max_iterations, progress)
+        ended = go_on(run, iterations)
+        if ended.converged:
+            ended, found = look_both_ways(run, ended, go_on, examine)
+            # With the next weights the iteration begins at a place, and finds nothing between.
+            told = found or told
+        if ended.converged:
+            ended = look_at_shapes(run, ended, go_on, examine.up_to)
+        iterations, state = ended.iterations, run.state
+        extrapolated, looked = run.extrapolated, run.looked
+        before, weighed = weighed, weighed.weighted_at(state)
+        if not ended.converged or iterations >= max_iterations or weighed.weighs_as(before):
+            break
+    else:
+        change = np.max(np.abs(weighed.sigmas() / before.sigmas() - 1.0), initial=0.0)
+        reason = (
+            f"weights that depend on lengths are not at rest after {MOST_WEIGHINGS} adjustments: "
+            f"standard deviations still change by up to {100 * change:.2g} %"
+        )
+        ended = replace(ended, converged=False, reason=reason, left=np.inf)
+    return run, replace(ended, iterations=iterations, second_places=told)
+
+
+@dataclass(frozen=True)
+class _Iteration:
+    """The iteration of runs, which may go on several times."""
+
+    tolerance: float
+    most: int
+    """Largest number of iterations in all."""
+    progress: Progress | None = None
+
+    def __call__(self, run: Run, earlier: int = 0) -> Ended:
+        """Iterate from ``run.state`` after a number of iterations; the end counts them too."""
+        ended = iterate(
+            run,
+            tolerance=self.tolerance,
+            max_iterations=max(self.most - earlier, 0),
+            earlier=earlier,
+            progress=self.progress,
+        )
+        return replace(ended, iterations=earlier + ended.iterations)
+
+    def up_to(self, run: Run, bound: float) -> Ended:
+        """Iterate from ``run.state`` until a step is below a bound, which may be looser."""
+        return replace(self, tolerance=max(self.tolerance, bound))(run)
+
+
+def _carry_to_datum_points(run: Run, ended: Ended, tolerance: float) -> Ended:
+    """Move a free network onto its inner constraints; move it back if vᵀPv grows on the way.
+
+    The steps on the way hold a well chosen minimal datum.
+    """
+    assert run.datum is not None
+    if ended.converged:
+        here = FreeDatum(run.defects[0].at(run.equations, run.state).motions, run.datum.columns)
+        run.constraint = run.normal_at(run.state).held_better(run.constraint, here)
+    shape = run.state, run.datum, run.defects
+    carried = carry(
+        run.equations,
+        run.state,
+        run.start,
+        run.datum,
+        run.defects,
+        normal_at=run.normal_at,
+        step=lambda normal: step_from(run, normal),
+        tolerance=tolerance,
+        at_rest=ended.converged,
+        free=run.free,
+    )
+    run.state, run.at_solution = carried.state, carried.normal
+    run.datum, run.defects = carried.datum, carried.defects
+    vtpv = run.vtpv(run.state)
+    if carried.left > tolerance:
+        resolution = 0.0 if carried.normal is None else carried.normal.resolution
+        why = at_rest(carried.left, tolerance, resolution)
+        left = max(carried.left, ended.left) if ended.crept else carried.left
+        ended = replace(ended, reason=why, left=left)
+    if ended.converged and not carried.at_rest:
+        lost_shape = not no_worse(vtpv, ended.vtpv)
+        if lost_shape:
+            (run.state, run.datum, run.defects), run.at_solution = shape, None
+            vtpv = ended.vtpv
+        ended = replace(ended, converged=False, reason=OFF_DATUM, left=np.inf)
+    return replace(ended, vtpv=vtpv)
