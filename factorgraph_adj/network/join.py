@@ -97,9 +97,10 @@ def _frames(networks: Sequence[Network], labels: Sequence[str]) -> Iterable[Prob
 
 def _idle(network: Network) -> tuple[bool, ...]:
     """Return the components that a network holds of every point because it has no use for them."""
-    flags = np.array([p.fixed for p in network.points.values()]).reshape(-1, 3)
-    every = flags.all(axis=0)
-    return (False,) * 3 if every.all() else tuple(bool(held) for held in every)
+    every = tuple(
+        all(held) for held in zip(*(p.fixed for p in network.points.values()), strict=True)
+    )
+    return (False,) * 3 if all(every) else every
 
 
 @dataclass(frozen=True)
