@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from .io.photogrammetry.metashape_write import write_metashape
     from .io.photogrammetry.micmac import read_micmac
     from .io.photogrammetry.opencv import read_opencv, write_opencv
+    from .io.photogrammetry.openmvg import read_openmvg
     from .io.photogrammetry.opensfm import read_opensfm
     from .io.photogrammetry.opf import read_opf
     from .io.photogrammetry.opf_write import write_opf
@@ -259,6 +260,7 @@ __all__ = [
     "read_metashape",
     "read_micmac",
     "read_opencv",
+    "read_openmvg",
     "read_opensfm",
     "read_opf",
     "read_project",
@@ -410,6 +412,7 @@ _MODULES = {
     "read_aicon": "io.photogrammetry.aicon",
     "read_opf": "io.photogrammetry.opf",
     "write_opf": "io.photogrammetry.opf_write",
+    "read_openmvg": "io.photogrammetry.openmvg",
     "read_opensfm": "io.photogrammetry.opensfm",
     "read_opencv": "io.photogrammetry.opencv",
     "write_opencv": "io.photogrammetry.opencv",

@@ -77,7 +77,10 @@ class Assembly:
         )
         if state is None:
             return found
-        return replace(found, start=replace(state, words=found.sentences()))
+        begun = replace(
+            state, words=found.sentences(), doubtful=found.doubtful, unreached=unreached
+        )
+        return replace(found, start=begun)
 
     def _placed(self, equations: Equations) -> list[Placed]:
         """Return the place of each part, the best known one first; later ones may join it."""

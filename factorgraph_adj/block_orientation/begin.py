@@ -6,6 +6,8 @@ observations all begin with `start_of`.
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from ..errors import ApproximationError, DatumError, InputError, Problem
 from ..graph.equations import Equations, compile_network
 from ..network.network import DatumChoice, Network
@@ -81,12 +83,47 @@ def problems_of_start(network: Network) -> tuple[Problem, ...]:
     return ()
 
 
-def leaving_out(start: Start, error: InputError) -> InputError:
+def without_poses(network: Network) -> bool:
+    """Return whether photos have no pose, so that an adjustment may begin from image points."""
+    return any(f.rotation is None for f in network.photos.values()) and network.n_image_points > 0
+
+
+def begun(
+    network: Network, datum: DatumChoice | None, given: Solution | Start | None
+) -> Solution | Start | None:
+    """Return the given start; for photos without poses the start that `start_of` finds.
+
+    Raises:
+        ApproximationError: photos or points have no start values.
+    """
+    if given is not None or not without_poses(network):
+        return given
+    return start_of(compile_network(network), network.datum if datum is None else datum, None)
+
+
+def begun_anew(network: Network, datum: DatumChoice | None) -> Start | None:
+    """Return a start from image points where approximate values led to no minimum; none: no start.
+
+    A resection from few known points, one of them a mismatch, gives a wrong pose.
+    """
+    if not without_poses(network):
+        return None
+    with suppress(InputError, ApproximationError):
+        return orient_equations(compile_network(network), datum=datum).start
+    return None
+
+
+def leaving_out(start: Start, error: InputError | DatumError) -> InputError | DatumError:
     """Return an error of an adjustment that began from image points, with what it may come from."""
-    if not start.words:
+    if not start.doubtful:
         return error
     what = (
-        "the adjustment began from image points alone, and uses those too that do not agree: "
+        f"the adjustment began from image points alone, and uses the {len(start.doubtful)} too "
+        "that do not agree; fga.snoop, or adjust --snoop, begins without them, "
         "found = fga.orient(network) names them, and found.without_doubtful() has none of them"
     )
-    return InputError([*error.problems, Problem(what)])
+    if isinstance(error, InputError):
+        return InputError([*error.problems, Problem(what)])
+    return DatumError(
+        f"{error}\n{what}", defect=error.defect, names=error.names, unknowns=error.unknowns
+    )

@@ -106,8 +106,8 @@ class BlockStart(Shown):
         ]
         if self.doubtful:
             out.append(
-                f"The start does not use {len(self.doubtful)} image points, which take part in the "
-                f"adjustment all the same: {_listed(self.doubtful, most)}."
+                f"{len(self.doubtful)} image points do not agree with the start, and were not used "
+                f"for it: {_listed(self.doubtful, most)}."
             )
         if self.unreached:
             out.append(

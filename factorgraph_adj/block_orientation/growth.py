@@ -36,6 +36,8 @@ class Rules:
     """Smallest number of fitting image points with which a photo is oriented at the end."""
     least_share: float = 0.4
     """Smallest share of the known points of a photo that must fit a resection."""
+    paired: int = 8
+    """Largest number of rays of a point that are intersected two by two."""
     drops: int = 20
     """Largest number of rays of a point that are left out, one after the other."""
 
@@ -198,6 +200,51 @@ class Growth:
             ordered = np.lexsort((-miss, group))
             leaves[ordered[np.searchsorted(group[ordered], np.arange(len(points)))]] = True
             rows = rows[bad[group] & ~leaves]
+        if self.ended:
+            self._intersect_by_pairs(parallax)
+
+    def _intersect_by_pairs(self, parallax: float) -> None:
+        """Find points with three rays or more from two of them, where most do not agree.
+
+        The ray with the largest miss of all is not always the wrong one. So every pair of at most
+        `Rules.paired` rays of a point is tried, and the one counts with which most rays agree; of
+        several the one with the smallest misses.
+        """
+        v = self.views
+        rows = np.flatnonzero(self.wanted & self.posed[v.photo] & ~self.placed[v.point])
+        rows = rows[np.argsort(v.point[rows], kind="stable")]
+        first, second, owner = [], [], []
+        of_point, begins, size = np.unique(v.point[rows], return_index=True, return_counts=True)
+        for number, (begin, n) in enumerate(zip(begins.tolist(), size.tolist(), strict=True)):
+            if n < 3:
+                continue
+            some = np.unique(np.linspace(0, n - 1, min(n, RULES.paired)).astype(int)) + begin
+            i, j = np.triu_indices(len(some), 1)
+            first.append(some[i])
+            second.append(some[j])
+            owner.append(np.full(len(i), number))
+        if not owner:
+            return
+        a, b, point = (np.concatenate(x) for x in (first, second, owner))
+        n_trials = len(point)
+        centre, direction = self._world(rows[np.concatenate([a, b])])
+        x, strength = nearest_to_rays(centre, direction, np.tile(np.arange(n_trials), 2), n_trials)
+        # The misses of every ray of the point of each trial.
+        trial = np.repeat(np.arange(n_trials), size[point])
+        place = np.arange(len(trial)) - np.repeat(
+            np.cumsum(size[point]) - size[point] - begins[point], size[point]
+        )
+        pose = self.pose[v.photo[rows[place]]]
+        miss = ray_misses(
+            pose[:, :9].reshape(-1, 3, 3), pose[:, 9:], x[trial], self.rays.tangent[rows[place]]
+        )
+        miss = np.minimum(miss / self.rays.unit[rows[place]] / self.limit, 2.0)
+        agree = np.bincount(trial, miss <= 1.0, n_trials)
+        agree[strength < parallax] = 0
+        order = np.lexsort((np.bincount(trial, np.square(miss), n_trials), -agree, point))
+        best = order[np.searchsorted(point[order], np.unique(point))]
+        best = best[agree[best] >= 2]
+        self.point[of_point[point[best]]] = x[best]
 
     def _world(self, rows: Index) -> tuple[Array, Array]:
         """Return projection centres and unit vectors of rays, (n, 3) each."""

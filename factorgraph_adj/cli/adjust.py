@@ -127,13 +127,15 @@ def _solve(options: argparse.Namespace) -> Adjusted:
     variance = options.variance or project.options.variance
     found = weights = None
     with progress(network.name) as show:
-        solution = adjust(
-            network,
-            variance=variance,
-            max_iterations=options.max_iterations or project.options.max_iterations,
-            progress=show and (lambda *figures: show(iteration(*figures))),
-        )
-        if _snoops(options):
+        most = options.max_iterations or project.options.max_iterations
+        if not _snoops(options):
+            solution = adjust(
+                network,
+                variance=variance,
+                max_iterations=most,
+                progress=show and (lambda *figures: show(iteration(*figures))),
+            )
+        else:
             found = snoop(
                 network,
                 alpha=options.alpha,
@@ -142,7 +144,7 @@ def _solve(options: argparse.Namespace) -> Adjusted:
                 sidak=options.sidak,
                 robust=options.robust,
                 variance=variance,
-                start=solution,
+                max_iterations=most,
                 progress=show
                 and (
                     lambda r: show(
@@ -260,7 +262,7 @@ def _verdict(found: Adjusted, report: Report) -> int:
                 f"{left} observation{'s' * (left != 1)} above the critical value could not be set "
                 "aside"
             )
-        doubts += report.in_common
+    doubts += report.in_common
     doubts += report.at_check_points
     for doubt in doubts:
         print(doubt, file=sys.stderr)

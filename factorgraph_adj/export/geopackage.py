@@ -18,10 +18,9 @@ import numpy as np
 
 from ..io.atomic import write_files
 from ..quality.levels import CONFIDENCE
-from ..report.context import Report
-from ..solve.solution import Solution
 from ..types import Array
-from .layers import Drawn, Geometry, Layer, Map, map_of, plain, report_of
+from .layer import Drawn, Geometry, Layer, plain
+from .layers import Map, Result, map_of, report_of
 from .placing import Placing, map_placing
 from .qgis import style_of
 
@@ -71,7 +70,7 @@ CREATE TABLE adjustment (
 
 
 def write_geopackage(
-    result: Solution | Report,
+    result: Result,
     path: str | Path,
     *,
     confidence: float | None = CONFIDENCE,
@@ -90,7 +89,8 @@ def write_geopackage(
     geographic) if the frame is geocentric.
 
     Args:
-        result: the result of `adjust`, or its report with data snooping.
+        result: the result of `adjust`, or its report with data snooping; or of `congruence`, or its
+            report with blocks.
         path: the file, such as ``network.gpkg``; one that is there is replaced.
         confidence: probability of the error ellipses; None: standard ellipses.
         exaggeration: factor of the ellipses; None: a round number that makes them visible; 1: true

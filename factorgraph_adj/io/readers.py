@@ -25,6 +25,7 @@ from .photogrammetry.dbat import is_dbat, read_dbat
 from .photogrammetry.metashape import is_metashape_xml, read_metashape
 from .photogrammetry.micmac import is_micmac, read_micmac
 from .photogrammetry.opencv import is_opencv, read_opencv
+from .photogrammetry.openmvg import is_openmvg, read_openmvg
 from .photogrammetry.opensfm import is_opensfm, read_opensfm
 from .photogrammetry.opf import read_opf
 from .project import Project, load_project
@@ -297,12 +298,19 @@ READERS = Readers(
             recognises=is_opensfm,
         ),
         Reader(
+            "openmvg",
+            (".json",),
+            "reconstruction of OpenMVG",
+            NetworkAlone(read_openmvg),
+            recognises=is_openmvg,
+        ),
+        Reader(
             "aicon",
             (".obc", ".phc", ".eor", ".ior"),
             "AICON 3D Studio",
             NetworkAlone(read_aicon),
         ),
-        Reader("star-net", (".dat",), "STAR*NET", NetworkAlone(read_star_net)),
+        Reader("star-net", (".dat", ".gps", ".GPS"), "STAR*NET", NetworkAlone(read_star_net)),
         Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkAlone(read_gsi)),
         Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkAlone(read_sdr33)),
         Reader(

@@ -95,6 +95,21 @@ class Innovations:
             out[at] = np.repeat(fine, part.dimension)
         return out
 
+    def residuals(self) -> Array:
+        """Return whitened residuals (n,); NaN where a variable is not known to the solution."""
+        state = dict(self.state)
+        for kind, lost in self.lost.items():
+            if lost.any() and not lost.all():
+                state[kind] = state[kind].copy()
+                state[kind][lost] = state[kind][np.flatnonzero(~lost)[0]]
+        out = self.equations.residuals(state)
+        for block in self.equations.blocks:
+            unknown = np.zeros(block.n, dtype=bool)
+            for kind, index in block.variables:
+                unknown |= self.lost[kind][index]
+            out[block.rows][np.repeat(unknown, block.dimension)] = np.nan
+        return out
+
     def _parts(self, rows: Index) -> Iterator[tuple[Block, Index, int]]:
         """Yield the blocks of ``rows``, with their places in ``rows`` and the block's number."""
         for place, block in enumerate(self.equations.blocks):

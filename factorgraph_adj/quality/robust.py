@@ -29,13 +29,14 @@ the estimation begins at start values at which few observations are far off, the
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from ..block_orientation.begin import start_of
-from ..errors import InputError, known
+from ..block_orientation.begin import begun, begun_anew, leaving_out, start_of
+from ..errors import DatumError, InputError, known
 from ..graph.equations import compile_network
 from ..network.network import DatumChoice, Network
 from ..shown import Shown
@@ -158,7 +159,7 @@ def robust_adjust(
         t = solution.equations.residuals(solution.state, whitened=False) / size
         s = _next_scale(t, s, estimator, starting=starting, known=trusted)
         largest = _largest(solution, t / s)
-        far = largest > FAR if iteration == 1 and solution.reason == AT_START else far
+        far = largest > FAR if iteration == 1 and _unbent(solution) else far
         far = far & (largest > FAR) & (np.mean(far) <= FEW)
         last, gamma = gamma, _weights("huber" if starting else estimator, largest)
         gamma = np.where(far, LEAST_WEIGHT * np.square(FAR / np.maximum(largest, FAR)), gamma)
@@ -195,14 +196,49 @@ def _first(
     determined. At the start values they are far off all the same, and the others are not.
     """
     choice = network.datum if datum is None else datum
+    given, start = start, begun(network, datum, start)
+    if isinstance(start, Start) and start.doubtful:
+        return _from_images(network, choice, start, max_iterations)
     if not from_start or choice == "free":
         # A network that does not determine its unknowns is a DatumError here.
-        solution = adjust(network, datum=datum, start=start, max_iterations=max_iterations)
+        try:
+            solution = adjust(network, datum=datum, start=start, max_iterations=max_iterations)
+        except (InputError, DatumError):
+            if given is None and (anew := begun_anew(network, datum)) is not None:
+                return _from_images(network, choice, anew, max_iterations)
+            raise
         if solution.converged or choice == "free":
             return solution
     equations = compile_network(network)
     begin = start_of(equations, choice, start)
     return standing(equations, begin, None, reason=AT_START, doubt=AT_START)
+
+
+def _from_images(
+    network: Network, datum: DatumChoice, start: Start, max_iterations: int
+) -> Solution:
+    """Return the plain adjustment of a block that begins from images, if it has a minimum.
+
+    Otherwise the image points that do not agree with the start hardly count.
+    """
+    with suppress(InputError, DatumError):
+        solution = adjust(network, datum=datum, start=start, max_iterations=max_iterations)
+        if solution.converged:
+            return solution
+    equations = compile_network(network)
+    gamma = np.ones(equations.n_rows)
+    gamma[np.concatenate(equations.find(list(start.doubtful)))] = LEAST_WEIGHT
+    try:
+        return adjust(
+            network, datum=datum, start=start, weights=gamma, max_iterations=max_iterations
+        )
+    except (InputError, DatumError) as error:
+        raise leaving_out(start, error) from None
+
+
+def _unbent(solution: Solution) -> bool:
+    """Return whether readings that are far off have not bent the solution yet."""
+    return solution.reason == AT_START or solution.weights is not None
 
 
 def equivalent_weights(estimator: Estimator, t: Array) -> Array:

@@ -14,7 +14,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from ..errors import AdjustmentError, InputError, Problem, known
+from ..block_orientation.begin import begun, begun_anew, leaving_out
+from ..errors import AdjustmentError, DatumError, InputError, Problem, known
 from ..network.network import DatumChoice, Network
 from ..solve.batch import adjust
 from ..solve.extra import Extra, ExtraFactors
@@ -23,6 +24,7 @@ from ..solve.solution import Solution
 from ..solve.start import Start
 from ..types import Array
 from .far_off import approximate_values, astray, simpler
+from .image_start import clean_adjustment, search_beside
 from .levels import ALPHA, POWER
 from .rejections import Round, Snooping, Test
 from .robust import ESTIMATORS, Estimator, robust_adjust
@@ -105,15 +107,30 @@ def snoop(
         "variance": variance,
         "max_iterations": max_iterations,
     }
+    given, start = start, begun(network, datum, start)
+    searching = _Searching(network, test, alpha, power, sidak, options, share, max_rounds, progress)
+    plain = robust is None and not extra.factors and given is None
+    if plain and isinstance(start, Start) and start.doubtful:
+        return searching.run_beside(start)[1]
     first: Solution | None = None
+    failure: InputError | DatumError | None = None
     if robust is None:
-        first = adjust(network, start=start, extra_factors=extra, **options)
+        try:
+            first = adjust(network, start=start, extra_factors=extra, **options)
+        except (InputError, DatumError) as error:
+            failure = error
+        lost = first is None or not first.converged
+        if plain and lost and (anew := begun_anew(network, datum)) is not None:
+            with suppress(AdjustmentError):
+                return searching.run_beside(anew)[1]
+        if failure is not None:
+            raise failure
+        assert first is not None
         if extra.factors and not first.converged:
             raise AdjustmentError(
                 f"the network has no minimum with its factors: {first.reason}; find the gross "
                 "errors without extra_factors first"
             )
-    searching = _Searching(network, test, alpha, power, sidak, options, share, max_rounds, progress)
     if first is not None and first.converged:
         search, found = searching.run(first)
         # There is no robust estimator of free networks, nor one with factors.
@@ -121,8 +138,8 @@ def snoop(
         if free or extra.factors or not astray(search, found):
             return found
         with suppress(AdjustmentError):
-            begin = searching.robust("huber", approximate_values(first), from_start=True)
-            found = simpler(search, found, *searching.run(*begin))
+            again = searching.robust("huber", approximate_values(first), from_start=True)
+            found = simpler(search, found, *searching.run(*again))
         return found
     # An adjustment without a minimum need not be tried again: the start values are what is left.
     begin = searching.robust(robust or "huber", start, from_start=first is not None)
@@ -167,15 +184,54 @@ class _Searching:
             solution: the adjustment of the whole network.
             values: test values (n,) of its outliers, which are set aside before the first round.
         """
-        alpha = self.alpha
-        if self.sidak:
-            alpha = float(1.0 - (1.0 - alpha) ** (1.0 / solution.equations.n_rows))
-        arguments = (solution, self.test, alpha, self.power, self.options)
-        for withdrawing in (True, False):
+        arguments = (solution, self.test, self._alpha(solution), self.power, self.options)
+
+        def made(withdrawing: bool) -> SnoopingSearch:
             search = SnoopingSearch(*arguments, withdrawing=withdrawing)
+            if values is not None:
+                search.begin(values, self.progress)
+            return search
+
+        return self._to_the_end(made)
+
+    def run_beside(self, start: Start) -> tuple[SnoopingSearch, Snooping]:
+        """Return a search that begins without what does not agree with a start from images."""
+        try:
+            clean = clean_adjustment(self.network, start, self.options)
+        except (InputError, DatumError) as error:
+            raise leaving_out(start, error) from None
+
+        def made(withdrawing: bool) -> SnoopingSearch:
+            return search_beside(
+                self.network,
+                start,
+                clean,
+                test=self.test,
+                alpha=self._alpha(clean),
+                power=self.power,
+                options=self.options,
+                withdrawing=withdrawing,
+            )
+
+        return self._to_the_end(made)
+
+    def _alpha(self, solution: Solution) -> float:
+        """Return the probability of a false alarm of one test."""
+        if not self.sidak:
+            return self.alpha
+        return float(1.0 - (1.0 - self.alpha) ** (1.0 / solution.equations.n_rows))
+
+    def _to_the_end(
+        self, made: Callable[[bool], SnoopingSearch]
+    ) -> tuple[SnoopingSearch, Snooping]:
+        """Return a search at its end, and its result.
+
+        Args:
+            made: makes the search; whether its rounds withdraw observations.
+        """
+        for withdrawing in (True, False):
             try:
-                if values is not None:
-                    search.begin(values, self.progress)
+                search = made(withdrawing)
                 reason = search.run(self.share, self.max_rounds, self.progress)
             except CannotSettle:
                 continue

@@ -68,6 +68,7 @@ class SnoopingSearch:
         self.test: Test = test
         self.alpha, self.power, self.options = alpha, power, options
         self.first = reliability(solution, alpha=alpha, power=power)
+        self.whole = solution if solution.weights is None else None
         self.present = Present(self.first, test)
         self.factors = FactorSearch(solution.extra, test, alpha)
         self.withdrawing = withdrawing and not self.factors
@@ -403,14 +404,14 @@ class SnoopingSearch:
             self.test,
             reason,
             tuple(self._final_factors()),
-            self.first.solution if self.first.solution.weights is None else None,
+            self.whole,
             self._causes,
         )
 
     def _causes(self) -> Causes | None:
         """Return what may have caused the misfits; none where there are none."""
         first = self.first
-        if first.solution.weights is not None:  # a robust start hides causes that several share
+        if self.whole is None:  # a robust start hides causes that several share
             first = self.reliability  # where nothing is bent, if the whole has no minimum
             with suppress(AdjustmentError):
                 extra = self.factors.given

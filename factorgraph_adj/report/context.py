@@ -36,7 +36,7 @@ from ..solve.singular import SingularError
 from ..solve.solution import Solution
 from ..types import Array, Mask
 from ..units import ANGLE, LENGTH
-from ..validate.preliminary.search import preliminary
+from ..validate.preliminary.search import mistaken, preliminary
 from . import axes
 from .doubts import above_critical, at_check_points, doubts_about, lost, of_network, reasons
 from .options import Provenance, ReportOptions
@@ -179,13 +179,27 @@ class Report:
 
     @property
     def in_common(self) -> list[str]:
-        """What speaks against gross errors of single readings, where data snooping found some."""
+        """What speaks against gross errors of single readings."""
         return [*self.likelier, *self._found_before, *self._lost]
 
     @cached_property
     def _found_before(self) -> list[str]:
-        """The preliminary findings that explain observations set aside or unresolved."""
+        """The preliminary findings that explain what does not fit.
+
+        After data snooping they concern observations set aside or unresolved; without it, where
+        the adjustment did not come to rest or the global test failed, they are mistakes of whole
+        groups, such as a unit.
+        """
         original = self.provenance.original
+        if self.snooping is None and doubts_about(self.solution):
+            return [
+                f"found before the adjustment: {finding}"
+                for finding in mistaken(
+                    self.network if original is None else original,
+                    length=self.units.length,
+                    angle=self.units.angle,
+                )
+            ]
         if self.snooping is None or original is None:
             return []
         wrong = {*self.snooping.ids_set_aside, *(u.id for u in self.snooping.unresolved)}

@@ -51,8 +51,8 @@ def summary(report: Report) -> dict[str, Any]:
         **({"run": run} if run else {}),
         "name": network.name,
         "units": {"length": "m", "angle": "rad"},
-        **_frame(network.frame),
-        **({} if network.crs is None else {"reference_system": _system(network.crs)}),
+        **frame_record(network.frame),
+        **({} if network.crs is None else {"reference_system": system_record(network.crs)}),
         "converged": s.converged,
         "reason": s.reason,
         "iterations": s.iterations,
@@ -89,7 +89,7 @@ def summary(report: Report) -> dict[str, Any]:
     }
 
 
-def _frame(frame: Frame) -> dict[str, Any]:
+def frame_record(frame: Frame) -> dict[str, Any]:
     """Return the kind of a frame and its parameters, metres and radians."""
     kind = "local" if isinstance(frame, LocalFrame) else "topocentric"
     kind = "geocentric" if isinstance(frame, GeocentricFrame) else kind
@@ -98,7 +98,7 @@ def _frame(frame: Frame) -> dict[str, Any]:
     return {"frame": kind, "frame_parameters": of_frame}
 
 
-def _system(system: ReferenceSystem) -> dict[str, Any]:
+def system_record(system: ReferenceSystem) -> dict[str, Any]:
     """Return how a reference system was stated."""
     stated = {
         "definition": system.definition,

@@ -14,11 +14,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..approximate.shapes import on_shapes, place_shapes
-from ..errors import InputError, Problem
+from ..block_orientation.begin import start_of, without_poses
+from ..errors import AdjustmentError, InputError, Problem
 from ..graph.equations import compile_network
 from ..models.variables import UNKNOWNS, UnknownKind
 from ..network.entities import Parameter, parameter_name
 from ..network.network import Network
+from ..solve.adjusted import with_values
 from ..types import Array
 
 HINT = "state them, or plan with as_network() of an adjustment that found them"
@@ -27,13 +29,15 @@ HINT = "state them, or plan with as_network() of an adjustment that found them"
 def with_given_values(network: Network) -> Network:
     """Return the network with values of all its unknowns.
 
-    Values that are given stay as they are.
+    Values that are given stay as they are. Photos that were taken already, and have no pose, are
+    oriented from their image points, as `adjust` does.
 
     Raises:
         InputError: every point without coordinates, every photo without position or rotation,
             every shape that its points do not determine, and every other unknown without a value
             that it needs.
     """
+    network = _oriented(network)
     problems = [
         Problem("a plan needs its coordinates", f"point {name!r}")
         for name, p in network.points.items()
@@ -64,6 +68,18 @@ def with_given_values(network: Network) -> Network:
         raise InputError(problems)
     found.parameters = parameters
     return found
+
+
+def _oriented(network: Network) -> Network:
+    """Return the network with poses and points from image points; unchanged if that fails."""
+    if not without_poses(network) or not network.images.columns()[2].any():
+        return network
+    equations = compile_network(network)
+    try:
+        start = start_of(equations, network.datum, None)
+    except AdjustmentError:
+        return network
+    return with_values(network, equations.unknowns, start.state)
 
 
 def with_defaults(kind: UnknownKind, given: Parameter) -> Parameter:

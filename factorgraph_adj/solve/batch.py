@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 from ..block_orientation.begin import leaving_out, start_of
-from ..errors import InputError, known
+from ..errors import DatumError, InputError, known
 from ..graph.equations import compile_network
 from ..network.network import DatumChoice, Network
 from ..types import Array
@@ -90,7 +90,7 @@ def adjust(
             progress=progress,
             astray=True,
         )
-    except InputError as error:
+    except (InputError, DatumError) as error:
         raise (error if start is not None else leaving_out(begin, error)) from None
 
 

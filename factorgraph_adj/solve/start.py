@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +24,10 @@ class Start:
     """Values x₀ that the inner constraints of a free network refer to."""
     words: tuple[str, ...] = ()
     """Sentences on how the values were found; none for given and approximate values."""
+    doubtful: tuple[str, ...] = ()
+    """Ids of image points that do not agree with the values, if they were found from images."""
+    unreached: tuple[str, ...] = ()
+    """Points of which fewer than two image points agree."""
 
     @classmethod
     def of(cls, given: Solution | Start) -> Start:
@@ -44,7 +48,7 @@ class Start:
             return None
         moving = unknowns.moving()
         state = unknowns.carried(origin, self.unknowns, self.state, where=moving)
-        return Start(unknowns, state, origin, self.words)
+        return replace(self, unknowns=unknowns, state=state, origin=origin)
 
 
 def approximate_start(

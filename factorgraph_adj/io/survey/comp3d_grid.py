@@ -60,8 +60,9 @@ def grid_system(
         what = "its heights are altitudes: give geoid=, the path of a grid or a constant undulation"
         raise InputError(Problem(what, name))
     try:
-        heights = "ellipsoidal" if geoid is None else None
-        return ReferenceSystem(definition, geoid, heights).checked()
+        if geoid is None:
+            return ReferenceSystem(definition, heights="ellipsoidal").checked()
+        return ReferenceSystem(definition, geoid).checked()
     except InputError as error:
         hint = "" if crs is not None else "; crs= states another one"
         raise InputError(

@@ -126,6 +126,7 @@ def read_jag3d(
         deflections=read.deflections,
         point_sigma=point_mm * mm,
         problems=read.problems,
+        where=", ".join(f.name for f in files[:20]),
     )
 
 

@@ -22,6 +22,7 @@ def as_network(
     reduction: Reduction | None = None,
     point_sigma: float = POINT_SIGMA,
     problems: Sequence[Problem] = (),
+    where: str,
 ) -> Network:
     """Return the network of groups of points and observations.
 
@@ -34,6 +35,7 @@ def as_network(
         reduction: reductions that JAG3D applies.
         point_sigma: σ of stochastic points that state none, metres.
         problems: problems found so far.
+        where: names of the files, for what concerns all of them.
 
     Raises:
         InputError: all problems.
@@ -44,10 +46,10 @@ def as_network(
     for group in groups:
         _add_group(made, group)
     if not made.problems and not made.network.points:
-        made.problems.append(Problem("there are no points", name))
+        made.problems.append(Problem("there are no points", where))
     if made.problems:
         rest = len(made.problems) - MOST_LISTED
-        more = [Problem(f"and {rest} further problems", name)] if rest > 0 else []
+        more = [Problem(f"and {rest} further problems", where)] if rest > 0 else []
         raise InputError([*made.problems[:MOST_LISTED], *more])
     return made.network
 

@@ -142,6 +142,7 @@ class _Tables:
             deflections=self._deflections(),
             reduction=reduction,
             problems=self.problems,
+            where=self.path.name,
         )
 
     def _all(self, name: str) -> list[TableRow]:

@@ -30,8 +30,8 @@ from .jag3d_flat import FILE_KINDS, MOST_NAME
 from .jag3d_model import KINDS
 from .sigmas import sigmas_of
 
-INSTRUMENTS = ("instrument", "index_error", "collimation_error")
-"""Attributes of observations that name unknowns of instruments."""
+INSTRUMENTS = ("index_error", "collimation_error")
+"""Attributes of observations that name errors of the instrument which JAG3D does not have."""
 HEADS = {
     "points_1d": "name y x z [σ]",
     "points_2d": "name y x [σ_y σ_x]",
@@ -192,11 +192,7 @@ class _Writer:
         for o in self.network.observations.values():
             if type(o) not in _FORMS:
                 self.refuse(f"a {o.kind.replace('_', ' ')}", o.label())
-            elif any(
-                self.network.parameters["edm"].get(name) is None if a == "instrument" else True
-                for a in INSTRUMENTS
-                if (name := getattr(o, a, None)) is not None
-            ):
+            elif any(getattr(o, a, None) for a in INSTRUMENTS):
                 self.refuse("unknowns of instruments", o.label())
             elif isinstance(o, Direction) and o.face != 1:
                 self.refuse("directions of the second face", o.label())

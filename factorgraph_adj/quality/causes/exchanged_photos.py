@@ -51,7 +51,7 @@ def exchanged_photos(
         return
     network, critical = equations.network, chi2_quantile(1.0 - alpha, 1)
     suspects = _suspects(equations, set(ids))
-    before = float(np.nansum(np.square(equations.residuals(Innovations(equations, clean).state))))
+    before = float(np.nansum(np.square(Innovations(equations, clean).residuals())))
     best: tuple[float, tuple[str, str]] | None = None
     for a, b in list(combinations(suspects, 2))[:MOST]:
         try:

@@ -56,7 +56,7 @@ def mirrored_block(
     if not equations.rays or not _most_of_a_kind(equations, ids):
         return
     critical = chi2_quantile(1.0 - alpha, 1)
-    before = _squares(equations, Innovations(equations, clean).state)
+    before = np.square(Innovations(equations, clean).residuals())
     least = max(FIT, float(np.mean(before <= critical)))
     used = {photo.camera for photo in network.photos.values()}
     choices: list[tuple[str, set[str]]] = [("of all photos", used)]
@@ -82,7 +82,7 @@ def mirrored_block(
             for ident, camera in zip(block.ids, _cameras(equations, block), strict=True)
             if camera in cameras
         )
-        yield Match(cause, where, rays, float(np.sum(before)), best.t2)
+        yield Match(cause, where, rays, float(np.nansum(before)), best.t2)
         return
 
 

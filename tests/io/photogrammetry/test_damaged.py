@@ -40,6 +40,7 @@ CASES = {
     "aicon": Case(lambda _: photo_files.aicon(), "block.obc", "aicon"),
     "opf": Case(photo_files.opf, "block.opf", "opf"),
     "opensfm": Case(lambda _: photo_files.opensfm(), "reconstruction.json", "opensfm"),
+    "openmvg": Case(lambda _: photo_files.openmvg(), "sfm_data.json", "openmvg"),
     "opencv yaml": Case(lambda f: photo_files.opencv(".yml", f), "calibration.yml", "opencv"),
     "opencv xml": Case(lambda f: photo_files.opencv(".xml", f), "calibration.xml", "opencv"),
     "micmac": Case(
