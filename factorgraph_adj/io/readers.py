@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .bal import read_bal
-from .format_options import options_of, refuse_unknown
+from .format_options import arguments_of, options_of, refuse_unknown
 from .gama import read_gama
 from .gnss.dynaml import read_dynaml
 from .gnss.gvx import read_gvx
@@ -215,14 +215,14 @@ class NetworkAlone:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Names of the keyword-only arguments of the function."""
+        """Names of the keyword-only arguments of the function, and of fields of groups."""
         return options_of(self.read)
 
     def __call__(
         self, path: Path, /, *, readings: bool, allow_outside: bool, **options: Any
     ) -> Project:
         """Read a file."""
-        return Project(self.read(path, **options), path)
+        return Project(self.read(path, **arguments_of(self.read, options)), path)
 
 
 def has(word: bytes) -> Callable[[Path], bool]:

@@ -40,6 +40,8 @@ _SCALE = re.compile(r"SET FILES SCALE (\d+)")
 _VALUE = re.compile(r"\s*(?:'((?:[^']|'')*)'|([^,']*))\s*(,|$)")
 _ESCAPE = re.compile(r"\\u([0-9a-fA-F]{4})")
 _NOT_FINITE = {"1E0/0": math.inf, "-1E0/0": -math.inf, "0E0/0E0": math.nan}
+STATEMENTS = ("SET", "CREATE", "ALTER", "INSERT", "GRANT", "REVOKE", "COMMENT", "DECLARE")
+"""First words of the statements of a script; read are tables, their columns and their rows."""
 CONSTRAINTS = ("PRIMARY", "CONSTRAINT", "UNIQUE", "FOREIGN", "CHECK")
 """Words with which an entry of CREATE TABLE begins that is no column."""
 MOST_ROWS = 10_000_000
@@ -83,10 +85,12 @@ def read_tables(path: Path, wanted: Collection[str]) -> dict[str, Table]:
     lines = LinesOfFile(path)
     tables: dict[str, Table] = {}
     roots: dict[str, tuple[int, list[int]]] = {}
+    named: set[str] = set()
     scale = 1
     for number, line in lines.numbered():
         if found := _CREATE.match(line):
             name = found[2]
+            named.add(name)
             if name in wanted:
                 tables[name] = Table(name, _columns(found[3]), found[1] == "CACHED ")
         elif (found := _ADDED.match(line)) and found[1] in tables:
@@ -97,8 +101,14 @@ def read_tables(path: Path, wanted: Collection[str]) -> dict[str, Table]:
             roots[found[1]] = number, [int(w) for w in found[2].split()]
         elif (found := _INSERT.match(line)) and found[1] in tables:
             _insert(lines, number, tables[found[1]], found[2])
-        elif line.startswith("INSERT INTO") and not found:
+        elif line.startswith("INSERT") and not found:
             lines.add(number, "an INSERT statement is cut or damaged")
+        elif found and found[1] not in named:
+            what = f"a row of the table {found[1][:40]!r}, which the file does not create"
+            lines.add(number, what)
+        elif line.strip() and line.split(None, 1)[0] not in STATEMENTS:
+            word = line.split(None, 1)[0][:40]
+            lines.add(number, f"unknown statement {word!r}; valid: {', '.join(STATEMENTS)}")
     _refuse_waiting(path, lines)
     cached = {n: r for n, r in roots.items() if n in tables and tables[n].cached}
     if cached and not lines.problems:
@@ -160,10 +170,15 @@ def _literal(quoted: str | None, bare: str | None) -> Any:
         return _NOT_FINITE[word]
     for kind in (int, float):
         try:
-            return kind(word)
+            value = kind(word)
+            return value if abs(value) < _LARGEST else _Damaged(word)
         except ValueError:
             continue
     return _Damaged(word)
+
+
+_LARGEST = 1e18
+"""Size from which a number is taken for damage."""
 
 
 class _Damaged(str):
