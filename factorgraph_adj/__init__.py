@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from .models.variables import register_unknown
     from .network.entities import Camera, Parameter, Photo, Point
     from .network.from_grid import from_grid
+    from .network.join import join
     from .network.network import Network
     from .network.selection import without
     from .observations.airborne import (
@@ -234,6 +235,7 @@ __all__ = [
     "from_grid",
     "grid_coordinates",
     "grid_photos",
+    "join",
     "load_solution",
     "memory_needed",
     "orient",
@@ -388,6 +390,7 @@ _MODULES = {
     "from_grid": "network.from_grid",
     "grid_coordinates": "solve.grid",
     "grid_photos": "solve.grid",
+    "join": "network.join",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.batch",
     "orient": "block_orientation.orient",
