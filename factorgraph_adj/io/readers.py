@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .bal import read_bal
-from .format_options import options_of, refuse_unknown
+from .format_options import arguments_of, options_of, refuse_unknown
 from .gama import read_gama
 from .gnss.dynaml import read_dynaml
 from .gnss.gvx import read_gvx
@@ -36,6 +36,7 @@ from .survey.jag3d import is_jag3d, read_jag3d
 from .survey.jobxml import read_jobxml, recognises_jobxml
 from .survey.landxml import read_landxml, recognises_landxml
 from .survey.lgc2 import read_lgc2
+from .survey.mmvii import is_mmvii, read_mmvii
 from .survey.sdr33 import read_sdr33
 from .survey.star_net import read_star_net
 from .text import beginning
@@ -214,14 +215,14 @@ class NetworkAlone:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Names of the keyword-only arguments of the function."""
+        """Names of the keyword-only arguments of the function, and of fields of groups."""
         return options_of(self.read)
 
     def __call__(
         self, path: Path, /, *, readings: bool, allow_outside: bool, **options: Any
     ) -> Project:
         """Read a file."""
-        return Project(self.read(path, **options), path)
+        return Project(self.read(path, **arguments_of(self.read, options)), path)
 
 
 def has(word: bytes) -> Callable[[Path], bool]:
@@ -255,6 +256,13 @@ READERS = Readers(
             recognises=has(b"<GVX"),
         ),
         Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d), own_grid=True),
+        Reader(
+            "mmvii",
+            (".obs",),
+            "survey of MMVII",
+            NetworkAlone(read_mmvii),
+            recognises=is_mmvii,
+        ),
         Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkAlone(read_lgc2)),
         Reader(
             "colmap", (), "COLMAP", NetworkAlone(read_colmap), folders=True, recognises=is_colmap

@@ -352,7 +352,7 @@ class _Reader:
         value = self.values.length(line, text, "distance")
         sigma = self.values.sigma(line, error, "distance")
         in_space = self.values.now.dimension != "2D"
-        sloping = in_space and self._mode(line) == "slope"
+        sloping = in_space and self._mode(line) != "horizontal"
         if not sloping:
             self._add(line, HorizontalDistance, ends, value, sigma)
         elif flat:
@@ -373,7 +373,7 @@ class _Reader:
         heights: list[float],
     ) -> None:
         text, error = given["vertical"]
-        if self._mode(line) != "slope":
+        if self._mode(line) == "horizontal":
             value = self.values.length(line, text, "elevation difference")
             far = given.get("distance", ("?", None))[0]
             distance = None if far == "?" else self.values.length(line, far, "distance")

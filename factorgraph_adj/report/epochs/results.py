@@ -84,10 +84,13 @@ def record_of_test(test: Test) -> dict[str, Any]:
 
 
 def _displacements(report: EpochsReport) -> list[dict[str, Any]]:
-    every = zip(report.found.displacements.values(), report.states, report.ellipses, strict=True)
+    found = report.found
+    later = dict(zip(found.differences.names, found.differences.later, strict=True))
+    every = zip(found.displacements.values(), report.states, report.ellipses, strict=True)
     return [
         {
             "name": x.name,
+            "name_later": later[x.name],
             "state": state,
             "place": x.place.tolist(),
             "vector": x.vector.tolist(),
