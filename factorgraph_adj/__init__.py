@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from .io.survey.jobxml import read_jobxml
     from .io.survey.landxml import read_landxml
     from .io.survey.lgc2 import read_lgc2
+    from .io.survey.mmvii import read_mmvii
     from .io.survey.sdr33 import read_sdr33
     from .io.survey.star_net import read_star_net
     from .io.survey.star_net_options import StarNetOptions
@@ -261,6 +262,7 @@ __all__ = [
     "read_lgc2",
     "read_metashape",
     "read_micmac",
+    "read_mmvii",
     "read_opencv",
     "read_openmvg",
     "read_opensfm",
@@ -442,6 +444,7 @@ _MODULES = {
     "read_jag3d": "io.survey.jag3d",
     "read_jobxml": "io.survey.jobxml",
     "read_landxml": "io.survey.landxml",
+    "read_mmvii": "io.survey.mmvii",
     "read_sdr33": "io.survey.sdr33",
     "read_star_net": "io.survey.star_net",
     "results_schema": "export.results",

@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 from ..errors import Problem
 
 _HEADER = re.compile(r"\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(?:#.*)?$")
-_KEY = re.compile(
-    r"\s*((?:[\w-]+|\"[^\"]*\"|'[^']*')(?:\s*\.\s*(?:[\w-]+|\"[^\"]*\"|'[^']*'))*)\s*="
-)
+_BARE = r"(?:[\w-]+|\"[^\"]*\"|'[^']*')"
+_KEY = re.compile(rf"\s*({_BARE}(?:\s*\.\s*{_BARE})*)\s*=")
 _PART = re.compile(r"\"([^\"]*)\"|'([^']*)'|([\w-]+)")
 _TABLE = re.compile(r"\[\[?([^\[\]]+?)\]\]?|^: (\w+)")
 _NAMED = re.compile(r"\s'([^']*)'|\s(\d+)\b")

@@ -33,6 +33,8 @@ distance = "S"
 instrument_height = "=1.5"
 target_height = "th"
 """
+OPTIONS = ("fixed",)
+"""Options of readers that problems may be about."""
 HELD = {"fixed": "A,B,C", "refraction": None}
 
 
@@ -51,11 +53,11 @@ class Format:
     beside: Mapping[str, str] = field(default_factory=dict)
     """Options that name another file, and its name."""
 
-    def read(self, folder: Path) -> fga.Network:
-        """Read the files in a folder."""
+    def reads(self, path: Path) -> fga.Network:
+        """Read the file with which the reader begins, or the folder."""
+        folder = path.parent if self.begin else path
         other = {name: folder / file for name, file in self.beside.items()}
-        at = folder / self.begin if self.begin else folder
-        return fga.read(at, format=self.reader, **self.options, **other)
+        return fga.read(path, format=self.reader, **self.options, **other)
 
 
 def _texts(**texts: str) -> Callable[[Path], Files]:

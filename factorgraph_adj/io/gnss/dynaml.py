@@ -163,6 +163,9 @@ def _station(file: XmlSource, network: Network, element: Element) -> None:
     if kind not in STATION_TYPES:
         what = f"type {kind!r} of a station is not read; valid: {', '.join(STATION_TYPES)}"
         file.add(element.line, f"{what} (DynAdjust's dnaimport exports LLH)")
+    own = "" if at is None else file.text(at, "Name", name)
+    if at is not None and own != name:
+        file.add(at.line, f"coordinates of {own[:40]!r} in the station {name[:40]!r}")
     if at is None or len(file.problems) > before:
         return
     xyz = place_of(file, at, kind, network)

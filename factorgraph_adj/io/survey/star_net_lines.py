@@ -312,7 +312,8 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
             elif linear:
                 now.linear = linear[0]
             else:
-                values.notes.add(line, f".UNITS {said}: valid: Meters, FeetUS, FeetInt, DMS, GONS")
+                valid = "Meters, FeetUS, FeetInt, DMS, GONS"
+                values.notes.add(line, f".UNITS {said[:40]}: valid: {valid}")
     elif option == "ORDER":
         for word, said in zip(rest, given, strict=True):
             if word in ("NE", "EN"):

@@ -20,7 +20,6 @@ from tests.io.survey.field_files import (
     KNOWN,
     MAPPING,
     STATION,
-    columns,
     gsi,
     landxml,
     sights,
@@ -151,36 +150,6 @@ def test_convert_writes_a_field_book_as_a_project_and_for_star_net(tmp_path, cap
 
 
 # -- damaged files --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_damaged_files_are_refused_with_file_and_line_or_read(tmp_path, name):
-    files = columns() if name.endswith(".csv") else {name: FILES[name]()}
-    files = {n: t.encode() for n, t in files.items()}
-    rng = np.random.default_rng(21)
-    refused = 0
-    write(tmp_path, name)
-    for i in range(DAMAGED):
-        which = sorted(files)[int(rng.integers(len(files)))]
-        content, done = files[which], []
-        for _ in range(1 + int(rng.random() < 0.3)):
-            damage = SMALL[int(rng.integers(len(SMALL)))]
-            content = damage(rng, which, content)
-            done.append(damage.__name__)
-        for other, data in files.items():
-            (tmp_path / other).write_bytes(content if other == which else data)
-        try:
-            network = fga.read(tmp_path / name, format=FORMAT.get(name), **options(name))
-        except InputError as error:
-            refused += 1
-            text = str(error)
-            assert "book" in text or "points.csv" in text or "fixed" in text, (done, text)
-            assert len(error.problems) <= 102
-            continue
-        except Exception as error:
-            raise AssertionError(f"{i}: {done}") from error
-        assert all(math.isfinite(o.value) for o in network.observations.values())
-    assert refused > DAMAGED // 4
 
 
 @pytest.mark.parametrize("name", NAMES)
