@@ -256,7 +256,6 @@ READERS = Readers(
             recognises=has(b"<GVX"),
         ),
         Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d), own_grid=True),
-        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d)),
         Reader(
             "mmvii",
             (".obs",),
