@@ -89,14 +89,6 @@ def test_a_coefficient_without_curvature_is_kept(tmp_path: Path, kappa: float) -
     assert fga.from_grid(network, system).refractions[""].values == (kappa,)
 
 
-def test_exchanged_easting_and_northing_are_told_of_the_points_together() -> None:
-    network = fga.Network("exchanged")
-    for name, (east, north, height) in CONTROL.items():
-        network.add_point(name, (north, east, height))
-    with pytest.raises(fga.InputError, match="middle of the points: is far outside of the area of"):
-        fga.from_grid(network, fga.ReferenceSystem("EPSG:25832", geoid=UNDULATION))
-
-
 def test_another_zone_is_told_where_vectors_of_gnss_say_so() -> None:
     """Coordinates of zone 32 read in zone 33 are as far apart, and turned: only vectors tell."""
     right = fga.ReferenceSystem("EPSG:25832", geoid=UNDULATION)
