@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .bal import read_bal
-from .format_options import options_of, refuse_unknown
+from .format_options import fitting, options_of, refuse_unknown
 from .gama import read_gama
 from .gnss.dynaml import read_dynaml
 from .gnss.gvx import read_gvx
@@ -146,7 +146,8 @@ class Readers:
 
         Raises:
             InputError: the file does not exist, no reader has its suffix or its name, the reader
-                has no such option, or the file has problems (all are listed).
+                has no such option or another kind of value for it, or the file has problems (all
+                are listed).
         """
         source = Path(path)
         if not source.exists():
@@ -155,6 +156,8 @@ class Readers:
         given = dict(options or {})
         doing = f"reading {reader.description}"
         refuse_unknown(given, reader.options, doing=doing, where=str(path))
+        if isinstance(reader.load, NetworkAlone):
+            given = fitting(reader.load.read, given, doing=doing, where=str(path))
         return reader.load(source, readings=readings, allow_outside=allow_outside, **given)
 
     def named(self, name: str) -> Reader:

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..errors import InputError, Problem, known
 from ..network.network import Network
-from .format_options import options_of, refuse_unknown
+from .format_options import fitting, options_of, refuse_unknown
 from .gnss.write_dynaml import write_dynaml
 from .gnss.write_gvx import write_gvx
 from .gnss.write_sinex import write_sinex
@@ -107,6 +107,7 @@ class Writers:
         given = dict(options or {})
         doing = f"writing {writer.description}"
         refuse_unknown(given, writer.options, doing=doing, where=str(path))
+        given = fitting(writer.write, given, doing=doing, where=str(path))
         writer.write(network, Path(path), **given)
 
 

@@ -45,6 +45,14 @@ def test_an_option_that_the_reader_does_not_have_is_refused(tmp_path, capsys):
 def test_settings_are_values_of_toml_or_texts():
     given = settings(["a=1", "b=true", "c=north east", 'd="x"', "e=[1, 2]", "f=1=2"], "--set")
     assert given == {"a": 1, "b": True, "c": "north east", "d": "x", "e": [1, 2], "f": "1=2"}
+    given = settings(["a={b = 1, c = 2}", 'd={"b": 1}', 'e={"b: 1}', "f=null", "g={b: 1}"], "--set")
+    assert given == {
+        "a": {"b": 1, "c": 2},
+        "d": {"b": 1},
+        "e": '{"b: 1}',
+        "f": "null",
+        "g": "{b: 1}",
+    }
     with pytest.raises(InputError) as caught:
         settings(["a", "=1", "b=1", "b=2"], "--set")
     assert [str(p) for p in caught.value.problems] == [
