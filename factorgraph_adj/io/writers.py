@@ -45,6 +45,9 @@ class Writer:
     It raises InputError for everything of the network that the format cannot express, and leaves
     no file behind then."""
 
+    alone: str = ""
+    """What it writes, where that is a part of the network; empty: everything."""
+
     @property
     def options(self) -> tuple[str, ...]:
         """Names of the keyword-only arguments of the function."""
@@ -115,7 +118,7 @@ WRITERS = Writers(
     (
         Writer("project", (".toml",), "project", write_project),
         Writer("colmap", (), "COLMAP", write_colmap),
-        Writer("opencv", (".yml", ".yaml"), "calibration of OpenCV", write_opencv),
+        Writer("opencv", (".yml", ".yaml"), "calibration of OpenCV", write_opencv, "1 camera"),
         Writer("opf", (".opf",), "Open Photogrammetry Format", write_opf),
         Writer("sinex", (".snx", ".SNX"), "SINEX", write_sinex),
         Writer("dynaml", (), "DynaML of DynAdjust", write_dynaml),
