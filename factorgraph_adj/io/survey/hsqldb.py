@@ -170,19 +170,10 @@ def _literal(quoted: str | None, bare: str | None) -> Any:
         return None
     if word in _NOT_FINITE:
         return _NOT_FINITE[word]
-<<<<<<< HEAD
-    for kind in (int, float):
-        try:
-            value = kind(word)
-            return value if abs(value) < _LARGEST else _Damaged(word)
-        except ValueError:
-            continue
-    return _Damaged(word)
-=======
     if _NUMBER.fullmatch(word) is None or len(word) > 400:
         return _Damaged(word)
-    return int(word) if word.lstrip("-").isdigit() else float(word)
->>>>>>> wt-jag3d
+    value = int(word) if word.lstrip("-").isdigit() else float(word)
+    return value if abs(value) < _LARGEST else _Damaged(word)
 
 
 _LARGEST = 1e18

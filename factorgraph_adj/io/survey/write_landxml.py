@@ -53,7 +53,10 @@ def write_landxml(network: Network, path: str | Path, *, points_only: bool = Fal
         problems.append(Problem(what, network.name))
     count = len(network.observations) + network.n_image_points + len(network.photos)
     if count and not points_only:
-        what = f"{count} observations and photos are not written as LandXML: give points_only=true"
+        what = (
+            f"{count} observations and photos are not written as LandXML: give points_only=true "
+            "(on the command line --with points_only=true)"
+        )
         problems.append(Problem(what, network.name))
     east, north = (0, 1) if getattr(frame, "axes", "en") == "en" else (1, 0)
     lines = []
@@ -61,7 +64,9 @@ def write_landxml(network: Network, path: str | Path, *, points_only: bool = Fal
         at = p.coordinates if grid is None else tuple(grid.coordinates[p.name].tolist())
         known = [k for k in (north, east, 2) if not math.isnan(at[k])]
         if north not in known or east not in known:
-            problems.append(Problem("has no east and north", f"point {p.name!r}"))
+            problems.append(
+                Problem("has no east and north: write the adjusted network", f"point {p.name!r}")
+            )
             continue
         if not p.name.isprintable():
             problems.append(Problem("has a name that XML cannot hold", f"point {p.name!r}"))
