@@ -7,17 +7,12 @@ options: each field of the dataclass is an option of its own too.
 from __future__ import annotations
 
 import inspect
-<<<<<<< HEAD
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import fields, is_dataclass, replace
-from typing import Any
-=======
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields, is_dataclass, replace
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
->>>>>>> wt-trialp
 
 from ..errors import InputError, Problem, known, similar
 
@@ -108,7 +103,7 @@ def fitting(
         for p in inspect.signature(function).parameters.values()
         if p.kind is p.KEYWORD_ONLY and p.default is p.empty and p.name not in given
     ]
-    hints = get_type_hints(function) if given or needed else {}
+    hints = _kinds(function) if given or needed else {}
     out = dict(given)
     problems = [
         Problem(f"{doing} needs the option {name}: {' or '.join(_words(hints[name]))}", where)
@@ -127,6 +122,12 @@ def fitting(
     if problems:
         raise InputError(problems)
     return out
+
+
+def _kinds(function: Callable[..., object]) -> dict[str, Any]:
+    """Return the annotations of the options of a function, and of the fields of groups."""
+    inside = {n: k for g in _groups(function).values() for n, k in get_type_hints(type(g)).items()}
+    return {**inside, **get_type_hints(function)}
 
 
 def _fits(value: object, hint: Any) -> bool:

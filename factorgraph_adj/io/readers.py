@@ -13,8 +13,7 @@ from typing import Any, Protocol
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .bal import read_bal
-from .format_options import arguments_of, options_of, refuse_unknown
-from .format_options import fitting, options_of, refuse_unknown
+from .format_options import arguments_of, fitting, options_of, refuse_unknown
 from .gama import read_gama
 from .gnss.dynaml import read_dynaml
 from .gnss.gvx import read_gvx
@@ -41,7 +40,6 @@ from .survey.mmvii import is_mmvii, read_mmvii
 from .survey.sdr33 import read_sdr33
 from .survey.star_net import read_star_net
 from .text import beginning
-
 
 LOOKED_AT = 200
 """Largest number of entries of a folder that are looked at for what it may have."""
@@ -216,7 +214,11 @@ class Readers:
         if fitting:
             what = f"is none of {', '.join(r.description for r in fitting)} by its content"
             inside = self._inside(path)
-            what += f"; valid: {', '.join(inside)}" if inside else "; or name the format with format= or --from"
+            what += (
+                f"; valid: {', '.join(inside)}"
+                if inside
+                else "; or name the format with format= or --from"
+            )
             raise InputError(Problem(what, str(path)))
         outside = self._of_folder(path.parent)
         if outside:
