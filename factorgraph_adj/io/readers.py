@@ -209,16 +209,12 @@ class Readers:
             if len(found) == 1:
                 return found[0]
         if len(sure) > 1:
-            what = f"could be {' or '.join(r.description for r in sure)}; name the format with format= or --from"
+            what = f"could be {' or '.join(r.description for r in sure)}; say format= or --from"
             raise InputError(Problem(f"{what}: {', '.join(r.name for r in sure)}", str(path)))
         if fitting:
             what = f"is none of {', '.join(r.description for r in fitting)} by its content"
             inside = self._inside(path)
-            what += (
-                f"; valid: {', '.join(inside)}"
-                if inside
-                else "; or name the format with format= or --from"
-            )
+            what += f"; valid: {', '.join(inside)}" if inside else "; or say format= or --from"
             raise InputError(Problem(what, str(path)))
         outside = self._of_folder(path.parent)
         if outside:
