@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from .io.survey.jobxml import read_jobxml
     from .io.survey.landxml import read_landxml
     from .io.survey.lgc2 import read_lgc2
+    from .io.survey.mmvii import read_mmvii
     from .io.survey.sdr33 import read_sdr33
     from .io.survey.star_net import read_star_net
     from .io.survey.star_net_options import StarNetOptions
@@ -75,6 +76,7 @@ if TYPE_CHECKING:
     from .models.variables import register_unknown
     from .network.entities import Camera, Parameter, Photo, Point
     from .network.from_grid import from_grid
+    from .network.join import join
     from .network.network import Network
     from .network.selection import without
     from .observations.airborne import (
@@ -235,6 +237,7 @@ __all__ = [
     "from_grid",
     "grid_coordinates",
     "grid_photos",
+    "join",
     "load_solution",
     "memory_needed",
     "orient",
@@ -261,6 +264,7 @@ __all__ = [
     "read_lgc2",
     "read_metashape",
     "read_micmac",
+    "read_mmvii",
     "read_opencv",
     "read_openmvg",
     "read_opensfm",
@@ -388,6 +392,7 @@ _MODULES = {
     "from_grid": "network.from_grid",
     "grid_coordinates": "solve.grid",
     "grid_photos": "solve.grid",
+    "join": "network.join",
     "load_solution": "io.solution_file",
     "memory_needed": "solve.batch",
     "orient": "block_orientation.orient",
@@ -442,6 +447,7 @@ _MODULES = {
     "read_jag3d": "io.survey.jag3d",
     "read_jobxml": "io.survey.jobxml",
     "read_landxml": "io.survey.landxml",
+    "read_mmvii": "io.survey.mmvii",
     "read_sdr33": "io.survey.sdr33",
     "read_star_net": "io.survey.star_net",
     "results_schema": "export.results",

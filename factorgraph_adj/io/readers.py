@@ -36,6 +36,7 @@ from .survey.jag3d import is_jag3d, read_jag3d
 from .survey.jobxml import read_jobxml, recognises_jobxml
 from .survey.landxml import read_landxml, recognises_landxml
 from .survey.lgc2 import read_lgc2
+from .survey.mmvii import is_mmvii, read_mmvii
 from .survey.sdr33 import read_sdr33
 from .survey.star_net import read_star_net
 from .text import beginning
@@ -72,6 +73,8 @@ class Reader:
     recognises: Callable[[Path], bool] | None = None
     """Tells a file, or folder, of this format from those of other formats with the same suffix;
     None for the format that has the suffix where no other recognises the file."""
+    own_grid: bool = False
+    """Whether the function itself takes the reference system of a grid, as its option ``crs``."""
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -151,11 +154,15 @@ class Readers:
         source = Path(path)
         if not source.exists():
             raise InputError(Problem("no such file or folder", str(path)))
-        reader = self.of(source) if format is None else self.named(format)
+        reader = self.reader(source, format)
         given = dict(options or {})
         doing = f"reading {reader.description}"
         refuse_unknown(given, reader.options, doing=doing, where=str(path))
         return reader.load(source, readings=readings, allow_outside=allow_outside, **given)
+
+    def reader(self, path: Path, format: str | None = None) -> Reader:
+        """Return the reader of a format, or of a file. Raises as `named` and `of`."""
+        return self.of(path) if format is None else self.named(format)
 
     def named(self, name: str) -> Reader:
         """Return the reader of a format by its name.
@@ -248,7 +255,14 @@ READERS = Readers(
             NetworkAlone(read_gvx),
             recognises=has(b"<GVX"),
         ),
-        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d)),
+        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d), own_grid=True),
+        Reader(
+            "mmvii",
+            (".obs",),
+            "survey of MMVII",
+            NetworkAlone(read_mmvii),
+            recognises=is_mmvii,
+        ),
         Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkAlone(read_lgc2)),
         Reader(
             "colmap", (), "COLMAP", NetworkAlone(read_colmap), folders=True, recognises=is_colmap
@@ -310,7 +324,13 @@ READERS = Readers(
             "AICON 3D Studio",
             NetworkAlone(read_aicon),
         ),
-        Reader("star-net", (".dat", ".gps", ".GPS"), "STAR*NET", NetworkAlone(read_star_net)),
+        Reader(
+            "star-net",
+            (".dat", ".gps", ".GPS"),
+            "STAR*NET",
+            NetworkAlone(read_star_net),
+            own_grid=True,
+        ),
         Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkAlone(read_gsi)),
         Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkAlone(read_sdr33)),
         Reader(

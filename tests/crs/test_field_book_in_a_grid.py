@@ -87,3 +87,11 @@ def test_a_coefficient_without_curvature_is_kept(tmp_path: Path, kappa: float) -
     network = fga.read(_book(tmp_path, system), mapping=tmp_path / "mapping.toml")
     network.set_refraction(value=kappa, fixed=True)
     assert fga.from_grid(network, system).refractions[""].values == (kappa,)
+
+
+def test_exchanged_easting_and_northing_are_told_of_the_points_together() -> None:
+    network = fga.Network("exchanged")
+    for name, (east, north, height) in CONTROL.items():
+        network.add_point(name, (north, east, height))
+    with pytest.raises(fga.InputError, match="middle of the points: is far outside of the area of"):
+        fga.from_grid(network, fga.ReferenceSystem("EPSG:25832", geoid=UNDULATION))
