@@ -92,7 +92,7 @@ if TYPE_CHECKING:
     from .observations.far_directions import GyroAzimuth, PhotoSight, PhotoTilt
     from .observations.frame_sights import FrameDirection, FrameDistance, FrameZenith
     from .observations.image import ImagePoint
-    from .observations.in_frames import FrameCoordinate
+    from .observations.in_frames import FrameCoordinate, FrameVector
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
     from .observations.registry import ObservationKind, register_observation
     from .observations.relative import RelativePosition, RelativeRotation
@@ -169,6 +169,7 @@ __all__ = [
     "FrameCoordinate",
     "FrameDirection",
     "FrameDistance",
+    "FrameVector",
     "FrameZenith",
     "GeocentricFrame",
     "GnssPosition",
@@ -325,6 +326,7 @@ _MODULES = {
     "FrameCoordinate": "observations.in_frames",
     "FrameDirection": "observations.frame_sights",
     "FrameDistance": "observations.frame_sights",
+    "FrameVector": "observations.in_frames",
     "FrameZenith": "observations.frame_sights",
     "AntennaVector": "observations.airborne",
     "GridCoordinates": "solve.grid",

@@ -54,6 +54,8 @@ def tables() -> tuple[str, ...]:
     )
 
 
+PROJECT_FILE = "project.toml"
+"""File of a project that is named by its folder."""
 KEYS = (
     *("name", "datum", "dimension", "frame", "crs", "units", "files", "camera", "sigma"),
     *("readings", "adjust"),
@@ -132,7 +134,7 @@ def load_project(
     """
     path = Path(path)
     if path.is_dir():
-        path = path / "project.toml"
+        path = path / PROJECT_FILE
     problems: list[Problem] = []
     text = read_text(path)
     document, places = parse_toml(text, path.name), TomlPlaces(text, path.name)

@@ -38,6 +38,7 @@ _INSERT = re.compile(r'INSERT INTO (?:"?\w+"?\.)?"?(\w+)"? VALUES\s*\((.*)\)\s*;
 _INDEX = re.compile(r"SET TABLE (?:\"?\w+\"?\.)?\"?(\w+)\"? INDEX\s*'([\d ]+)'")
 _SCALE = re.compile(r"SET FILES SCALE (\d+)")
 _VALUE = re.compile(r"\s*(?:'((?:[^']|'')*)'|([^,']*))\s*(,|$)")
+_NUMBER = re.compile(r"-?\d+(\.\d*)?(E-?\d+)?", re.ASCII)
 _ESCAPE = re.compile(r"\\u([0-9a-fA-F]{4})")
 _NOT_FINITE = {"1E0/0": math.inf, "-1E0/0": -math.inf, "0E0/0E0": math.nan}
 STATEMENTS = ("SET", "CREATE", "ALTER", "INSERT", "GRANT", "REVOKE", "COMMENT", "DECLARE")
@@ -150,10 +151,11 @@ def _insert(lines: LinesOfFile, number: int, table: Table, text: str) -> None:
         what = f"a row of table {table.name} has {len(table.columns)} values, not {len(values)}"
         lines.add(number, what)
         return
-    row = dict(zip(table.columns, values, strict=True))
+    row: dict[str, Any] = {}
     for (name, kind), value in zip(table.columns.items(), values, strict=True):
-        if value is not None and not _fits(kind, value):
-            lines.add(number, f"{name} of table {table.name} is no {kind}: {value!r}")
+        row[name] = _typed(kind, value)
+        if isinstance(row[name], _Damaged):
+            lines.add(number, f"{name} of table {table.name} is no {kind}: {str(value)[:40]!r}")
             return
     table.rows.append(Row(row, lines.place(number)))
 
@@ -168,13 +170,10 @@ def _literal(quoted: str | None, bare: str | None) -> Any:
         return None
     if word in _NOT_FINITE:
         return _NOT_FINITE[word]
-    for kind in (int, float):
-        try:
-            value = kind(word)
-            return value if abs(value) < _LARGEST else _Damaged(word)
-        except ValueError:
-            continue
-    return _Damaged(word)
+    if _NUMBER.fullmatch(word) is None or len(word) > 400:
+        return _Damaged(word)
+    value = int(word) if word.lstrip("-").isdigit() else float(word)
+    return value if abs(value) < _LARGEST else _Damaged(word)
 
 
 _LARGEST = 1e18
@@ -185,21 +184,26 @@ class _Damaged(str):
     """A word that is no literal of SQL."""
 
 
-def _fits(kind: str, value: Any) -> bool:
-    """Return whether a value may stand in a column."""
-    if isinstance(value, _Damaged):
-        return False
-    wanted: dict[str, tuple[type, ...]] = {
-        "DOUBLE": (float, int),
-        "INTEGER": (int,),
-        "SMALLINT": (int,),
-        "TINYINT": (int,),
-        "BOOLEAN": (bool,),
-        "VARCHAR": (str,),
-    }
-    return isinstance(value, bool) == (kind == "BOOLEAN") and isinstance(
-        value, wanted.get(kind, (object,))
-    )
+_TYPES: dict[str, type] = {
+    "DOUBLE": float,
+    "INTEGER": int,
+    "SMALLINT": int,
+    "TINYINT": int,
+    "BOOLEAN": bool,
+    "VARCHAR": str,
+}
+
+
+def _typed(kind: str, value: Any) -> Any:
+    """Return a value of a column of a type; `_Damaged` if it cannot stand there."""
+    wanted = _TYPES.get(kind)
+    if value is None or wanted is None:
+        return value
+    if wanted is float and type(value) is int:
+        value = float(value) if abs(value) < 2**1000 else _Damaged(value)
+    if wanted is int and type(value) is int and abs(value) >= 2**63:
+        value = _Damaged(value)
+    return value if type(value) is wanted else _Damaged(value)
 
 
 def _refuse_waiting(path: Path, lines: LinesOfFile) -> None:
