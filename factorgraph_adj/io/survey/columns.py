@@ -99,7 +99,7 @@ class _Reader:
             self.book.current = None
             for line, row in self._rows(file, section):
                 read(line, row)
-            self.problems += list(self.book.notes.problems)
+            self.problems += self.book.notes.problems
         self.book.notes = Notes(self.path)
         for o in self.observations:
             for name in o.points():
