@@ -12,7 +12,8 @@ from typing import Any
 from ...epochs.blocks import BlockMotion
 from ...epochs.hypotheses import Test
 from ...version import __version__
-from ..summary import COVARIANCE, finite, frame_record, system_record
+from ..json_text import finite
+from ..summary import COVARIANCE, frame_record, system_record
 from .context import EpochsReport
 
 FORMAT = 1
