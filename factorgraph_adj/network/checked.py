@@ -60,6 +60,11 @@ def checked_point(
     )
 
 
+ASSUMED_DISTANCE = 1.2
+"""Principal distance of a camera of which none is known, parts of the longer side of the image: an
+angle of view of 45°."""
+
+
 def checked_camera(
     name: str,
     lens: Lens,
@@ -74,7 +79,7 @@ def checked_camera(
 ) -> Camera:
     """Return a camera; arguments and errors are those of `Network.add_camera`."""
     where = f"camera {name!r}"
-    names = lens.names
+    names, free = lens.names, set(free)
     weights = dict(sigma or {})
     unknown = [
         n
@@ -91,6 +96,8 @@ def checked_camera(
         )
     if isinstance(values, Mapping):
         numbers = [float(values.get(n, 0.0)) for n in names]
+        if "c" not in values and names[0] == "c" and "c" in free and format is not None:
+            numbers[0] = ASSUMED_DISTANCE * max(_sides(format, where))
     else:
         numbers = [float(v) for v in values]
     if len(numbers) != len(names) or not np.all(np.isfinite(numbers)):
@@ -99,14 +106,17 @@ def checked_camera(
         )
     if not numbers[0] > 0:
         raise InputError(
-            Problem(f"the principal distance must be positive, not {numbers[0]}", where)
+            Problem(
+                f"the principal distance must be positive, not {numbers[0]}; one that is unknown "
+                "may be left out if it is free and the format is given",
+                where,
+            )
         )
     bad = [n for n, s in weights.items() if not s > 0]
     if bad:
         raise InputError(Problem(f"sigma of {', '.join(bad)} must be > 0", where))
     if origin not in ORIGINS:
         raise InputError(Problem(f"unknown origin {origin!r}; valid: {', '.join(ORIGINS)}", where))
-    free = set(free)
     return Camera(
         name,
         lens,

@@ -19,23 +19,11 @@ from tests.loaders.borea import Block, read_borea
 from tests.networks.aicon import CAMERA as AICON_CAMERA
 from tests.networks.aicon import read_aicon
 from tests.networks.dbat import CAMCAL, read_camcal, read_roma, read_sxb
+from tests.networks.image_blocks import images_alone
 from tests.support.dbat_report import read_report
 from tests.support.places import data_dir
 
 pytestmark = pytest.mark.published
-
-
-def images_alone(network: fga.Network, *, datum: str | None = None) -> fga.Network:
-    """Return a network without poses, and without coordinates of points that are not held."""
-    out = network.copy()
-    for name, p in network.points.items():
-        if not p.held:
-            out.points[name] = replace(p, coordinates=(np.nan,) * 3)
-    for name, f in network.photos.items():
-        out.photos[name] = replace(f, position=None, rotation=None, fixed=(False,) * 6)
-    if datum is not None:
-        out.datum = datum
-    return out
 
 
 def from_images(network: fga.Network, photos: int) -> tuple[fga.Solution, object]:
@@ -238,3 +226,26 @@ def test_with_observed_attitudes_all_sixty_eight_begin(borea: Block) -> None:
     assert solution.converged
     assert len(solution.network.photos) == 68 and not solution.datum_defect
     assert solution.vtpv == pytest.approx(expected.vtpv, rel=1e-9)
+
+
+@pytest.mark.parametrize("given", [None, 75.0, 310.0])
+def test_an_aerial_block_without_its_principal_distance_finds_it(given: float | None) -> None:
+    """DBAT states 123.9392 mm. Given is nothing, or 0.6 or 2.5 times as much: one minimum."""
+    network = images_alone(read_sxb(data_dir("dbat_sxb")))
+    ((name, camera),) = network.cameras.items()
+    free = replace(camera, fixed=(False, *camera.fixed[1:]))
+    truth = network.copy()
+    truth.cameras[name] = free
+    if given is None:
+        del network.cameras[name]
+        values = dict(zip(camera.lens.names[1:], camera.values[1:], strict=True))
+        network.add_camera(name, camera.lens, values, free=["c"], format=camera.format)
+    else:
+        network.cameras[name] = replace(free, values=(given, *camera.values[1:]))
+    solution, found = from_images(network, 5)
+    assert found.found_distances[name] == pytest.approx(123.9392, rel=0.1)  # a start
+    expected = fga.adjust(truth)
+    assert solution.vtpv == pytest.approx(expected.vtpv, rel=1e-9)
+    c = solution.calibration(name)["c"]
+    sigma = np.sqrt(solution.variable_covariance(("calibration", name))[0, 0])
+    assert abs(c - 123.9392) < 4 * sigma
