@@ -34,3 +34,27 @@ def refuse_unknown(given: Iterable[str], valid: Sequence[str], *, doing: str, wh
     ]
     if problems:
         raise InputError(problems)
+
+
+def refuse_missing(
+    given: Iterable[str], function: Callable[..., object], *, doing: str, where: str
+) -> None:
+    """Raise the options without a default that are not given.
+
+    Args:
+        given: names of the options that are given.
+        function: function whose keyword-only arguments are the options.
+        doing: what the function does, for messages.
+        where: file concerned.
+
+    Raises:
+        InputError: an option must be given and is not.
+    """
+    names = set(given)
+    problems = [
+        Problem(f"{doing} needs the option {p.name!r}: --set {p.name}=… of the command", where)
+        for p in inspect.signature(function).parameters.values()
+        if p.kind is p.KEYWORD_ONLY and p.default is p.empty and p.name not in names
+    ]
+    if problems:
+        raise InputError(problems)

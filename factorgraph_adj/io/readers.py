@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .bal import read_bal
-from .format_options import options_of, refuse_unknown
+from .format_options import options_of, refuse_missing, refuse_unknown
 from .gama import read_gama
 from .gnss.dynaml import read_dynaml
 from .gnss.gvx import read_gvx
@@ -158,6 +158,8 @@ class Readers:
         given = dict(options or {})
         doing = f"reading {reader.description}"
         refuse_unknown(given, reader.options, doing=doing, where=str(path))
+        if isinstance(reader.load, NetworkAlone):
+            refuse_missing(given, reader.load.read, doing=doing, where=str(path))
         return reader.load(source, readings=readings, allow_outside=allow_outside, **given)
 
     def reader(self, path: Path, format: str | None = None) -> Reader:
