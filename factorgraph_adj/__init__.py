@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
+    from .io.survey.accuracies import Accuracies
     from .io.survey.columns import read_columns
     from .io.survey.comp3d import read_comp3d
     from .io.survey.gsi import read_gsi
@@ -150,6 +151,7 @@ if TYPE_CHECKING:
     from .version import __version__
 
 __all__ = [
+    "Accuracies",
     "AdjustmentError",
     "AntennaVector",
     "ApproximationError",
@@ -442,6 +444,7 @@ _MODULES = {
     "StarNetOptions": "io.survey.star_net_options",
     "covariance_array": "export.arrays",
     "read_columns": "io.survey.columns",
+    "Accuracies": "io.survey.accuracies",
     "read_gsi": "io.survey.gsi",
     "read_jag3d": "io.survey.jag3d",
     "read_jobxml": "io.survey.jobxml",

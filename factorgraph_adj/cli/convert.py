@@ -41,11 +41,14 @@ def add_writing(parser: argparse.ArgumentParser) -> None:
 
 def _convert(options: argparse.Namespace) -> int:
     writing = settings(options.writing, "--with")
-    WRITERS.of(Path(options.out), options.to)  # before a long reading
+    writer = WRITERS.of(Path(options.out), options.to)  # before a long reading
     project = read_input(options)
     warn(project.warnings)
     WRITERS.write(project.network, options.out, format=options.to, options=writing)
     network = project.network
+    if writer.alone:
+        print(f"{options.out}: {writer.alone} of {options.project}, and nothing else of it")
+        return FINE
     print(
         f"{options.out}: {len(network.points)} points, {len(network.photos)} photos, "
         f"{network.n_image_points} image points and {len(network.observations)} other "

@@ -12,7 +12,7 @@ import factorgraph_adj as fga
 from tests.field_mistakes.projects import facade, yard
 from tests.hostile.sources import GAMA, bal
 from tests.io.survey import field_files
-from tests.networks import photo_files, survey_files
+from tests.networks import jag3d, photo_files, survey_files
 
 Files = dict[str, bytes]
 MAPPING = """decimal = ","
@@ -88,6 +88,7 @@ FORMATS: dict[str, Format] = {
     "metashape-xml": Format("metashape-xml", photo_files.metashape, "cameras.xml"),
     "opf": Format("opf", photo_files.opf, "block.opf"),
     "opensfm": Format("opensfm", lambda _: photo_files.opensfm(), "reconstruction.json"),
+    "openmvg": Format("openmvg", lambda _: photo_files.openmvg(), "sfm_data.json"),
     "opencv": Format("opencv", lambda f: photo_files.opencv(".yml", f), "calibration.yml"),
     "opencv xml": Format("opencv", lambda f: photo_files.opencv(".xml", f), "calibration.xml"),
     "micmac": Format(
@@ -99,6 +100,9 @@ FORMATS: dict[str, Format] = {
     "bundler": Format("bundler", _text("b.out", photo_files.BUNDLER), "b.out"),
     "dbat": Format("dbat", lambda _: photo_files.dbat(), "script.xml"),
     "aicon": Format("aicon", lambda _: photo_files.aicon(), "block.obc"),
+    "jag3d": Format(
+        "jag3d", _text("site.script", lambda: jag3d.script(jag3d.site())), "site.script"
+    ),
     "star-net": Format(
         "star-net",
         _text("job.dat", survey_files.STAR_NET),

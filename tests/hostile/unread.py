@@ -10,7 +10,7 @@ import re
 
 NAMES_ARE_OPEN = (
     *("metashape", "metashape-xml", "opf", "opensfm", "opencv", "micmac", "jobxml", "landxml"),
-    "gvx",
+    *("gvx", "openmvg"),
 )
 """Readers of formats that grow by elements, attributes and keys: others than the read ones are not
 looked at. Values of what is read are judged as everywhere."""
@@ -51,6 +51,15 @@ PATTERNS: dict[str, tuple[str, ...]] = {
         r"block\.ior\|value\|-999\|",  # number of the set of parameters
         r"block\.obc\|value\|\d\|",  # points that no photo sees
         r"block\.phc\|value\|\d\|",  # points that .obc does not have; method
+    ),
+    "openmvg": (
+        r"id_feat|polymorphic|ptr_wrapper|root_path|local_path|filename",  # of OpenMVG's own memory
+        r"\|\"(width|height|id_view|id_intrinsic)\":",  # of views: their keys and cameras count
+        r"use_pose_center_prior|\|value\|-?[\d.]+\|-?[\d.]+,?$",  # positions, which are an option
+    ),
+    "jag3d": (
+        r"\|(SET|GRANT|ALTER|CREATE) ",  # the schema of the database
+        r"VersionTable|\|value\|.*INSERT INTO \"(Average|Principal|TestStatistic)",
     ),
     "star-net": (r"\|#|#   held|# held", r"'a point", r"\|word\| qz7x\|DE$"),
     "sdr33": (

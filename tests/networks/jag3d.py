@@ -330,7 +330,10 @@ def _sql(value: Any) -> str:
     if isinstance(value, str):
         text = "".join(c if ord(c) < 128 else f"\\u{ord(c):04x}" for c in value.replace("'", "''"))
         return f"'{text}'"
-    return f"{value!r}E0" if isinstance(value, float) and "e" not in repr(value) else repr(value)
+    if isinstance(value, float):
+        text = repr(value).upper()
+        return text if "E" in text else f"{text}E0"
+    return repr(value)
 
 
 def _create(name: str, kind: str) -> str:

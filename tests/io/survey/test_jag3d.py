@@ -280,6 +280,23 @@ def test_groups_without_sigma_have_the_default_of_jag3d(tmp_path):
                                                 combine="quadratic")  # fmt: skip
 
 
+def test_scales_that_are_held_are_taken_out_of_heights_and_vectors(tmp_path):
+    """DeltaZ.java: Δz / m; GNSSBaselineDeltaX3D.java: m Δx."""
+    plain = fga.read_jag3d(project(tmp_path, site()))
+    rows = site()
+    for group in (6, 7):
+        where = {"group_id": group, "type": 2}
+        column(rows, "AdditionalParameterApriori", "value_0", 1.001, where)
+    scaled = fga.read_jag3d(project(tmp_path, rows))
+    for a, b in zip(plain.observations.values(), scaled.observations.values(), strict=True):
+        if isinstance(a, HeightDifference):
+            assert math.isclose(b.value, 1.001 * a.value)
+            assert b.sigma == a.sigma.scaled(1.001)
+        elif isinstance(a, GnssVector):
+            assert np.allclose(b.value, np.divide(a.value, 1.001))
+            assert np.allclose(b.sigma, np.divide(a.sigma, 1.001))
+
+
 def test_an_orientation_that_is_held_is_given_to_every_station(tmp_path):
     rows = site()
     column(rows, "AdditionalParameterApriori", "enable", False, {"group_id": 0})
@@ -321,7 +338,7 @@ def test_what_cannot_be_expressed_is_refused_with_its_line(tmp_path, change, sai
     rows = site()
     column(rows, change["table"], change["name"], change["value"], change["where"])
     if math.isinf(change["value"]) if isinstance(change["value"], float) else False:
-        text = script(rows).replace("infE0", "1E0/0")
+        text = script(rows).replace("INFE0", "1E0/0")
         path = tmp_path / "site.script"
         path.write_text(text)
     else:
