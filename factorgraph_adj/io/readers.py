@@ -28,7 +28,7 @@ from .photogrammetry.opencv import is_opencv, read_opencv
 from .photogrammetry.openmvg import is_openmvg, read_openmvg
 from .photogrammetry.opensfm import is_opensfm, read_opensfm
 from .photogrammetry.opf import read_opf
-from .project import PROJECT_FILE, Project, load_project
+from .project import Project, load_project
 from .survey.columns import read_columns
 from .survey.comp3d import read_comp3d
 from .survey.gsi import read_gsi
@@ -40,7 +40,8 @@ from .survey.sdr33 import read_sdr33
 from .survey.star_net import read_star_net
 from .text import beginning
 
-
+NAME_IT = "name the format with format= or --from"
+"""What helps where content does not tell the format, for messages."""
 LOOKED_AT = 200
 """Largest number of entries of a folder that are looked at for what it may have."""
 SHOWN = 5
@@ -203,12 +204,16 @@ class Readers:
             if len(found) == 1:
                 return found[0]
         if len(sure) > 1:
-            what = f"could be {' or '.join(r.description for r in sure)}; name the format with format= or --from"
+            what = f"could be {' or '.join(r.description for r in sure)}; {NAME_IT}"
             raise InputError(Problem(f"{what}: {', '.join(r.name for r in sure)}", str(path)))
         if fitting:
             what = f"is none of {', '.join(r.description for r in fitting)} by its content"
             inside = self._inside(path)
-            what += f"; valid: {', '.join(inside)}" if inside else "; or name the format with format= or --from"
+            what += (
+                f"; valid: {', '.join(inside)}"
+                if inside
+                else "; or name the format with format= or --from"
+            )
             raise InputError(Problem(what, str(path)))
         outside = self._of_folder(path.parent)
         if outside:
@@ -273,7 +278,7 @@ READERS = Readers(
             "project",
             load_project,
             folders=True,
-            main_file=PROJECT_FILE,
+            main_file="project.toml",
         ),
         Reader("gama", (".gkf",), "GNU Gama", NetworkAlone(read_gama)),
         Reader(

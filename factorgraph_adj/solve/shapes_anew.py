@@ -50,7 +50,10 @@ TURNED = np.array([1.0, -1.0, -1.0])
 
 
 def look_at_shapes(
-    run: Run, ended: Ended, go_on: Callable[[Run, int], Ended], examine: Callable[[Run, float], Ended]
+    run: Run,
+    ended: Ended,
+    go_on: Callable[[Run, int], Ended],
+    examine: Callable[[Run, float], Ended],
 ) -> Ended:
     """Fit shapes anew that do not fit; ``run.state`` becomes the better minimum, or stays.
 
