@@ -6,11 +6,13 @@ import argparse
 import json
 import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, Problem
 from ..io.project import Project
 from ..io.readers import READERS
+from .grid import add_grid, moved, options_of_reader, system_of
 
 PROJECT_HELP = f"a file: {READERS}; or a folder"
 """Help of the argument for a project."""
@@ -47,6 +49,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="let project.toml name tables outside its folder",
     )
+    add_grid(parser)
 
 
 def read_input(
@@ -62,13 +65,25 @@ def read_input(
     Raises:
         InputError: an option is malformed, or the file has problems.
     """
-    return READERS.load(
-        options.project if path is None else path,
+    source = options.project if path is None else path
+    given = settings(options.reading, "--set")
+    system = system_of(options)
+    grid = settings(options.grid, "--grid")
+    if system is not None and not Path(source).exists():
+        raise InputError(Problem("no such file or folder", str(source)))
+    reader = None if system is None else READERS.reader(Path(source), options.read_as)
+    if system is not None and reader is not None and reader.own_grid:
+        given |= options_of_reader(reader, system, grid, options.frame)
+    project = READERS.load(
+        source,
         readings=readings,
         allow_outside=options.allow_outside,
         format=options.read_as,
-        options=settings(options.reading, "--set"),
+        options=given,
     )
+    if system is None or reader is None or reader.own_grid:
+        return project
+    return moved(project, system, grid, options.frame)
 
 
 def settings(given: Sequence[str], option: str) -> dict[str, Any]:

@@ -45,7 +45,7 @@ class Collected:
         return f"{self.path.name}:{line}" if line else self.path.name
 
     def add(self, line: int, what: str) -> None:
-        """Note a problem; the same problem of a line is noted once. Line 0: what the whole file lacks."""
+        """Note a problem; the same problem of a line is noted once. Line 0: the whole file."""
         problem = Problem(what, self.place(line))
         if problem not in self.problems[-MOST_LISTED:]:
             self.problems.append(problem)

@@ -197,17 +197,15 @@ def load_project(
         book = cast(Table, found_tables["readings"])
         observations.complete &= read_readings(network, book, context, faces, problems)
     warnings = tuple(_nearly_tables(path.parent, found_tables))
-    if problems:
-        # The structure can be checked in the same run only if every name is known.
-        whole = reader.complete and observations.complete and None not in found_tables.values()
-        found = check(network, sources=reader.sources) if whole else ()
-        raise InputError([*warnings, *map(places.placed, problems), *found])
-    if section.grid:
-        stated_frame = frame if "frame" in document else None
-        try:
+    with places.placing():
+        if problems:
+            # The structure can be checked in the same run only if every name is known.
+            whole = reader.complete and observations.complete and None not in found_tables.values()
+            found = check(network, sources=reader.sources) if whole else ()
+            raise InputError([*warnings, *problems, *found])
+        if section.grid:
+            stated_frame = frame if "frame" in document else None
             network = section.moved(network, stated_frame, reader.sources)
-        except InputError as error:
-            raise InputError(map(places.placed, error.problems)) from None
     return Project(network, path, context, options, reader.sources, warnings)
 
 

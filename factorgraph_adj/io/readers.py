@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from ..errors import InputError, Problem, known
 from ..network.network import Network
 from .bal import read_bal
-from .format_options import fitting, options_of, refuse_unknown
+from .format_options import arguments_of, fitting, options_of, refuse_unknown
 from .gama import read_gama
 from .gnss.dynaml import read_dynaml
 from .gnss.gvx import read_gvx
@@ -28,7 +28,7 @@ from .photogrammetry.opencv import is_opencv, read_opencv
 from .photogrammetry.openmvg import is_openmvg, read_openmvg
 from .photogrammetry.opensfm import is_opensfm, read_opensfm
 from .photogrammetry.opf import read_opf
-from .project import Project, load_project
+from .project import PROJECT_FILE, Project, load_project
 from .survey.columns import read_columns
 from .survey.comp3d import read_comp3d
 from .survey.gsi import read_gsi
@@ -36,12 +36,11 @@ from .survey.jag3d import is_jag3d, read_jag3d
 from .survey.jobxml import read_jobxml, recognises_jobxml
 from .survey.landxml import read_landxml, recognises_landxml
 from .survey.lgc2 import read_lgc2
+from .survey.mmvii import is_mmvii, read_mmvii
 from .survey.sdr33 import read_sdr33
 from .survey.star_net import read_star_net
 from .text import beginning
 
-NAME_IT = "name the format with format= or --from"
-"""What helps where content does not tell the format, for messages."""
 LOOKED_AT = 200
 """Largest number of entries of a folder that are looked at for what it may have."""
 SHOWN = 5
@@ -79,6 +78,8 @@ class Reader:
     recognises: Callable[[Path], bool] | None = None
     """Tells a file, or folder, of this format from those of other formats with the same suffix;
     None for the format that has the suffix where no other recognises the file."""
+    own_grid: bool = False
+    """Whether the function itself takes the reference system of a grid, as its option ``crs``."""
     main_file: str = ""
     """File that every folder of this format has; empty: any folder may be one."""
 
@@ -165,13 +166,17 @@ class Readers:
         source = Path(path)
         if not source.exists():
             raise InputError(Problem("no such file or folder", str(path)))
-        reader = self.of(source) if format is None else self.named(format)
+        reader = self.reader(source, format)
         given = dict(options or {})
         doing = f"reading {reader.description}"
         refuse_unknown(given, reader.options, doing=doing, where=str(path))
         if isinstance(reader.load, NetworkAlone):
             given = fitting(reader.load.read, given, doing=doing, where=str(path))
         return reader.load(source, readings=readings, allow_outside=allow_outside, **given)
+
+    def reader(self, path: Path, format: str | None = None) -> Reader:
+        """Return the reader of a format, or of a file. Raises as `named` and `of`."""
+        return self.of(path) if format is None else self.named(format)
 
     def named(self, name: str) -> Reader:
         """Return the reader of a format by its name.
@@ -204,16 +209,12 @@ class Readers:
             if len(found) == 1:
                 return found[0]
         if len(sure) > 1:
-            what = f"could be {' or '.join(r.description for r in sure)}; {NAME_IT}"
+            what = f"could be {' or '.join(r.description for r in sure)}; say format= or --from"
             raise InputError(Problem(f"{what}: {', '.join(r.name for r in sure)}", str(path)))
         if fitting:
             what = f"is none of {', '.join(r.description for r in fitting)} by its content"
             inside = self._inside(path)
-            what += (
-                f"; valid: {', '.join(inside)}"
-                if inside
-                else "; or name the format with format= or --from"
-            )
+            what += f"; valid: {', '.join(inside)}" if inside else "; or say format= or --from"
             raise InputError(Problem(what, str(path)))
         outside = self._of_folder(path.parent)
         if outside:
@@ -255,14 +256,14 @@ class NetworkAlone:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Names of the keyword-only arguments of the function."""
+        """Names of the keyword-only arguments of the function, and of fields of groups."""
         return options_of(self.read)
 
     def __call__(
         self, path: Path, /, *, readings: bool, allow_outside: bool, **options: Any
     ) -> Project:
         """Read a file."""
-        return Project(self.read(path, **options), path)
+        return Project(self.read(path, **arguments_of(self.read, options)), path)
 
 
 def has(word: bytes) -> Callable[[Path], bool]:
@@ -278,7 +279,7 @@ READERS = Readers(
             "project",
             load_project,
             folders=True,
-            main_file="project.toml",
+            main_file=PROJECT_FILE,
         ),
         Reader("gama", (".gkf",), "GNU Gama", NetworkAlone(read_gama)),
         Reader(
@@ -302,7 +303,14 @@ READERS = Readers(
             NetworkAlone(read_gvx),
             recognises=has(b"<GVX"),
         ),
-        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d)),
+        Reader("comp3d", (".comp", ".obs"), "Comp3D", NetworkAlone(read_comp3d), own_grid=True),
+        Reader(
+            "mmvii",
+            (".obs",),
+            "survey of MMVII",
+            NetworkAlone(read_mmvii),
+            recognises=is_mmvii,
+        ),
         Reader("lgc2", (".lgc2", ".lgc"), "LGC2", NetworkAlone(read_lgc2)),
         Reader(
             "colmap", (), "COLMAP", NetworkAlone(read_colmap), folders=True, recognises=is_colmap
@@ -364,7 +372,13 @@ READERS = Readers(
             "AICON 3D Studio",
             NetworkAlone(read_aicon),
         ),
-        Reader("star-net", (".dat", ".gps", ".GPS"), "STAR*NET", NetworkAlone(read_star_net)),
+        Reader(
+            "star-net",
+            (".dat", ".gps", ".GPS"),
+            "STAR*NET",
+            NetworkAlone(read_star_net),
+            own_grid=True,
+        ),
         Reader("gsi", (".gsi", ".GSI"), "Leica GSI-8 or GSI-16", NetworkAlone(read_gsi)),
         Reader("sdr33", (".sdr", ".SDR"), "Sokkia SDR33 or SDR2x", NetworkAlone(read_sdr33)),
         Reader(

@@ -21,7 +21,7 @@ from .iterate import ITERATION, Ended, Progress, iterate, step_from
 from .memory import refuse_too_large
 from .normal import Solver
 from .run import Looked, Run
-from .shapes_anew import look_at_shapes
+from .shapes_anew import MOST_TRIED, look_at_shapes
 from .sides import refuse_points_behind
 from .solution import Solution
 from .start import Start
@@ -211,7 +211,8 @@ class _Iteration:
 
     def up_to(self, run: Run, bound: float) -> Ended:
         """Iterate from ``run.state`` until a step is below a bound, which may be looser."""
-        return replace(self, tolerance=max(self.tolerance, bound))(run)
+        most = min(self.most, MOST_TRIED)
+        return replace(self, tolerance=max(self.tolerance, bound), most=most)(run)
 
 
 def _carry_to_datum_points(run: Run, ended: Ended, tolerance: float) -> Ended:

@@ -35,14 +35,17 @@ LOWER, ROUNDING = 1e-6, 1e-9
 NEAR, NEAR_BESIDE = 1e-2, 1e-4
 """Bound of the last step relative to σ up to which another start is followed, and the same relative
 to √vᵀPv where that is more: such a step changes vᵀPv by 1e-8 of its value."""
+MOST_TRIED = 50
+"""Largest number of iterations from another start."""
 LOOSELY = 10.0
 """Multiple of this bound up to which points are followed without the shape: they are a start."""
 SAME = 1e-9
 """Largest difference of the amounts of residuals, relative to √vᵀPv, at starts that are the same
 shape."""
-GROWN = 1.01
-"""Factor by which the excess of a shape that was looked at in vain may grow, or shrink, before it is
-looked at again."""
+GROWN = 1.5
+"""Factor by which the rows or the excess of a shape that was fitted anew in vain change before the
+shape is fitted anew again, so that n arrivals on it cost in proportion to log n. An adjustment that
+settles does not count what was in vain before."""
 MOST_SHAPES = 10
 """Largest number of shapes that are looked at, those that fit worst first."""
 TURNED = np.array([1.0, -1.0, -1.0])
@@ -72,9 +75,10 @@ def look_at_shapes(
     in_vain: dict[str, Looked] = {}
     improved = False
     for f, rows, now in _misfits(run):
-        before = run.looked.get(names[f])
-        better = False
-        if before is None or not _alike(before, now):
+        better, before = False, run.looked.get(names[f])
+        if before is not None and _alike(before, now):
+            now = before
+        else:
             for other in _ends(run, f, rows, near(ended.vtpv), examine):
                 if other[1] < ended.vtpv - LOWER - ROUNDING * ended.vtpv:
                     run.state, run.at_solution, better = other[0], None, True
@@ -96,9 +100,9 @@ def near(vtpv: float) -> float:
 
 
 def _alike(before: Looked, now: Looked) -> bool:
-    """Return whether a shape has the rows that it had, and fits them neither better nor worse."""
-    ratio = now.excess / before.excess
-    return before.rows == now.rows and 1.0 / GROWN <= ratio <= GROWN
+    """Return whether neither the number of the rows of a shape nor their misfit changed much."""
+    changes = np.array([now.rows / before.rows, now.excess / before.excess])
+    return bool(np.all((changes > 1.0 / GROWN) & (changes < GROWN)))
 
 
 def _ends(

@@ -173,7 +173,7 @@ def test_a_folder_around_what_can_be_read_says_what_to_name(tmp_path):
         f"{model / 'cameras.bin'}: unknown kind of file; valid: its folder {model} (COLMAP)"
     ]
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputError, match="by its content; or name the format with format= or --fr"):
+    with pytest.raises(InputError, match="by its content; or say format= or --fr"):
         fga.read(tmp_path / "empty")
 
 

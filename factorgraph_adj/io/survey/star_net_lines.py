@@ -11,7 +11,7 @@ from ...errors import known
 from ...stochastic import StandardDeviation
 from ...units import ARCSEC, GON
 from .notes import NUMBER, Notes
-from .star_net_options import KILOMETRE, LINEAR, MILE, StarNetOptions
+from .star_net_options import CHOICES, KILOMETRE, LINEAR, MILE, StarNetOptions
 
 HELD_ANGLE, HELD_LENGTH = 0.01 * ARCSEC, 1e-5
 """σ of an observation that is fixed by ``!``: 0.01″ and 0.01 mm."""
@@ -88,7 +88,8 @@ class Values:
         """Note the settings that lines need and nothing states."""
         for name, line in self.missing.items():
             what = f"needs the setting {name!r} of the project, which data files do not have"
-            self.notes.add(line, f"{what}: state it in options")
+            words = " or ".join(repr(word) for word in CHOICES.get(name, ()))
+            self.notes.add(line, f"{what}: state it in options{words and f', {words}'}")
 
     # -- values ---------------------------------------------------------------------------------
 
@@ -311,7 +312,8 @@ def _apply(values: Values, line: int, option: str, rest: list[str], given: list[
             elif linear:
                 now.linear = linear[0]
             else:
-                values.notes.add(line, f".UNITS {said}: valid: Meters, FeetUS, FeetInt, DMS, GONS")
+                valid = "Meters, FeetUS, FeetInt, DMS, GONS"
+                values.notes.add(line, f".UNITS {said[:40]}: valid: {valid}")
     elif option == "ORDER":
         for word, said in zip(rest, given, strict=True):
             if word in ("NE", "EN"):
