@@ -46,8 +46,6 @@ def tables() -> tuple[str, ...]:
     return (*named, *parameters)
 
 
-PROJECT_FILE = "project.toml"
-"""File of a project that is named by its folder."""
 KEYS = (
     *("name", "datum", "dimension", "frame", "crs", "units", "files", "camera", "sigma"),
     *("readings", "adjust"),
@@ -126,7 +124,7 @@ def load_project(
     """
     path = Path(path)
     if path.is_dir():
-        path = path / PROJECT_FILE
+        path = path / "project.toml"
     problems: list[Problem] = []
     text = read_text(path)
     document, places = parse_toml(text, path.name), TomlPlaces(text, path.name)
