@@ -22,8 +22,8 @@ def vectors_in_own_datum(
 
     Each `GnssVector` becomes a `FrameVector` of the same id, covariance and source, along the same
     axes; X_j − X_i = e^ℓ R d, with the rotation vector of R about the axes of the network, which in
-    geocentric networks are geocentric. Vectors of several systems get a frame each: call it for each
-    of them.
+    geocentric networks are geocentric. Vectors of several systems get a frame each: call it for
+    each of them.
 
     Args:
         network: the network, in a geocentric or topocentric frame, or a local one.
