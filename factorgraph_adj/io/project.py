@@ -41,16 +41,8 @@ from .toml_places import read_toml
 def tables() -> tuple[str, ...]:
     """Return the names of a project's tables; without [files], each is a file NAME.csv."""
     parameters = (table_of(k).file for k in parameter_kinds())
-    return (
-        "points",
-        "photos",
-        "images",
-        "observations",
-        "covariances",
-        "doubts",
-        "readings",
-        *parameters,
-    )
+    named = ("points", "photos", "images", "observations", "covariances", "doubts", "readings")
+    return (*named, *parameters)
 
 
 PROJECT_FILE = "project.toml"
