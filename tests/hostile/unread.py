@@ -10,7 +10,7 @@ import re
 
 NAMES_ARE_OPEN = (
     *("metashape", "metashape-xml", "opf", "opensfm", "opencv", "micmac", "jobxml", "landxml"),
-    "gvx",
+    *("gvx", "openmvg"),
 )
 """Readers of formats that grow by elements, attributes and keys: others than the read ones are not
 looked at. Values of what is read are judged as everywhere."""
@@ -81,6 +81,16 @@ PATTERNS: dict[str, tuple[str, ...]] = {
         r"\*POLAR|\|P1 |\*SCALE",  # targets that are not used, further numbers of instruments
     ),
     "gama": (),
+    "jag3d": (
+        r"\|#",
+        r"\|(SET|CREATE|ALTER) ",  # statements without rows; words of columns
+        r"ProjectMetadata|ReductionDefinition",  # what no task reduces
+    ),
+    "mmvii": (r"\|\*|\* (given|clockwise)", r" -1$"),  # comments; what is switched off
+    "openmvg": (
+        r"root_path|\"(id_feat|id_view|width|height|polymorphic_id)\"",
+        r"\"(local_path|filename|id_intrinsic)\"",  # of views without a pose
+    ),
     "project": (r"\|\|",),
 }
 """Patterns by reader of what may change without an effect."""

@@ -319,6 +319,29 @@ def two_epochs() -> Rows:
     return rows
 
 
+# -- flat files ----------------------------------------------------------------------------------
+
+FLAT = {
+    "Festpunkte 3D.txt": "# name y x z\n\nA 1000 2000 50\nB;1120,0;2010;53\n",
+    "stochastic_points_3d.txt": "C 1059.9954 2110.0027 57.9996 0.003 0.002\n",
+    "new_points_3d.txt": "P 1049.978 2049.989 52.511\nQ\t1090.007\t2065.009\t60.986\n",
+    "neupunkte_2d.txt": "N1 1030.026 2080.03\n",
+    "neupunkte-1D.txt": "M 1020.02 2030.038 50.742\n",
+    "reference_points_1d.txt": "R 1005 2005 49.5\n",
+    "Richtungen.txt": "P A 205.43606\nP B 88.486\nP C 365.94979\nP N1 318.00379 0.0004\n"
+    "A B 144.56591\nA P 99.85931\nP Q 12.1\nP A 184.9397\n",
+    "Schrägstrecken.txt": "P A 1.52 1.5 70.7319 0.001\nP B 1.52 1.7 80.6024\n"
+    "P C 61.06 0.001\nP Q 43.55\n",
+    "horizontal_distances.txt": "A N1 85.4404 0.002\nP N1 36.0571\nB N1 114.0149 5.0\n",
+    "zenith.txt": "P A 1.52 1.5 102.26769\nP Q 1.52 1.6 87.38258 0.0004\nQ P 290\n",
+    "nivellement.txt": "R M 1.20018 30\nM P 1.79994 0.0002\nA M 0.70012 37\nP Q 8.50014\n",
+    "gnss3d.txt": "A P 50.006 50.007 2.505 0.01 0.015\nB Q -29.996 55.007 7.986\n",
+    "gnss_2d.txt": "C N1 -30.003 -29.996 0.01\n",
+    "gnss-1d.txt": "M Q 10.292\nM P 0 0 1.8 0.02\n",
+}  # fmt: skip
+"""Flat files of every kind, by name."""
+
+
 # -- databases ------------------------------------------------------------------------------------
 
 
@@ -405,6 +428,12 @@ def database(rows: Rows, *, indexes: int = 2) -> tuple[str, bytes]:
             numbers = [top] * indexes + [0] * (indexes if indexes > 1 else 1) + [len(table)]
             lines.append(f"SET TABLE {SCHEMA}.\"{name}\" INDEX '{' '.join(map(str, numbers))}'")
     return "\n".join([*lines, ""]), bytes(data)
+
+
+def files(rows: Rows) -> dict[str, bytes]:
+    """Return the files of a database with cached tables."""
+    text, data = database(rows)
+    return {"site.script": text.encode(), "site.data": data}
 
 
 # -- results of JAG3D -----------------------------------------------------------------------------

@@ -135,7 +135,7 @@ def read_jag3d(
         deflections=read.deflections,
         point_sigma=point_mm * mm,
         problems=read.problems,
-        where=", ".join(f.name for f in files[:20]),
+        where=read.end or files[0].name,
     )
 
 

@@ -27,6 +27,7 @@ from factorgraph_adj.units import GON
 from tests.hostile.readers import judge
 from tests.networks import jag3d
 from tests.networks.jag3d import (
+    FLAT,
     Rows,
     column,
     database,
@@ -164,7 +165,7 @@ def test_cached_tables_are_those_of_the_script(tmp_path, indexes):
     assert cached.parameters == memory.parameters
     for a, b in zip(cached.observations.values(), memory.observations.values(), strict=True):
         assert repr(a).replace(a.source, "") == repr(b).replace(b.source, "")
-        assert a.source.startswith("site.data@")
+        assert a.source.startswith("site.data, byte ")
         assert b.source.startswith("site.script:")
 
 
@@ -380,25 +381,6 @@ def test_another_database_is_no_project(tmp_path):
 
 
 # -- flat files -----------------------------------------------------------------------------------
-
-FLAT = {
-    "Festpunkte 3D.txt": "# name y x z\n\nA 1000 2000 50\nB;1120,0;2010;53\n",
-    "stochastic_points_3d.txt": "C 1059.9954 2110.0027 57.9996 0.003 0.002\n",
-    "new_points_3d.txt": "P 1049.978 2049.989 52.511\nQ\t1090.007\t2065.009\t60.986\n",
-    "neupunkte_2d.txt": "N1 1030.026 2080.03\n",
-    "neupunkte-1D.txt": "M 1020.02 2030.038 50.742\n",
-    "reference_points_1d.txt": "R 1005 2005 49.5\n",
-    "Richtungen.txt": "P A 205.43606\nP B 88.486\nP C 365.94979\nP N1 318.00379 0.0004\n"
-    "A B 144.56591\nA P 99.85931\nP Q 12.1\nP A 184.9397\n",
-    "Schrägstrecken.txt": "P A 1.52 1.5 70.7319 0.001\nP B 1.52 1.7 80.6024\n"
-    "P C 61.06 0.001\nP Q 43.55\n",
-    "horizontal_distances.txt": "A N1 85.4404 0.002\nP N1 36.0571\nB N1 114.0149 5.0\n",
-    "zenith.txt": "P A 1.52 1.5 102.26769\nP Q 1.52 1.6 87.38258 0.0004\nQ P 290\n",
-    "nivellement.txt": "R M 1.20018 30\nM P 1.79994 0.0002\nA M 0.70012 37\nP Q 8.50014\n",
-    "gnss3d.txt": "A P 50.006 50.007 2.505 0.01 0.015\nB Q -29.996 55.007 7.986\n",
-    "gnss_2d.txt": "C N1 -30.003 -29.996 0.01\n",
-    "gnss-1d.txt": "M Q 10.292\nM P 0 0 1.8 0.02\n",
-}  # fmt: skip
 
 
 def test_flat_files_of_every_kind_are_read(tmp_path):

@@ -12,28 +12,10 @@ from factorgraph_adj.errors import InputError
 from factorgraph_adj.observations import CoordinateDifference, Direction, SlopeDistance
 from factorgraph_adj.units import GON
 from tests.hostile.readers import judge
+from tests.networks.survey_files import MMVII
 from tests.support.places import data_dir
 
-POINTS = """* 0 is a free point
-1 A 100.0 100.0 10.0
-1 B 160.0 100.0 12.0 * given
-0 C 130.0 150.0 11.0
-"""
-OBSERVATIONS = """ 7 A B 100.0000 0.0010
- 5 A C 34.4042 0.0010 * clockwise
- 6 A C 98.9085 0.0010
- 3 A C 58.3180 0.0020
- 4 A C 1.0 0.001
- 3 B C 58.3180 -1
-#NEW
- 5 A B 0.0 0.001
- 5 A C 334.4042 0.001
-#FIX
- 5 B C 365.5958 0.001
- 14 B C -30.001 0.005
- 15 B C 50.002 0.005
- 16 B C -1.0 0.005
-"""
+POINTS, OBSERVATIONS = MMVII["coords.txt"], MMVII["meas.obs"]
 
 
 def write(folder: Path, observations: str = OBSERVATIONS, points: str = POINTS) -> Path:
