@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from .io.project import read_project
     from .io.readers import read
     from .io.solution_file import load_solution
+    from .io.survey.accuracies import Accuracies
     from .io.survey.columns import read_columns
     from .io.survey.comp3d import read_comp3d
     from .io.survey.gsi import read_gsi
@@ -91,7 +92,7 @@ if TYPE_CHECKING:
     from .observations.far_directions import GyroAzimuth, PhotoSight, PhotoTilt
     from .observations.frame_sights import FrameDirection, FrameDistance, FrameZenith
     from .observations.image import ImagePoint
-    from .observations.in_frames import FrameCoordinate
+    from .observations.in_frames import FrameCoordinate, FrameVector
     from .observations.positions import ControlPoint, GnssPosition, GnssVector, PhotoPosition
     from .observations.registry import ObservationKind, register_observation
     from .observations.relative import RelativePosition, RelativeRotation
@@ -150,6 +151,7 @@ if TYPE_CHECKING:
     from .version import __version__
 
 __all__ = [
+    "Accuracies",
     "AdjustmentError",
     "AntennaVector",
     "ApproximationError",
@@ -167,6 +169,7 @@ __all__ = [
     "FrameCoordinate",
     "FrameDirection",
     "FrameDistance",
+    "FrameVector",
     "FrameZenith",
     "GeocentricFrame",
     "GnssPosition",
@@ -323,6 +326,7 @@ _MODULES = {
     "FrameCoordinate": "observations.in_frames",
     "FrameDirection": "observations.frame_sights",
     "FrameDistance": "observations.frame_sights",
+    "FrameVector": "observations.in_frames",
     "FrameZenith": "observations.frame_sights",
     "AntennaVector": "observations.airborne",
     "GridCoordinates": "solve.grid",
@@ -440,6 +444,7 @@ _MODULES = {
     "StarNetOptions": "io.survey.star_net_options",
     "covariance_array": "export.arrays",
     "read_columns": "io.survey.columns",
+    "Accuracies": "io.survey.accuracies",
     "read_gsi": "io.survey.gsi",
     "read_jag3d": "io.survey.jag3d",
     "read_jobxml": "io.survey.jobxml",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -40,7 +41,8 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="an option of the reader of the format; may be repeated",
+        help="an option of the reader of the format, such as sigma=0.5, calibration=held, "
+        "'accuracy={markers = 0.2}'; may be repeated",
     )
     reading.add_argument(
         "--allow-outside",
@@ -85,7 +87,10 @@ def read_input(
 
 
 def settings(given: Sequence[str], option: str) -> dict[str, Any]:
-    """Return settings KEY=VALUE by key; a value that TOML does not know is a text.
+    """Return settings KEY=VALUE by key.
+
+    Values are those of TOML, such as ``0.5``, ``["c", "k1"]`` or ``{markers = 0.2}``; tables may
+    also be written as in JSON and Python, ``{"markers": 0.2}``. Everything else is a text.
 
     Args:
         given: the settings as typed.
@@ -110,7 +115,14 @@ def settings(given: Sequence[str], option: str) -> dict[str, Any]:
 
 
 def _value(text: str) -> Any:
-    try:
-        return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
-    except tomllib.TOMLDecodeError:
+    if "\n" in text:
         return text
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        pass
+    try:
+        found = json.loads(text)
+    except ValueError:
+        return text
+    return found if isinstance(found, dict) else text

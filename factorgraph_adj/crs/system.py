@@ -251,12 +251,7 @@ class ReferenceSystem:
                 "cannot be found; state a frame"
             )
         middle = (at.min(axis=0) + at.max(axis=0))[None] / 2.0
-        try:
-            place = self._projecting.plan_geodetic(middle)
-        except InputError as error:
-            where = "middle of the points"
-            raise InputError(Problem(p.what, where) for p in error.problems) from None
-        latitude, longitude, height = (float(v[0]) for v in place)
+        latitude, longitude, height = (float(v[0]) for v in self._projecting.plan_geodetic(middle))
         phi, lam = (math.radians(round(math.degrees(v), 6)) for v in (latitude, longitude))
         return TopocentricFrame(phi, lam, float(round(height)), self.ellipsoid.name)
 

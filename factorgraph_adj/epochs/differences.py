@@ -29,6 +29,8 @@ class Differences:
 
     names: tuple[str, ...]
     """Names of the points in the first epoch."""
+    later: tuple[str, ...]
+    """Their names in the second epoch."""
     axes: str
     """The coordinates that are compared: those of ``xyz`` that are free in both epochs."""
     places: Array
@@ -79,6 +81,7 @@ def between(first: Solution, second: Solution, pairs: Mapping[str, str]) -> Diff
     turns = np.kron(np.eye(len(one.names)), turn[np.ix_(free, free)])
     return Differences(
         tuple(pairs),
+        tuple(pairs.values()),
         axes,
         one.coordinates,
         (moved - there)[:, free].ravel(),
@@ -112,6 +115,7 @@ def within(solution: Solution, pairs: Mapping[str, str]) -> Differences:
     open_ones = g[:, np.linalg.norm(g, axis=0) > 1e-2 * size] if g.size else g
     return Differences(
         tuple(pairs),
+        tuple(pairs.values()),
         axes,
         one.coordinates,
         d,

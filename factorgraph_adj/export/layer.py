@@ -43,7 +43,7 @@ class Layer:
 
     def records(self) -> list[dict[str, Any]]:
         """Return the data of each shape by name, None where a number is not known."""
-        cells = [[plain(v) for v in column] for column in self.columns.values()]
+        cells = [plain_column(column) for column in self.columns.values()]
         return [
             dict(zip(self.columns, row, strict=True))
             for row in (zip(*cells, strict=True) if cells else ({} for _ in self.shapes))
@@ -70,6 +70,16 @@ class Drawn:
                 isinstance(value, int | float) and isfinite(value) and value > 0
             ):
                 raise InputError(f"{name} must be a number greater than zero, not {value!r}")
+
+
+def plain_column(values: Sequence[Any]) -> list[Any]:
+    """Return values of Python as `plain` does; most columns have values of one type."""
+    types = set(map(type, values))
+    if types == {float}:
+        return [v + 0.0 if isfinite(v) else None for v in values]
+    if types <= {str, int, bool}:
+        return list(values)
+    return [plain(v) for v in values]
 
 
 def plain(value: Any) -> Any:

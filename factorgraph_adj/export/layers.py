@@ -204,10 +204,16 @@ def _visible(sizes: Array, report: Report, places: Array) -> float:
 def placed(placing: Placing, shapes: Sequence[Array | None]) -> list[Array | None]:
     """Return shapes in map coordinates; None where a place is not known."""
     there = [np.zeros((0, 3)) if s is None else s for s in shapes]
-    ends = np.cumsum([len(s) for s in there])
+    sizes = {len(s) for s in there}
     every = placing.of(np.concatenate([np.zeros((0, 3)), *there]))
+    if len(sizes) == 1 and (size := sizes.pop()):
+        return _each(every.reshape(-1, size, 3))
+    ends = np.cumsum([len(s) for s in there])
     return _each(np.split(every, ends[:-1])) if len(there) else []
 
 
 def _each(shapes: Sequence[Array] | Array) -> list[Array | None]:
+    if isinstance(shapes, np.ndarray):
+        known = np.asarray(np.isfinite(shapes).all(axis=(1, 2)))
+        return [s if k else None for s, k in zip(shapes, known, strict=True)]
     return [s if len(s) and np.isfinite(s).all() else None for s in shapes]

@@ -87,8 +87,8 @@ class Draft:
     section: Section | None = None
     """What it knows of the rest, if it is a section of the network; none: it is the whole."""
     looked: Mapping[str, Looked] = field(default_factory=dict)
-    """Shapes that were fitted anew in vain before, by name, see `factorgraph_adj.solve.shapes_anew`;
-    none: every shape that does not fit is fitted anew."""
+    """Shapes that were fitted anew in vain before, by name, see `solve.shapes_anew`; none: every
+    shape that does not fit is fitted anew."""
 
     @classmethod
     def of(

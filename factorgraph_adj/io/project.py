@@ -54,6 +54,8 @@ def tables() -> tuple[str, ...]:
     )
 
 
+PROJECT_FILE = "project.toml"
+"""File of a project that is named by its folder."""
 KEYS = (
     *("name", "datum", "dimension", "frame", "crs", "units", "files", "camera", "sigma"),
     *("readings", "adjust"),
@@ -132,7 +134,7 @@ def load_project(
     """
     path = Path(path)
     if path.is_dir():
-        path = path / "project.toml"
+        path = path / PROJECT_FILE
     problems: list[Problem] = []
     text = read_text(path)
     document, places = parse_toml(text, path.name), TomlPlaces(text, path.name)
@@ -197,17 +199,15 @@ def load_project(
         book = cast(Table, found_tables["readings"])
         observations.complete &= read_readings(network, book, context, faces, problems)
     warnings = tuple(_nearly_tables(path.parent, found_tables))
-    if problems:
-        # The structure can be checked in the same run only if every name is known.
-        whole = reader.complete and observations.complete and None not in found_tables.values()
-        found = check(network, sources=reader.sources) if whole else ()
-        raise InputError([*warnings, *map(places.placed, problems), *found])
-    if section.grid:
-        stated_frame = frame if "frame" in document else None
-        try:
+    with places.placing():
+        if problems:
+            # The structure can be checked in the same run only if every name is known.
+            whole = reader.complete and observations.complete and None not in found_tables.values()
+            found = check(network, sources=reader.sources) if whole else ()
+            raise InputError([*warnings, *problems, *found])
+        if section.grid:
+            stated_frame = frame if "frame" in document else None
             network = section.moved(network, stated_frame, reader.sources)
-        except InputError as error:
-            raise InputError(map(places.placed, error.problems)) from None
     return Project(network, path, context, options, reader.sources, warnings)
 
 

@@ -86,7 +86,7 @@ def _frames(networks: Sequence[Network], labels: Sequence[str]) -> Iterable[Prob
         if network.frame != first:
             what = (
                 f"is in another frame than {labels[0]!r} ({network.frame}, {first}): move one of "
-                "them, such as from_grid(network, crs, frame='geocentric')"
+                "them, such as from_grid(network, crs, frame='geocentric'), or with --crs"
             )
             yield Problem(what, f"network {label!r}")
         system = network.crs if system is None else system

@@ -43,9 +43,9 @@ SAME = 1e-9
 """Largest difference of the amounts of residuals, relative to √vᵀPv, at starts that are the same
 shape."""
 GROWN = 1.5
-"""Factor by which the rows or the excess of a shape that was fitted anew in vain change before it is
-fitted anew again, so that n arrivals on it cost in proportion to log n. An adjustment that settles
-does not count what was in vain before."""
+"""Factor by which the rows or the excess of a shape that was fitted anew in vain change before the
+shape is fitted anew again, so that n arrivals on it cost in proportion to log n. An adjustment that
+settles does not count what was in vain before."""
 MOST_SHAPES = 10
 """Largest number of shapes that are looked at, those that fit worst first."""
 TURNED = np.array([1.0, -1.0, -1.0])

@@ -71,6 +71,7 @@ def test_the_exit_code_tells_doubt(epochs, tmp_path, capsys):
         (["--export", "moved.gpkg", "--with", "binary=true"], "no exported format has the option"),
         (["--block", "A,X"], "point 'X'"),
         (["--block", "P"], "do not determine"),
+        (["--block", "affine:"], "points of a block must be a list of names"),
     ],
 )
 def test_wrong_options_are_refused_in_words(epochs, options, words, tmp_path, capsys, monkeypatch):

@@ -9,7 +9,7 @@ from factorgraph_adj.errors import Problem
 
 OF_A_WHOLE_FILE = {
     "absent": r"no such file|cannot be read|cannot be opened",
-    "empty": r"is empty|has no header, or no rows",
+    "empty": r"is empty|has no header, or no rows|there are no points",
     "another encoding": r"UTF-16|is not readable XML",
     "of another format": r"is (no|none of|not a) ",
     "too many problems": r"^and \d+ (further|more) problems",

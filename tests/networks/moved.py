@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -23,6 +24,20 @@ def in_plan():
 def block():
     """Return the common motion of P and Q."""
     return fga.block_motion(in_plan(), ["P", "Q"])
+
+
+@cache
+def joint():
+    """Return the comparison of both epochs in one adjustment: B, P and Q have second places."""
+    first, second = (s.network for s in in_plan().solutions)
+    both, later = first.copy(), {n: f"{n}2" for n in "BPQ"}
+    for n, other in later.items():
+        both.add_point(other, first.points[n].coordinates, fixed="z")
+    for o in second.observations.values():
+        ends = {e: later.get(getattr(o, e), getattr(o, e)) for e in ("station", "target")}
+        own = {"set": "later"} if isinstance(o, fga.Direction) else {}
+        both.add(replace(o, **ends, **own, id=None))
+    return fga.congruence(fga.adjust(both), pairs=later, variance="a-priori")
 
 
 @cache

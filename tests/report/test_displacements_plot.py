@@ -56,6 +56,13 @@ def test_the_legend_counts_each_kind():
     assert "3 of 3 points moved; ellipses 95 %" in figure.axes[0].get_title(loc="left")
 
 
+def test_second_places_of_one_adjustment_are_no_further_points():
+    figure = plot_displacements(moved.joint())
+    said = [" ".join(t.get_text().split()) for t in figure.legends[0].get_texts()]
+    assert "point that is not compared (4)" in said  # A, C, D, E carry the datum
+    assert "point that moved (3)" in said
+
+
 def test_the_factor_makes_displacements_visible_and_stands_on_the_key():
     plan = EpochsDrawing(EpochsReport(moved.in_plan()))
     reach = plan.factor * np.quantile(plan.sizes, 0.9)

@@ -150,8 +150,10 @@ def _plan(axes: Axes, plan: EpochsDrawing) -> list[Artist]:
     if lines:
         axes.add_collection(sights)
         legend.append(sights)
-    compared = {tuple(x) for x in np.round(plan.at, 6).tolist()}
-    rest = [i for i, x in enumerate(np.round(plan.others, 6).tolist()) if tuple(x) not in compared]
+    compared = {*report.found.differences.names}
+    if len(report.found.solutions) == 1:
+        compared |= {*report.found.differences.later}
+    rest = [i for i, n in enumerate(report.network.points) if n not in compared]
     if rest:
         x, y = plan.others[rest].T
         label = f"point that is not compared ({len(rest)})"

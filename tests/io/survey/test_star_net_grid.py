@@ -26,7 +26,7 @@ METRIC: dict[str, Any] = {
 GRID = "EPSG:25832"
 UTM = GRIDS["UTM 32"]
 N = 46.5
-PLACES = {"A": (48.0, 11.5, 560.0), "B": (48.01, 11.52, 575.0), "P": (48.004, 11.507, 590.0)}
+PLACES = {"A": (48.0, 11.5, 560.0), "B": (48.01, 11.52, 575.0), "P": (48.004, 11.507, 591.4)}
 """Latitude, longitude east (degrees) and ellipsoidal height (m)."""
 
 
@@ -230,6 +230,82 @@ def test_what_a_reference_system_must_tell(tmp_path: Path) -> None:
     unsigned = {"longitude": None}
     said = problems(tmp_path, line_of("P", "A"), changes=unsigned)
     assert "job.dat:1: needs the setting 'longitude'" in said
+
+
+EVERYTHING = "\n".join(
+    [
+        line_of("PH", "A", "! ! !"),
+        line_of("C", "B", "0.01 0.02 0.03"),
+        line_of("C", "P"),
+        ".GPS FACTOR 2 VERT 3",
+        vector("A", "P"),
+        vector("B", "P"),
+        "D A-P 711.9 0.01 1.5/1.6",
+        "V A-P 87-30-00 5",
+        "B A-P 49-0-0 5",
+        "L A-P 31.401 0.7 0.01",
+        "DB P\nDN A 10-0-0 3\nDN B 190-0-0 3\nDE",
+        "A P-A-B 180-0-0 3",
+    ]
+)
+
+
+def test_a_grid_project_comes_back_from_the_file_and_adjusts_alike(tmp_path: Path) -> None:
+    network = read(tmp_path, EVERYTHING)
+    out = tmp_path / "out.dat"
+    fga.write_star_net(network, out)
+    assert f"# grid: {network.crs.name}; elevations above: geoid (constant)" in out.read_text()
+    again = fga.read_star_net(
+        out, options={"adjustment": "3D", "linear": "Meters"}, crs=GRID, geoid=N
+    )
+    assert network.frame == again.frame
+    for name in PLACES:
+        np.testing.assert_allclose(
+            network.points[name].coordinates, again.points[name].coordinates, atol=1e-8
+        )
+    one, two = fga.adjust(network), fga.adjust(again)
+    assert one.redundancy == two.redundancy
+    assert one.vtpv == pytest.approx(two.vtpv, rel=1e-6)
+    np.testing.assert_allclose(one.point("P"), two.point("P"), rtol=0, atol=1e-7)
+    np.testing.assert_allclose(one.covariance("P"), two.covariance("P"), rtol=1e-5)
+
+
+def test_an_adjusted_grid_project_is_written_at_its_adjusted_coordinates(tmp_path: Path) -> None:
+    text = "\n".join([line_of("PH", "A", "! ! !"), vector("A", "P"), vector("A", "P")])
+    solution = fga.adjust(read(tmp_path, text))
+    fga.write_star_net(solution.as_network(), tmp_path / "out.dat")
+    line = next(s for s in (tmp_path / "out.dat").read_text().splitlines() if s[:4] == "C P ")
+    np.testing.assert_allclose([float(v) for v in line.split()[2:5]], grid("P"), atol=1e-5)
+
+
+def test_points_of_a_grid_are_written_as_landxml_with_its_code(tmp_path: Path) -> None:
+    network = read(tmp_path, EVERYTHING)
+    network.add_point("no place")
+    with pytest.raises(InputError, match="'no place': has no east and north"):
+        fga.write_landxml(network, tmp_path / "a.xml", points_only=True)
+    del network.points["no place"]
+    fga.write_landxml(network, tmp_path / "a.xml", points_only=True)
+    assert 'epsgCode="25832"' in (tmp_path / "a.xml").read_text()
+    again = fga.read_landxml(tmp_path / "a.xml")
+    for name in PLACES:
+        np.testing.assert_allclose(again.points[name].coordinates, grid(name), atol=1e-5)
+
+
+def test_what_a_grid_project_cannot_hold_is_refused_all_at_once(tmp_path: Path) -> None:
+    network = read(tmp_path, EVERYTHING)
+    network.add(fga.GnssVector("A", "B", (1, 2, 3), sigma=(1, 1, 1), target_height=1.5))
+    network.add(fga.ControlPoint("P", network.points["P"].coordinates, axes="enu",
+                                 covariance=[[4, 1, 0], [1, 4, 0], [0, 0, 4]]))  # fmt: skip
+    with pytest.raises(InputError) as caught:
+        fga.write_star_net(network, tmp_path / "no.dat")
+    assert "correlated control" in str(caught.value)
+    del network.observations[list(network.observations)[-1]]
+    with pytest.raises(InputError, match="heights of antennas"):
+        fga.write_star_net(network, tmp_path / "no.dat")
+    plain = fga.Network("no grid", frame=fga.GeocentricFrame())
+    with pytest.raises(InputError, match="or one with the reference system of a grid"):
+        fga.write_star_net(plain, tmp_path / "no.dat")
+    assert not (tmp_path / "no.dat").exists()
 
 
 def test_200_damaged_grid_projects(tmp_path: Path) -> None:

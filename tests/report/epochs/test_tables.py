@@ -28,6 +28,7 @@ def strained():
 CASES = {
     "plan": lambda: EpochsReport(moved.in_plan(), (moved.block(),)),
     "strain": strained,
+    "joint": lambda: EpochsReport(moved.joint()),
     "kept": lambda: EpochsReport(moved.kept()),
     "doubtful": lambda: EpochsReport(moved.doubtful()),
     "heights": lambda: EpochsReport(moved.heights()),
@@ -52,6 +53,10 @@ def test_results_are_as_their_schema_says(name):
         assert x["vector"] == own.vector.tolist()
         assert x["test"]["value"] == own.test.value
     assert [b["points"] for b in found["blocks"]] == [list(b.points) for b in report.blocks]
+    second = {"B": "B2", "P": "P2", "Q": "Q2"} if name == "joint" else {}
+    assert [x["name_later"] for x in found["displacements"]] == [
+        second.get(n, n) for n in report.names
+    ]
     assert bool(found["doubts"]) == (not report.found.fine)
 
 
@@ -135,3 +140,4 @@ def test_the_protocol_lists_blocks_and_strains():
     for strain in motion.principal_strains()[0]:
         assert f"{1e6 * strain:.1f} ppm along" in told
     assert "have no redundancy to test" in told
+    assert fga.protocol(moved.in_plan()) == render_congruence(moved.in_plan())
