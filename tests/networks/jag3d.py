@@ -276,6 +276,24 @@ def deflected_site() -> Rows:
     return rows
 
 
+def turned_site() -> Rows:
+    """Return the site with GNSS vectors of unknown scale and rotation: 2, −3, 5·10⁻⁴, 200 ppm."""
+    rows = site()
+    for number in range(len(rows["AdditionalParameterApriori"])):
+        column(rows, "AdditionalParameterApriori", "enable", True, {"id": number, "group_id": 7})
+    rows["GNSSObservationApriori"] = [r for r in rows["GNSSObservationApriori"] if r[1] != 7]
+    for a, b, y, x, z in (
+        ("A", "P", 49.986, 50.0341, 2.4722), ("B", "Q", -30.0296, 54.9997, 7.9902),
+        ("A", "B", 120.0201, 10.0638, 2.9728), ("B", "C", -60.0651, 99.9898, 4.9858),
+        ("C", "P", -9.968, -60.0187, -5.4794), ("Q", "C", -30.0304, 44.9936, -3.0053),
+        ("P", "Q", 40.0053, 15.0245, 8.4884), ("C", "A", -59.9616, -110.054, -7.9519),
+    ):  # fmt: skip
+        number = 10 + len(rows["GNSSObservationApriori"])
+        row = [number, 7, a, b, y, x, z, 0.002, 0.002, 0.002, True]
+        rows["GNSSObservationApriori"].append(row)
+    return rows
+
+
 def two_epochs() -> Rows:
     """Return the rows of a free network of two epochs: P moved by 5 mm, Q by 0.3 mm in y."""
     rng = np.random.default_rng(5)
@@ -496,3 +514,11 @@ EPOCHS_PAIRS = {
            1.20963450, 1.57597407),
 }  # fmt: skip
 """Δy, Δx, Δz and their σ (with σ̂0), mm; T prio; T post, of pairs of points."""
+TURNED_OMEGA, TURNED_REDUNDANCY = 42.917603, 43
+TURNED_FRAME = {
+    "rx": (2.2913198635565708e-4, 1.2091e-5),
+    "ry": (6.2828714579945615 - 2.0 * math.pi, 1.30708e-5),
+    "rz": (5.052760143631758e-4, 9.0715e-6),
+    "m": (1.0002045548111367, 9.0160e-6),
+}
+"""Rotations and scale of the GNSS vectors, and their σ (with σ̂0)."""

@@ -11,6 +11,7 @@ import pytest
 import factorgraph_adj as fga
 from factorgraph_adj.cli.main import main
 from factorgraph_adj.errors import InputError
+from factorgraph_adj.graph.equations import compile_network
 from factorgraph_adj.io.survey.jag3d_model import radius_of
 from factorgraph_adj.io.survey.jag3d_project import point_pairs
 from factorgraph_adj.observations import (
@@ -35,6 +36,7 @@ from tests.networks.jag3d import (
     reduced_site,
     script,
     site,
+    turned_site,
     two_epochs,
 )
 
@@ -124,6 +126,44 @@ def test_reliability_and_tests_are_those_of_jag3d(tmp_path):
         assert math.isclose(1e6 * rel.mdb[i], abs(mdb), rel_tol=2e-3)
         assert math.isclose(rel.w[i] ** 2, t_prio, rel_tol=3e-3, abs_tol=5e-4)
         assert math.isclose(1e6 * found.residual, v, rel_tol=2e-3, abs_tol=0.02)
+
+
+def test_unknown_scale_and_rotation_of_gnss_are_those_of_jag3d(tmp_path):
+    network = fga.read_jag3d(project(tmp_path, turned_site()))
+    solution = fga.adjust(network, variance="a-posteriori")
+    assert solution.redundancy == jag3d.TURNED_REDUNDANCY
+    assert math.isclose(solution.vtpv, jag3d.TURNED_OMEGA, rel_tol=WEIGHTS)
+    found = solution.unknown("frame", "GNSS3D")
+    expected = jag3d.TURNED_FRAME
+    for name, k in (("rx", 1), ("ry", 0), ("rz", 2)):  # axes are east and north here
+        value, sigma = expected[name]
+        assert abs(found.values[k] + value) < 0.02 * sigma
+        assert math.isclose(found.sigmas[k], sigma, rel_tol=WEIGHTS)
+    assert abs(math.exp(-found.values[6]) - expected["m"][0]) < 0.01 * expected["m"][1]
+
+
+def test_rotations_that_are_held_turn_vectors_as_in_jag3d(tmp_path):
+    """GNSSBaselineDelta{X,Y,Z}3D.java at once, with rotations of tenths of radians."""
+    rows = site()
+    angles = {8: 0.1, 9: -0.2, 10: 0.3}
+    for kind, value in angles.items():
+        where = {"group_id": 7, "type": kind}
+        column(rows, "AdditionalParameterApriori", "value_0", value, where)
+    rx, ry, rz = angles.values()
+    (cx, cy, cz), (sx, sy, sz) = np.cos([rx, ry, rz]), np.sin([rx, ry, rz])
+    y, x, z = np.subtract(jag3d.POINTS["P"], jag3d.POINTS["A"])
+    observed = (
+        -cy * sz * x + (cx * cz - sx * sy * sz) * y + (sx * cz + cx * sy * sz) * z,
+        cy * cz * x + (cx * sz + sx * sy * cz) * y + (sx * sz - cx * sy * cz) * z,
+        sy * x - sx * cy * y + cx * cy * z,
+    )
+    for name, value in zip(("y0", "x0", "z0"), observed, strict=True):
+        column(rows, "GNSSObservationApriori", name, float(value), {"id": 0})
+    network = fga.read_jag3d(project(tmp_path, rows))
+    equations = compile_network(network)
+    block = next(b for b in equations.blocks if b.kind == "frame_vector")
+    found = block.evaluate(network.frame, equations.unknowns.start())
+    assert np.abs(found.residual[0]).max() < 1e-9
 
 
 def test_a_free_network_with_reductions_has_the_result_of_jag3d(tmp_path):
@@ -313,9 +353,9 @@ def test_an_orientation_that_is_held_is_given_to_every_station(tmp_path):
         ({"table": "ReductionDefinition", "name": "projection_type", "value": 3, "where": {}},
          "a local ellipsoidal system"),
         ({"table": "AdditionalParameterApriori", "name": "enable", "value": True,
-          "where": {"group_id": 7, "type": 2}}, "an unknown scale, which gnss_3d do not have"),
-        ({"table": "AdditionalParameterApriori", "name": "value_0", "value": 0.1,
-          "where": {"group_id": 7, "type": 10}}, "a rotation z of 0.1"),
+          "where": {"group_id": 6, "type": 2}}, "an unknown scale, which levelling do not have"),
+        ({"table": "AdditionalParameterApriori", "name": "enable", "value": True,
+          "where": {"group_id": 7, "type": 8}}, "are unknown together, or held together"),
         ({"table": "AdditionalParameterApriori", "name": "value_0", "value": -1.0,
           "where": {"group_id": 3, "type": 2}}, "a scale of -1.0; valid: near 1"),
         ({"table": "PointGroup", "name": "type", "value": 3, "where": {"id": 2}},
