@@ -42,20 +42,10 @@ from .toml_places import TomlPlaces
 def tables() -> tuple[str, ...]:
     """Return the names of a project's tables; without [files], each is a file NAME.csv."""
     parameters = (table_of(k).file for k in parameter_kinds())
-    return (
-        "points",
-        "photos",
-        "images",
-        "observations",
-        "covariances",
-        "doubts",
-        "readings",
-        *parameters,
-    )
+    named = ("points", "photos", "images", "observations", "covariances", "doubts", "readings")
+    return (*named, *parameters)
 
 
-PROJECT_FILE = "project.toml"
-"""File of a project that is named by its folder."""
 KEYS = (
     *("name", "datum", "dimension", "frame", "crs", "units", "files", "camera", "sigma"),
     *("readings", "adjust"),
@@ -134,7 +124,7 @@ def load_project(
     """
     path = Path(path)
     if path.is_dir():
-        path = path / PROJECT_FILE
+        path = path / "project.toml"
     problems: list[Problem] = []
     text = read_text(path)
     document, places = parse_toml(text, path.name), TomlPlaces(text, path.name)
@@ -395,8 +385,13 @@ def _parameters(row: Row, y_down: bool) -> tuple[dict[str, float], list[str], di
         entry = given if isinstance(given, dict) else {"value": given}
         inside = Row(entry, row.where, row.problems, f"{row.of} parameter {name}")
         _only(inside, ("value", "free", "sigma"))
-        value = inside.number("value", required=True)
+        # A principal distance that is unknown is looked for.
+        unknown = name == "c" and given is entry and bool(entry.get("free"))
+        value = inside.number("value", required=not unknown)
         sigma = inside.number("sigma", positive=True)
+        if value is None and unknown:
+            free.append(name)
+            continue
         values[name] = 0.0 if value is None else value
         if y_down and name == "y0":
             values[name] = -values[name]
